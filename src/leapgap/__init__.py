@@ -1,0 +1,1 @@
+"""leapgap: where a legged robot differs from its simulation, why, and how far the gap shrinks."""

@@ -1,0 +1,1 @@
+"""Joint-level tracking and the forces it stands for."""

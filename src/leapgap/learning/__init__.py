@@ -1,0 +1,1 @@
+"""Residual models of the single rigid body, their training and their rivals."""

@@ -1,0 +1,1 @@
+"""Full-body trajectory optimisation of a jump, and the reference it leaves."""

@@ -1,0 +1,1 @@
+"""What happened: the jump log, importers, checks of its form, windows."""

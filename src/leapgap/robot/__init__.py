@@ -1,0 +1,1 @@
+"""The robot we believe in: parameters, kinematics, nominal dynamics, contact schedule, MuJoCo model."""

@@ -1,0 +1,1 @@
+"""Recordings and reports for people: Rerun and HTML."""

@@ -1,0 +1,1 @@
+"""One thin file a stage: read config and inputs, call one function, write the output."""
