@@ -6,7 +6,7 @@ form (its planned motion in the measured columns), so whatever reads one jump re
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from leapgap.errors import InputError
 from leapgap.files import whole_file
 from leapgap.robot.schedule import ContactSchedule
+from leapgap.robot.terrain import Box
 
 FORMAT_VERSION = 1
 METADATA_KEY = b"leapgap"
@@ -29,18 +30,6 @@ BASE_VELOCITY = ("base_linvel_x", "base_linvel_y", "base_linvel_z")
 BASE_ANGULAR_VELOCITY = ("base_angvel_x", "base_angvel_y", "base_angvel_z")
 COMMANDS = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
 PAIR_FORCE_AXES = ("front_x", "front_z", "rear_x", "rear_z")
-
-
-@dataclass(frozen=True)
-class Box:
-    """A block on the floor: centre (x, y), edge lengths and height of the upper face, m, world frame."""
-
-    x_m: float
-    y_m: float
-    size_m: tuple[float, float, float]
-    top_m: float
-    estimated: bool = False
-    """True where the height was inferred from the log, not measured."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +85,6 @@ class Jump:
     name: str
     columns: Mapping[str, np.ndarray]
     info: JumpInfo
-    _: None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))

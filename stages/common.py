@@ -1,0 +1,93 @@
+"""The one entry point of every stage.
+
+From ``dvc.yaml`` (DVC sets ``DVC_STAGE``) a stage reads ``params.yaml``; by hand it is a Hydra application that
+composes ``conf/``. Both take the same ``key=value`` arguments, so a stage's ``cmd`` reads like a call by hand.
+Bad input ends with exit code 2 and one message, and no traceback.
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from leapgap.errors import InputError
+
+ROOT = Path(__file__).resolve().parent.parent
+PARAMS = Path("params.yaml")
+CONF = ROOT / "conf"
+
+T = TypeVar("T")
+
+
+def run_stage(stage: Callable[[DictConfig], None]) -> None:
+    """Run a stage's function with its configuration; the ``__main__`` of every stage module."""
+    name = Path(sys.argv[0]).stem
+    try:
+        if "DVC_STAGE" in os.environ:
+            stage(params_with_overrides(sys.argv[1:]))
+        else:
+            run_with_hydra(stage, name)
+    except InputError as error:
+        print(f"stages.{name}: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def run_with_hydra(stage: Callable[[DictConfig], None], name: str) -> None:
+    """Compose ``conf/`` with the command line (``key=value``, ``-m`` for sweeps) and run the stage."""
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # hand errors to us instead of exit code 1
+    application = hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(stage)
+    try:
+        application()
+    except (HydraException, OmegaConfBaseException) as error:
+        raise config_error(error) from None
+
+
+def params_with_overrides(arguments: list[str]) -> DictConfig:
+    """``params.yaml`` of the working folder, with ``key=value`` arguments laid over it."""
+    try:
+        params = OmegaConf.load(PARAMS)
+        OmegaConf.set_struct(params, True)
+        return OmegaConf.merge(params, OmegaConf.from_dotlist(arguments))  # type: ignore[return-value]
+    except OmegaConfBaseException as error:
+        raise config_error(error) from None
+
+
+def config_error(error: Exception) -> InputError:
+    """The same complaint as one line for a person."""
+    found = " ".join(str(error).split()).removesuffix(".")
+    return InputError(
+        "configuration", found, "keys, groups and types of conf/",
+        "look the key up in conf/, or run with --cfg job to see them all",
+    )
+
+
+def read_config(kind: type[T], section: DictConfig, key: str) -> T:
+    """Turn a section of the configuration into the dataclass that documents it.
+
+    A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
+    """
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), section))  # type: ignore[return-value]
+    except OmegaConfBaseException as error:
+        said = str(error).splitlines()[0].rstrip(".")
+        where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
+        fields = ", ".join(kind.__dataclass_fields__)  # type: ignore[attr-defined]
+        raise InputError(where, said, f"the keys {fields}", "correct it in conf/ or on the command line") from None
+    except ValueError as error:  # a dataclass that refuses its values
+        raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
+
+
+def output_folder(out: Any) -> Path:
+    """The configured output folder; without one, by hand, Hydra's run folder of this job."""
+    if out is not None:
+        return Path(out)
+    if "DVC_STAGE" in os.environ:
+        raise InputError("configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it")
+    return Path(HydraConfig.get().runtime.output_dir) / "out"
