@@ -63,7 +63,9 @@ def config_error(error: Exception) -> InputError:
     """The same complaint as one line for a person."""
     found = " ".join(str(error).split()).removesuffix(".")
     return InputError(
-        "configuration", found, "keys, groups and types of conf/",
+        "configuration",
+        found,
+        "keys, groups and types of conf/",
         "look the key up in conf/, or run with --cfg job to see them all",
     )
 
@@ -79,7 +81,9 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
         said = str(error).splitlines()[0].rstrip(".")
         where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
         fields = ", ".join(kind.__dataclass_fields__)  # type: ignore[attr-defined]
-        raise InputError(where, said, f"the keys {fields}", "correct it in conf/ or on the command line") from None
+        raise InputError(
+            where, said, f"the keys {fields}", "correct it in conf/ or on the command line"
+        ) from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
 
@@ -89,5 +93,7 @@ def output_folder(out: Any) -> Path:
     if out is not None:
         return Path(out)
     if "DVC_STAGE" in os.environ:
-        raise InputError("configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it")
+        raise InputError(
+            "configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it"
+        )
     return Path(HydraConfig.get().runtime.output_dir) / "out"

@@ -62,7 +62,9 @@ class JumpInfo:
             raw: dict[str, Any] = json.loads(text)
             version = raw.pop("format_version")
             if version != FORMAT_VERSION:
-                raise InputError(where, f"format_version {version}", str(FORMAT_VERSION), "import the logs anew")
+                raise InputError(
+                    where, f"format_version {version}", str(FORMAT_VERSION), "import the logs anew"
+                )
             return JumpInfo(
                 robot=raw["robot"],
                 sample_period_s=float(raw["sample_period_s"]),
@@ -73,7 +75,9 @@ class JumpInfo:
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                where, f"metadata that do not fit ({error!r})", "the jump log's metadata (docs/formats.md)",
+                where,
+                f"metadata that do not fit ({error!r})",
+                "the jump log's metadata (docs/formats.md)",
                 "import the log anew",
             ) from None
 
@@ -102,7 +106,9 @@ class Jump:
             return self.columns[column]
         except KeyError:
             raise InputError(
-                self.name, f"no column {column}", f"one of {', '.join(sorted(self.columns))}",
+                self.name,
+                f"no column {column}",
+                f"one of {', '.join(sorted(self.columns))}",
                 "log it, or leave out what needs it",
             ) from None
 
@@ -162,18 +168,24 @@ def check(jump: Jump) -> None:
         raise InputError(where, f"{rows} rows", "two or more", "log the whole jump")
     for name, values in jump.columns.items():
         if values.shape != (rows,):
-            raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
+            raise InputError(
+                f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew"
+            )
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise InputError(
-                f"{where}, column {name}", f"{len(bad)} values that are no number, first in row {bad[0]}",
-                "finite numbers", "repair the log, or leave the column out if it was not measured",
+                f"{where}, column {name}",
+                f"{len(bad)} values that are no number, first in row {bad[0]}",
+                "finite numbers",
+                "repair the log, or leave the column out if it was not measured",
             )
     back = np.flatnonzero(np.diff(jump.columns["time"]) <= 0)
     if len(back):
         raise InputError(
-            f"{where}, column time", f"a step of {np.diff(jump.columns['time'])[back[0]]:g} s after row {back[0]}",
-            "strictly increasing times", "sort the rows, or repair the clock",
+            f"{where}, column time",
+            f"a step of {np.diff(jump.columns['time'])[back[0]]:g} s after row {back[0]}",
+            "strictly increasing times",
+            "sort the rows, or repair the clock",
         )
     if not jump.joints:
         raise InputError(where, "no column cmd_tau/<joint>", "commands of every joint", "log the commands")
@@ -181,19 +193,25 @@ def check(jump: Jump) -> None:
         missing = [joint for joint in jump.joints if f"{quantity}/{joint}" not in jump.columns]
         if missing:
             raise InputError(
-                where, f"no {quantity} of {', '.join(missing)}", "commands and gains of every joint",
+                where,
+                f"no {quantity} of {', '.join(missing)}",
+                "commands and gains of every joint",
                 "log them; the gap cannot be judged without the commands",
             )
     for group in (BASE_POSITION, BASE_QUATERNION):
         present = [name for name in group if name in jump.columns]
         if present and len(present) != len(group):
-            raise InputError(where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all")
+            raise InputError(
+                where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all"
+            )
     if BASE_QUATERNION[0] in jump.columns:
         length = np.linalg.norm(jump.stack(BASE_QUATERNION), axis=1)
         worst = int(np.argmax(np.abs(length - 1)))
         if abs(length[worst] - 1) > 1e-3:
             raise InputError(
-                f"{where}, base_quat, row {worst}", f"length {length[worst]:g}", "unit quaternions w x y z",
+                f"{where}, base_quat, row {worst}",
+                f"length {length[worst]:g}",
+                "unit quaternions w x y z",
                 "normalise them, and check their order",
             )
 
@@ -213,14 +231,18 @@ def read(path: Path) -> Jump:
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no readable Parquet ({error})", "a whole jump log", "import the log anew") from None
+        raise InputError(
+            path, f"no readable Parquet ({error})", "a whole jump log", "import the log anew"
+        ) from None
     metadata = table.schema.metadata or {}
     if METADATA_KEY not in metadata:
         raise InputError(path, "no metadata 'leapgap'", "a jump log", "import it with stages.import_logs")
     try:
         columns = {name: table[name].to_numpy().astype(np.float64) for name in table.column_names}
     except (ValueError, TypeError) as error:
-        raise InputError(path, f"a column that is not numeric ({error})", "float64 columns", "import it anew") from None
+        raise InputError(
+            path, f"a column that is not numeric ({error})", "float64 columns", "import it anew"
+        ) from None
     info = JumpInfo.from_json(metadata[METADATA_KEY], path)
     return Jump(path.stem, columns, info)
 

@@ -35,12 +35,18 @@ class Robot:
         try:
             model = robot.model
         except ValueError as error:
-            raise InputError(path, f"no valid MuJoCo model ({error})", "a model that compiles", "repair it") from None
+            raise InputError(
+                path, f"no valid MuJoCo model ({error})", "a model that compiles", "repair it"
+            ) from None
         driven = set(model.actuator_trnid[:, 0])
-        idle = [name for name, joint in zip(robot.joints, robot._joint_ids, strict=True) if joint not in driven]
+        idle = [
+            name for name, joint in zip(robot.joints, robot._joint_ids, strict=True) if joint not in driven
+        ]
         if idle or not robot.joints:
             raise InputError(
-                path, f"no actuator at {', '.join(idle) or 'any joint'}", "one actuator at every hinge or slide joint",
+                path,
+                f"no actuator at {', '.join(idle) or 'any joint'}",
+                "one actuator at every hinge or slide joint",
                 "add the actuators",
             )
         return robot
@@ -147,7 +153,8 @@ class Robot:
         """Indices, among the joints, of a location: all, front, rear, a joint group, a leg or a joint."""
         legs = self.legs_of_pair.get(location, (location,))
         found = [
-            i for i, joint in enumerate(self.joints)
+            i
+            for i, joint in enumerate(self.joints)
             if location in ("all", joint, joint.rsplit("_", 1)[-1]) or self.leg_of(joint) in legs
         ]
         return self._known(location, found, (*self.joints, *self.joint_groups))
@@ -166,7 +173,9 @@ class Robot:
     def _known(self, location: str, found: list[int], names: Sequence[str]) -> np.ndarray:
         if not found:
             raise InputError(
-                "location", location, f"all, front, rear or one of {', '.join(names)}",
+                "location",
+                location,
+                f"all, front, rear or one of {', '.join(names)}",
                 "name a place this robot has and the effect can act at",
             )
         return np.array(found, dtype=int)
@@ -194,7 +203,9 @@ class Robot:
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
         return spec.compile()
 
-    def feet_in_world(self, base_position: np.ndarray, base_quaternion: np.ndarray, joint_pos: np.ndarray) -> np.ndarray:
+    def feet_in_world(
+        self, base_position: np.ndarray, base_quaternion: np.ndarray, joint_pos: np.ndarray
+    ) -> np.ndarray:
         """Centres of the feet, m, world frame, shape (rows, feet, 3).
 
         Forward kinematics of measured poses: ``base_position`` (rows, 3) m, ``base_quaternion`` (rows, 4) w x y z,
@@ -209,7 +220,9 @@ class Robot:
             feet[row] = data.geom_xpos[self.foot_geoms]
         return feet
 
-    def joint_torque_to_foot_force(self, base_quaternion: np.ndarray, joint_pos: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    def joint_torque_to_foot_force(
+        self, base_quaternion: np.ndarray, joint_pos: np.ndarray, torque: np.ndarray
+    ) -> np.ndarray:
         """Ground forces on the robot that joint torques stand for when the legs are massless, N, (rows, feet, 3).
 
         u = −(J(q)ᵀ)⁻¹ τ a leg, J the derivative of the foot's position in world axes by the leg's joints
@@ -218,7 +231,10 @@ class Robot:
         data = mujoco.MjData(self.model)
         jacobian = np.empty((3, self.model.nv))
         force = np.zeros((len(joint_pos), len(self.feet), 3))
-        of_leg = [np.array([i for i, j in enumerate(self.joints) if self.leg_of(j) == self.leg_of(f)]) for f in self.feet]
+        of_leg = [
+            np.array([i for i, j in enumerate(self.joints) if self.leg_of(j) == self.leg_of(f)])
+            for f in self.feet
+        ]
         for row in range(len(joint_pos)):
             data.qpos[:3], data.qpos[3:7] = 0.0, base_quaternion[row]
             data.qpos[self.joint_qpos] = joint_pos[row]
@@ -227,10 +243,15 @@ class Robot:
             for foot, (geom, joints) in enumerate(zip(self.foot_geoms, of_leg, strict=True)):
                 body = self.model.geom_bodyid[geom]
                 mujoco.mj_jac(self.model, data, jacobian, None, data.geom_xpos[geom], body)
-                force[row, foot] = -np.linalg.solve(jacobian[:, self.joint_dofs[joints]].T, torque[row, joints])
+                force[row, foot] = -np.linalg.solve(
+                    jacobian[:, self.joint_dofs[joints]].T, torque[row, joints]
+                )
         return force
 
     def per_pair(self, of_feet: np.ndarray) -> np.ndarray:
         """Sum over the feet of each pair, in the planar axes: (rows, feet, 3) → front x z, rear x z (rows, 4)."""
-        sums = [of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1) for pair in ("front", "rear")]
+        sums = [
+            of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1)
+            for pair in ("front", "rear")
+        ]
         return np.concatenate([s[:, [0, 2]] for s in sums], axis=1)

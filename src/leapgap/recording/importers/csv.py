@@ -38,7 +38,9 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
     try:
         table = pa.csv.read_csv(path)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew") from None
+        raise InputError(
+            path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew"
+        ) from None
     theirs = per_joint(options.columns, robot)
     columns = {}
     for ours, column in theirs.items():
@@ -46,29 +48,48 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
             raise InputError(path, f"no column {column}", f"it, as {ours}", "correct import_logs.csv.columns")
         columns[ours] = numbers(table, column, path)
     ours_already = {"time", *(f"{quantity}/{joint}" for quantity in COMMANDS for joint in robot.joints)}
-    prefixes = ("base_", "joint_pos/", "joint_vel/", "tau/", "foot_force/", "contact/", "imu_", "supply_",
-                "mpc_force/", "pd_force/", "train_force/")
+    prefixes = (
+        "base_",
+        "joint_pos/",
+        "joint_vel/",
+        "tau/",
+        "foot_force/",
+        "contact/",
+        "imu_",
+        "supply_",
+        "mpc_force/",
+        "pd_force/",
+        "train_force/",
+    )
     for column in table.column_names:
         if column not in columns and (column in ours_already or column.startswith(prefixes)):
             columns[column] = numbers(table, column, path)
     for ours, factor in per_joint(options.factors, robot).items():
         if ours not in columns:
-            raise InputError("import_logs.csv.factors", ours, "a column that is imported", "map the column too")
+            raise InputError(
+                "import_logs.csv.factors", ours, "a column that is imported", "map the column too"
+            )
         columns[ours] = columns[ours] * factor
     for ours, value in per_joint(options.constants, robot).items():
         columns[ours] = np.full(table.num_rows, value)
     if "time" not in columns:
-        raise InputError(path, "no column time", "a strictly increasing time, s", "map it: import_logs.csv.columns")
+        raise InputError(
+            path, "no column time", "a strictly increasing time, s", "map it: import_logs.csv.columns"
+        )
     columns["time"] = columns["time"] - columns["time"][:1]
     ordered = {key: columns[key] for key in sorted(columns, key=column_order(robot))}
     steps = np.diff(columns["time"])
-    return Jump(name, ordered, JumpInfo(
-        robot=robot.name,
-        sample_period_s=round(float(np.median(steps)), 9) if len(steps) else 0.0,
-        schedule=options.schedule,
-        target=Target(options.target_x_m, options.target_z_m),
-        source=f"CSV {path.name}",
-    ))
+    return Jump(
+        name,
+        ordered,
+        JumpInfo(
+            robot=robot.name,
+            sample_period_s=round(float(np.median(steps)), 9) if len(steps) else 0.0,
+            schedule=options.schedule,
+            target=Target(options.target_x_m, options.target_z_m),
+            source=f"CSV {path.name}",
+        ),
+    )
 
 
 def per_joint(mapping: dict, robot: Robot) -> dict:
@@ -85,13 +106,22 @@ def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
     try:
         return table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
     except (pa.ArrowException, ValueError) as error:
-        raise InputError(f"{path}, column {column}", f"no numbers ({error})", "numbers", "export it anew") from None
+        raise InputError(
+            f"{path}, column {column}", f"no numbers ({error})", "numbers", "export it anew"
+        ) from None
 
 
 def column_order(robot: Robot):  # noqa: ANN201
     """Sort key: time first, the base, then by quantity and the robot's joints; a fixed order gives fixed bytes."""
+
     def key(column: str) -> tuple:
         quantity, _, of = column.partition("/")
-        return (column != "time", not column.startswith("base_"), quantity,
-                robot.joints.index(of) if of in robot.joints else -1, of)
+        return (
+            column != "time",
+            not column.startswith("base_"),
+            quantity,
+            robot.joints.index(of) if of in robot.joints else -1,
+            of,
+        )
+
     return key

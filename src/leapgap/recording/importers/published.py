@@ -30,13 +30,22 @@ JOINT_COLUMNS = tuple(f"{leg}_{group}" for group in GROUPS for leg in LEGS)
 """Joint by joint, each in the order of the legs: the column order of the joint files."""
 
 COLUMNS_OF_FILE = {
-    "pos": (46, None), "joint_act": (24, None), "joint_des": (24, None), "torque": (40, None),
-    "data_f": (15, None), "data_pd": (4, None), "data_fmpc_pd": (15, ","),
+    "pos": (46, None),
+    "joint_act": (24, None),
+    "joint_des": (24, None),
+    "torque": (40, None),
+    "data_f": (15, None),
+    "data_pd": (4, None),
+    "data_fmpc_pd": (15, ","),
 }
 """Least number of columns of each file that is read, and what separates them (None: white space)."""
 
 FRONT_THIGH_AT_ROW_790 = {  # commanded, rad; grows with the distance: tells the target, which was not logged
-    0.70: 0.0053, 0.60: 0.5552, 0.50: 1.0729, 0.40: 1.1258, 0.30: 1.2679,
+    0.70: 0.0053,
+    0.60: 0.5552,
+    0.50: 1.0729,
+    0.40: 1.1258,
+    0.30: 1.2679,
 }
 
 
@@ -60,14 +69,18 @@ class Options:
 
 def find(source: Path) -> dict[str, Path]:
     """Folders below ``source`` that hold a jump, by name: ``jump_07`` for ``…/7``."""
-    folders = sorted({path.parent for path in source.rglob("joint_act.txt")} | {
-        path.parent for path in source.rglob("pos.txt")})
+    folders = sorted(
+        {path.parent for path in source.rglob("joint_act.txt")}
+        | {path.parent for path in source.rglob("pos.txt")}
+    )
     named: dict[str, Path] = {}
     for folder in folders:
         number = folder.name
         name = f"jump_{int(number):02d}" if number.isdigit() else f"jump_{number}"
         if name in named:
-            raise InputError(source, f"two folders named {number}", "one folder a jump", "rename or remove one")
+            raise InputError(
+                source, f"two folders named {number}", "one folder a jump", "rename or remove one"
+            )
         named[name] = folder
     return dict(sorted(named.items()))
 
@@ -79,7 +92,8 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
     for stem, table in files.items():
         if len(table) != rows:
             raise InputError(
-                path / f"{stem}.txt", f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump anew")
+                path / f"{stem}.txt", f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump anew"
+            )
     body, forces = files["pos"], files["data_f"]
     rotation = Rotation.from_euler("ZYX", body[:, [8, 7, 6]])
     columns = {"time": np.arange(rows) * options.sample_period_s}
@@ -93,14 +107,18 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
     columns |= named([f"mpc_force/{axis}" for axis in PAIR_FORCE_AXES], forces[:, 11:15])
     columns |= named([f"pd_force/{axis}" for axis in PAIR_FORCE_AXES], files["data_pd"][:, :4])
     columns |= named([f"train_force/{axis}" for axis in PAIR_FORCE_AXES], files["data_fmpc_pd"][:, 11:15])
-    jump = Jump(name, {key: np.ascontiguousarray(value) for key, value in columns.items()}, JumpInfo(
-        robot=robot.name,
-        sample_period_s=options.sample_period_s,
-        schedule=ContactSchedule(double_contact_s=0.5, rear_contact_s=0.3, flight_s=0.4),
-        target=Target(x_m=commanded_distance(files["joint_des"])),
-        source=f"published A1 jump {path.name}",
-        terrain=block_under_front_feet(columns, robot, options),
-    ))
+    jump = Jump(
+        name,
+        {key: np.ascontiguousarray(value) for key, value in columns.items()},
+        JumpInfo(
+            robot=robot.name,
+            sample_period_s=options.sample_period_s,
+            schedule=ContactSchedule(double_contact_s=0.5, rear_contact_s=0.3, flight_s=0.4),
+            target=Target(x_m=commanded_distance(files["joint_des"])),
+            source=f"published A1 jump {path.name}",
+            terrain=block_under_front_feet(columns, robot, options),
+        ),
+    )
     return jump
 
 
@@ -157,16 +175,28 @@ def block_under_front_feet(columns: dict[str, np.ndarray], robot: Robot, options
 def read_table(path: Path, columns: int, separator: str | None) -> np.ndarray:
     """A whole text table with at least ``columns`` columns, shape (rows, ≥ columns)."""
     if not path.is_file():
-        raise InputError(path, "no such file", "a table of the published layout", "copy the jump's folder whole")
+        raise InputError(
+            path, "no such file", "a table of the published layout", "copy the jump's folder whole"
+        )
     try:
         table = np.loadtxt(path, delimiter=separator, ndmin=2)
     except ValueError as error:
-        raise InputError(path, f"no whole table ({error})", "numbers, as many in every row", "copy it anew") from None
+        raise InputError(
+            path, f"no whole table ({error})", "numbers, as many in every row", "copy it anew"
+        ) from None
     if table.shape[1] < columns or not len(table):
-        raise InputError(path, f"{table.shape[0]} rows × {table.shape[1]} columns", f"{columns} columns or more",
-                         "check that it is the file of the published layout")
+        raise InputError(
+            path,
+            f"{table.shape[0]} rows × {table.shape[1]} columns",
+            f"{columns} columns or more",
+            "check that it is the file of the published layout",
+        )
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
-        raise InputError(path, f"{len(bad)} values that are no number, first in row {bad[0][0]}, column {bad[0][1]}",
-                         "finite numbers", "repair the log, or leave this jump out")
+        raise InputError(
+            path,
+            f"{len(bad)} values that are no number, first in row {bad[0][0]}, column {bad[0][1]}",
+            "finite numbers",
+            "repair the log, or leave this jump out",
+        )
     return table
