@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -29,19 +29,32 @@ T = TypeVar("T")
 def run_stage(stage: Callable[[DictConfig], None]) -> None:
     """Run a stage's function with its configuration; the ``__main__`` of every stage module."""
     name = Path(sys.argv[0]).stem
+
+    def told(config: DictConfig) -> None:
+        try:
+            stage(config)
+        except InputError as error:
+            refuse(name, error)
+
     try:
         if "DVC_STAGE" in os.environ:
-            stage(params_with_overrides(sys.argv[1:]))
+            told(params_with_overrides(sys.argv[1:]))
         else:
-            run_with_hydra(stage, name)
+            run_with_hydra(told, name)
     except InputError as error:
-        print(f"stages.{name}: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
+        refuse(name, error)
+
+
+def refuse(name: str, error: InputError) -> NoReturn:
+    """End with the message of bad input; ``SystemExit`` passes through Hydra without more words."""
+    print(f"stages.{name}: {error}", file=sys.stderr)
+    raise SystemExit(2) from None
 
 
 def run_with_hydra(stage: Callable[[DictConfig], None], name: str) -> None:
     """Compose ``conf/`` with the command line (``key=value``, ``-m`` for sweeps) and run the stage."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hand errors to us instead of exit code 1
+    sys.argv.append(f"hydra.job.name={name}")  # names the run folder
     application = hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(stage)
     try:
         application()

@@ -18,6 +18,12 @@ def known() -> dict[str, type[Effect]]:
     return {kind.name: kind for kind in sorted(Effect.__subclasses__(), key=lambda kind: kind.name)}
 
 
+def describe(name: str) -> str:
+    """What the effect is, as its file says: ``viscous friction of the gears``."""
+    text = (import_module(known()[name].__module__).__doc__ or "").split("\n")[0].rstrip(".")
+    return text[:1].lower() + text[1:]
+
+
 def effect(name: str, location: str = "all", **values: float) -> Effect:
     """An effect by name; an unknown name, parameter or value out of range is an ``InputError``."""
     if name not in known():

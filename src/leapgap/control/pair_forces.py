@@ -1,0 +1,22 @@
+"""The ground forces that joint PD torques stand for."""
+
+import numpy as np
+
+from leapgap.robot.model import Robot
+from leapgap.robot.schedule import ContactSchedule
+
+
+def pd_pair_force(
+    robot: Robot,
+    schedule: ContactSchedule,
+    time_s: np.ndarray,
+    base_quaternion: np.ndarray,
+    joint_pos: np.ndarray,
+    torque: np.ndarray,
+) -> np.ndarray:
+    """u_pd = −(Jᵀ Rᵀ)⁻¹ τ_pd of each pair, front x z, rear x z, N on the robot, (rows, 4); paper, data collection.
+
+    ``torque`` (rows, joints) is what the joint PD asks for, N·m. Zero where the schedule has the pair in the air.
+    """
+    force = robot.per_pair(robot.joint_torque_to_foot_force(base_quaternion, joint_pos, torque))
+    return force * np.repeat(schedule.in_contact(time_s), 2, axis=1)

@@ -1,0 +1,144 @@
+"""Consistency before physics: what a log must satisfy by itself, whatever the robot.
+
+A fault of measurement that passes unnoticed is absorbed by every later fit; these checks need no fitted model. They
+take logs cut to the rows that are judged.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.robot.model import Robot
+
+GRAVITY = 9.81
+SPAN_S = 0.02
+"""Increments of position are compared with summed velocities over this time."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """The outcome of one consistency check over all logs."""
+
+    name: str
+    passed: bool
+    statistic: float
+    threshold: float
+    says: str
+    per_log: dict[str, float]
+    """The statistic's estimate on each log, by the log's name."""
+
+
+def clock_scale(position: np.ndarray, velocity: np.ndarray, period_s: float) -> float:
+    """True over claimed period, from positions that must be the integral of velocities; both (rows, channels).
+
+    Sensors measure velocity in true time, while positions advance by v · (true period) a row: the regression of
+    position increments on claimed-time integrals of velocity has that ratio as slope.
+    """
+    span = max(1, round(SPAN_S / period_s))
+    moved = position[span:] - position[:-span]
+    middle = (velocity[1:] + velocity[:-1]) / 2
+    summed = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(middle, axis=0) * period_s])
+    integral = summed[span:] - summed[:-span]
+    return float((moved * integral).sum() / (integral**2).sum())
+
+
+def joint_clock(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | None:
+    """Do the joints' positions follow from their velocities at the claimed sample period?"""
+    if any(f"{q}/{robot.joints[0]}" not in jump for jump in jumps for q in ("joint_pos", "joint_vel")):
+        return None
+    scales = {
+        jump.name: clock_scale(
+            jump.per_joint("joint_pos", robot.joints), jump.per_joint("joint_vel", robot.joints),
+            jump.info.sample_period_s,
+        )
+        for jump in jumps
+    }
+    return clock_check("joint_clock", "the joints", scales, threshold)
+
+
+def base_clock(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | None:
+    """Do the base's positions follow from its velocities at the claimed sample period?"""
+    pairs = [("base_pos_x", "base_linvel_x"), ("base_pos_z", "base_linvel_z")]
+    if not robot.has_free_base or any(name not in jump for jump in jumps for pair in pairs for name in pair):
+        return None
+    scales = {
+        jump.name: clock_scale(
+            jump.stack([p for p, _ in pairs]), jump.stack([v for _, v in pairs]), jump.info.sample_period_s
+        )
+        for jump in jumps
+    }
+    return clock_check("base_clock", "the base", scales, threshold)
+
+
+def clock_check(name: str, what: str, scales: dict[str, float], threshold: float) -> Check:
+    """Judge clocks by the median over logs."""
+    statistic = float(np.median(list(scales.values()))) - 1
+    passed = abs(statistic) <= threshold
+    low, high = min(scales.values()), max(scales.values())
+    says = (
+        f"positions of {what} agree with their velocities at the claimed sample period (median {1 + statistic:.3f})"
+        if passed
+        else f"{what} move {100 * statistic:+.0f} % against their own velocities at the claimed sample period "
+        f"(logs {low:.2f} to {high:.2f}): the loop runs {'slower' if statistic > 0 else 'faster'} than the log claims"
+    )
+    return Check(name, passed, abs(statistic), threshold, says, scales)
+
+
+def free_fall(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | None:
+    """Does the centre of mass fall with g in flight, judged from the base's position and the joints?"""
+    if not robot.has_free_base or any("base_pos_z" not in jump for jump in jumps):
+        return None
+    falls = {}
+    for jump in jumps:
+        schedule = jump.info.schedule
+        begin = int(np.searchsorted(jump.time, schedule.take_off_s + 0.05))
+        end = int(np.searchsorted(jump.time, schedule.landing_s - 0.05))
+        if end - begin < 50:
+            continue
+        height = centre_of_mass(jump, robot, slice(begin, end))[:, 2]
+        time = jump.time[begin:end] - jump.time[begin]
+        falls[jump.name] = float(-2 * np.polyfit(time, height, 2)[0] / GRAVITY)
+    if not falls:
+        return None
+    statistic = float(np.median(list(falls.values()))) - 1
+    passed = abs(statistic) <= threshold
+    says = (
+        f"in flight the centre of mass falls with {1 + statistic:.2f} g"
+        + ("" if passed else f" by the log's clock, which would be right if a row took {np.sqrt(1 + statistic):.2f} "
+           "times the claimed period")
+    )
+    return Check("free_fall", passed, abs(statistic), threshold, says, falls)
+
+
+def centre_of_mass(jump: Jump, robot: Robot, rows: slice) -> np.ndarray:
+    """Of the whole robot by its model and the measured pose, m, world frame, (rows, 3)."""
+    position, quaternion = jump.stack(BASE_POSITION)[rows], jump.stack(BASE_QUATERNION)[rows]
+    joints = jump.per_joint("joint_pos", robot.joints)[rows]
+    data = mujoco.MjData(robot.model)
+    centre = np.empty((len(joints), 3))
+    for i in range(len(joints)):
+        data.qpos[:3], data.qpos[3:7], data.qpos[robot.joint_qpos] = position[i], quaternion[i], joints[i]
+        mujoco.mj_kinematics(robot.model, data)
+        mujoco.mj_comPos(robot.model, data)
+        centre[i] = data.subtree_com[robot.base_body]
+    return centre
+
+
+def planted_feet(jumps: Sequence[Jump], robot: Robot, threshold_m: float) -> Check | None:
+    """Do feet that are planned to stand keep their place (forward kinematics of base pose and encoders)?"""
+    if not robot.has_free_base or not robot.feet or any("base_pos_x" not in jump for jump in jumps):
+        return None
+    drift = {}
+    for jump in jumps:
+        end = int(np.searchsorted(jump.time, 0.8 * jump.info.schedule.double_contact_s))
+        feet = robot.feet_in_world(
+            jump.stack(BASE_POSITION)[:end:5], jump.stack(BASE_QUATERNION)[:end:5],
+            jump.per_joint("joint_pos", robot.joints)[:end:5],
+        )
+        drift[jump.name] = float(np.linalg.norm(feet - feet[0], axis=2).max())
+    statistic = float(np.median(list(drift.values())))
+    says = f"planted feet wander by {1000 * statistic:.0f} mm (median over logs) while all four stand"
+    return Check("planted_feet", statistic <= threshold_m, statistic, threshold_m, says, drift)

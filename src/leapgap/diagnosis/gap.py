@@ -1,0 +1,236 @@
+"""How large the gap is and where it lies: the headline figure, its noise floor, and phase × channel."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.diagnosis.channels import BASE_UNITS, HEADLINE, Channel, available, measured, noise, simulated
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer, Trial
+
+PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
+
+GAIN_CHANGE_MARGIN_S = 0.010
+"""Before a change of gains this much is left out: the change reaches the motors at an unknown instant near its row."""
+LIFT_OFF_WINDOW_S = 0.050
+"""Lift-off is this long before and after the planned take-off."""
+TOUCHING_M = 0.005
+"""A sole this near the ground counts as touching."""
+FALLEN = 100.0
+"""Scaled error given to a replay that left the world of numbers, so that it loses and nothing becomes NaN."""
+
+
+def headline_rows(jump: Jump, robot: Robot) -> int:
+    """Rows that are judged: up to touch-down or the first change of gains, whichever is first."""
+    rows = jump.rows_before_gain_change
+    if rows < len(jump):
+        rows -= round(GAIN_CHANGE_MARGIN_S / jump.info.sample_period_s)
+    return max(2, min(rows, touch_down_row(jump, robot)))
+
+
+def touch_down_row(jump: Jump, robot: Robot) -> int:
+    """First row, in the second half of the planned flight or later, in which a sole is at the ground."""
+    schedule = jump.info.schedule
+    if not robot.has_free_base or "base_pos_z" not in jump or not robot.feet:
+        return min(len(jump), int(np.searchsorted(jump.time, schedule.landing_s)) + 1)
+    begin = int(np.searchsorted(jump.time, schedule.take_off_s + schedule.flight_s / 2))
+    if begin >= len(jump):
+        return len(jump)
+    position = jump.stack(("base_pos_x", "base_pos_y", "base_pos_z"))[begin:]
+    quaternion = jump.stack(("base_quat_w", "base_quat_x", "base_quat_y", "base_quat_z"))[begin:]
+    feet = robot.feet_in_world(position, quaternion, jump.per_joint("joint_pos", robot.joints)[begin:])
+    ground = np.zeros(feet.shape[:2])
+    for box in jump.info.terrain:
+        inside = (np.abs(feet[..., 0] - box.x_m) < box.size_m[0] / 2) & (
+            np.abs(feet[..., 1] - box.y_m) < box.size_m[1] / 2
+        )
+        ground = np.where(inside, np.maximum(ground, box.top_m), ground)
+    touching = (feet[..., 2] - robot.foot_radius - ground < TOUCHING_M).any(axis=1)
+    return begin + int(np.argmax(touching)) if touching.any() else len(jump)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Logs with what is compared of them."""
+
+    jumps: tuple[Jump, ...]
+    """Cut after the rows that are judged."""
+    channels: tuple[Channel, ...]
+    """Headline channels that every log has."""
+
+    @staticmethod
+    def of(jumps: Sequence[Jump], robot: Robot) -> "Judged":
+        """Fix rows and channels once, from the logs alone; every hypothesis is judged on the same."""
+        if not jumps:
+            raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
+        headline = tuple(c for c in available(jumps, robot) if c.name in HEADLINE)
+        if not headline:
+            raise InputError(
+                jumps[0].name, "no base state in every log", f"some of {', '.join(BASE_UNITS)}", "log the base state",
+            )
+        return Judged(tuple(jump.first_rows(headline_rows(jump, robot)) for jump in jumps), headline)
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Number of judged rows of each jump."""
+        return tuple(len(jump) for jump in self.jumps)
+
+    @property
+    def scales(self) -> np.ndarray:
+        """What counts as one of each channel, (channels,)."""
+        return np.array([HEADLINE[c.name] for c in self.channels])
+
+
+def scaled_errors(
+    judged: Judged, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
+) -> list[list[np.ndarray]]:
+    """Simulated − measured, scaled, of every candidate on every jump: ``[candidate][jump]`` (rows, channels).
+
+    ``candidates[c][j]`` are the effects of candidate c on jump j; all of them roll out as one batch.
+    """
+    trials = [
+        Trial(jump, effects)
+        for of_candidate in candidates
+        for jump, effects in zip(judged.jumps, of_candidate, strict=True)
+    ]
+    motions = iter(replayer.motions(trials))
+    errors = []
+    for _ in candidates:
+        of_jumps = []
+        for jump in judged.jumps:
+            motion = next(motions)
+            difference = np.stack(
+                [simulated(motion, c.name, replayer.robot) - measured(jump, c.name) for c in judged.channels], axis=1
+            )
+            of_jumps.append(np.clip(np.nan_to_num(difference / judged.scales, nan=FALLEN), -FALLEN, FALLEN))
+        errors.append(of_jumps)
+    return errors
+
+
+def squares(judged: Judged, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]) -> np.ndarray:
+    """Sum of squared scaled errors of each candidate on each jump, (candidates, jumps)."""
+    return np.array([[float((e**2).sum()) for e in of_jumps]
+                     for of_jumps in scaled_errors(judged, replayer, candidates)])
+
+
+def counts(judged: Judged) -> np.ndarray:
+    """Number of values behind each jump's sum of squares, (jumps,)."""
+    return np.array(judged.rows) * len(judged.channels)
+
+
+def pooled(sum_of_squares: np.ndarray, judged: Judged) -> float:
+    """The headline gap: root mean square over rows, channels and jumps."""
+    return float(np.sqrt(sum_of_squares.sum() / counts(judged).sum()))
+
+
+def noise_floor(judged: Judged, replayer: Replayer, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Mean square that sensor noise alone leaves, a jump, (jumps,), summed over rows and channels.
+
+    The nominal robot plays the log: its motion plus noise of each channel is taken as measured, and replayed
+    from its own noisy first row.
+    """
+    robot = replayer.robot
+    every = available(judged.jumps, robot)
+    total = np.zeros(len(judged.jumps))
+    sigma = [{c.name: noise(jump, c.name) for c in every} for jump in judged.jumps]
+    true = replayer.motions([Trial(jump) for jump in judged.jumps])
+    for _ in range(draws):
+        trials = []
+        for jump, own in zip(judged.jumps, sigma, strict=True):
+            state = replayer.first_state(Trial(jump))
+            trials.append(Trial(jump, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
+        for j, motion in enumerate(replayer.motions(trials)):
+            for c in judged.channels:
+                seen = simulated(true[j], c.name, robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]
+                total[j] += float((((simulated(motion, c.name, robot) - seen) / HEADLINE[c.name]) ** 2).sum())
+    return total / draws
+
+
+def state_noise(sigma: dict[str, float], robot: Robot) -> np.ndarray:
+    """Noise of the first state, (nq + nv,), where it was measured; orientation only in pitch, about y."""
+    nq = robot.model.nq
+    noise_of = np.zeros(nq + robot.model.nv)
+    if robot.has_free_base:
+        noise_of[[0, 2, 5]] = [sigma.get("base_pos_x", 0), sigma.get("base_pos_z", 0), sigma.get("base_pitch", 0) / 2]
+        noise_of[[nq, nq + 2, nq + 4]] = [
+            sigma.get(c, 0) for c in ("base_linvel_x", "base_linvel_z", "base_angvel_y")
+        ]
+    noise_of[robot.joint_qpos] = [sigma.get(f"joint_pos/{joint}", 0) for joint in robot.joints]
+    noise_of[nq + robot.joint_dofs] = [sigma.get(f"joint_vel/{joint}", 0) for joint in robot.joints]
+    return noise_of
+
+
+@dataclass(frozen=True)
+class Place:
+    """One field of the map of the gap."""
+
+    phase: str
+    channel: str
+    share: float
+    """Of the whole squared gap, each channel measured in units of its noise."""
+    rms: float
+    unit: str
+
+
+def phase_of_rows(jump: Jump) -> np.ndarray:
+    """Index into ``PHASES`` of each row, by the planned schedule, (rows,)."""
+    schedule = jump.info.schedule
+    return np.digitize(
+        jump.time + 1e-6,
+        [
+            schedule.front_lift_off_s,
+            schedule.take_off_s - LIFT_OFF_WINDOW_S,
+            schedule.take_off_s + LIFT_OFF_WINDOW_S,
+            schedule.landing_s,
+        ],
+    )
+
+
+def where(judged: Judged, replayer: Replayer, horizon_s: float) -> list[Place]:
+    """The gap by phase and channel, largest share first.
+
+    Replays start anew from the log every ``horizon_s``, so that an error counts where it arises and not where it
+    has grown to; only the second half of each piece counts, when the start has settled.
+    """
+    robot = replayer.robot
+    channels = available(judged.jumps, robot)
+    square = np.zeros((len(PHASES), len(channels)))
+    scaled = np.zeros_like(square)
+    number = np.zeros(len(PHASES))
+    pieces = [piece for jump in judged.jumps for piece in pieces_of(jump, horizon_s)]
+    sigma = {jump.name: np.array([max(noise(jump, c.name), least_noise(c)) for c in channels]) for jump in judged.jumps}
+    motions = replayer.motions([Trial(piece) for piece, _ in pieces])
+    for (piece, phases), motion in zip(pieces, motions, strict=True):
+        half = len(piece) // 2
+        error = np.stack([simulated(motion, c.name, robot) - measured(piece, c.name) for c in channels], axis=1)[half:]
+        for phase in np.unique(phases[half:]):
+            chosen = error[phases[half:] == phase]
+            square[phase] += (chosen**2).sum(axis=0)
+            scaled[phase] += ((chosen / sigma[piece.name]) ** 2).sum(axis=0)
+            number[phase] += len(chosen)
+    shares = scaled / scaled.sum()
+    places = [
+        Place(PHASES[p], c.name, float(shares[p, k]), float(np.sqrt(square[p, k] / number[p])), c.unit)
+        for p in range(len(PHASES)) for k, c in enumerate(channels) if number[p]
+    ]
+    return sorted(places, key=lambda place: -place.share)
+
+
+def pieces_of(jump: Jump, horizon_s: float) -> list[tuple[Jump, np.ndarray]]:
+    """The judged rows cut to whole pieces of one horizon, with the phase of each row."""
+    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
+    phases = phase_of_rows(jump)
+    starts = range(0, len(jump) - length + 1, length - 1)
+    return [
+        (replace(jump, columns={k: v[s : s + length] for k, v in jump.columns.items()}), phases[s : s + length])
+        for s in starts
+    ]
+
+
+def least_noise(channel: Channel) -> float:
+    """Smallest noise a channel is credited with: a log rounded to its last digit is not exact."""
+    return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2}[channel.unit]

@@ -1,0 +1,140 @@
+"""The report of a diagnosis as data: the contract of ``report.json``."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from leapgap.diagnosis.attribution import Interval
+from leapgap.diagnosis.checks import Check
+from leapgap.diagnosis.gap import Place
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value with its 95 % interval over jumps drawn again."""
+
+    value: float
+    ci95: tuple[float, float]
+    nominal: float
+    unit: str
+    at_bound: bool
+    """Whether the fit ran into the end of the range of sensible values: then it is not to be believed."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One hypothesis as judged."""
+
+    effect: str
+    location: str
+    probability: float
+    """How often it has the least held-out error when jumps are drawn again."""
+    parameters: Mapping[str, Estimate]
+    per_log: Mapping[str, Mapping[str, float]]
+    closure: Interval
+    gap: float
+    """Headline gap on held-out jumps with this effect added."""
+    confusable_with: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Headline gap over one parameter, all logs: how well the data know it."""
+
+    effect: str
+    label: str
+    values: tuple[float, ...]
+    gap: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything a person is told, and what ``report.json`` holds."""
+
+    verdict: str
+    sentence: str
+    gap_nominal: float
+    gap_corrected: float
+    noise_floor: float
+    answer: tuple[tuple[str, ...], ...]
+    closure_of_answer: Interval | None
+    closure_shared: Interval | None
+    """Of the answer with one value shared by all logs, where its values differ by log."""
+    where: tuple[Place, ...]
+    causes: tuple[Cause, ...]
+    checks: tuple[Check, ...]
+    next_experiment: Mapping[str, Any] | None
+    not_judged: tuple[str, ...]
+    """What could not be judged, and for want of what."""
+    profiles: tuple[Profile, ...]
+    gap_per_log: Mapping[str, Mapping[str, float]]
+    """Headline gap of each log: nominal and corrected (held out)."""
+    provenance: Mapping[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """As written to ``report.json``; numbers rounded to six digits, what is not finite is null."""
+        closure = self.closure_of_answer
+        return rounded(
+            {
+                "format_version": FORMAT_VERSION,
+                "verdict": self.verdict,
+                "sentence": self.sentence,
+                "gap": {
+                    "nominal": self.gap_nominal,
+                    "corrected": self.gap_corrected,
+                    "noise_floor": self.noise_floor,
+                    "unit": "1",
+                },
+                "answer": [list(names) for names in self.answer],
+                "closure_of_answer": heldout(closure) if closure else None,
+                "closure_shared": heldout(self.closure_shared) if self.closure_shared else None,
+                "where": [asdict(place) for place in self.where],
+                "causes": [
+                    {
+                        **asdict(cause),
+                        "closure": heldout(cause.closure),
+                        "parameters": {k: asdict(v) for k, v in cause.parameters.items()},
+                    }
+                    for cause in self.causes
+                ],
+                "checks": [asdict(check) for check in self.checks],
+                "next_experiment": self.next_experiment,
+                "not_judged": list(self.not_judged),
+                "gap_per_log": self.gap_per_log,
+                "provenance": self.provenance,
+            }
+        )
+
+    def metrics(self) -> dict[str, Any]:
+        """The figures that ``dvc metrics`` follows."""
+        return rounded(
+            {
+                "verdict": self.verdict,
+                "answer": " + ".join(" or ".join(names) for names in self.answer),
+                "closure_heldout": self.closure_of_answer.value if self.closure_of_answer else 0.0,
+                "closure_shared": self.closure_shared.value if self.closure_shared else None,
+                "gap_nominal": self.gap_nominal,
+                "gap_corrected": self.gap_corrected,
+                "noise_floor": self.noise_floor,
+                "jumps": len(self.gap_per_log),
+            }
+        )
+
+
+def heldout(interval: Interval) -> dict[str, Any]:
+    """A closure as the report writes it."""
+    return {"heldout": interval.value, "ci95": [interval.low, interval.high]}
+
+
+def rounded(value: Any) -> Any:
+    """The same structure with floats at six significant digits, tuples as lists, not-finite numbers as None."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(item) for item in value]
+    return value

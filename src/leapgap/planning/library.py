@@ -1,0 +1,17 @@
+"""References by target: from a folder of planned ones, or planned on the spot."""
+
+from pathlib import Path
+
+from leapgap.planning.formulation import Problem
+from leapgap.planning.reference import Gains, name_of, to_jump
+from leapgap.planning.solve import solve_all
+from leapgap.recording.jump import Jump, Target, read
+
+
+def reference_to(target: Target, folder: Path) -> Jump:
+    """The reference to a target: its file in ``folder`` where there is one, else planned as published."""
+    path = folder / f"{name_of(target)}.parquet"
+    if path.is_file():
+        return read(path)
+    (solution,) = solve_all([Problem(target)])
+    return to_jump(solution, Gains())

@@ -1,0 +1,27 @@
+"""A corrected robot on disk: the model and the effects a diagnosis found, ready to simulate with."""
+
+import shutil
+from pathlib import Path
+
+from leapgap import effects
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.files import read_json, write_json
+from leapgap.robot.model import Robot
+
+MODEL, EFFECTS = "robot.xml", "effects.json"
+
+
+def write_corrected(folder: Path, robot: Robot, found: tuple[Effect, ...]) -> None:
+    """Write the nominal model beside the effects to add to it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(robot.path, folder / MODEL)
+    write_json(folder / EFFECTS, {"effects": effects.to_config(found)})
+
+
+def read_corrected(folder: Path) -> tuple[Robot, tuple[Effect, ...]]:
+    """Model and effects of a folder ``corrected``."""
+    entries = read_json(folder / EFFECTS).get("effects")
+    if not isinstance(entries, list):
+        raise InputError(folder / EFFECTS, "no list of effects", "the key effects", "write it as a diagnosis does")
+    return Robot.load(folder / MODEL), effects.from_config(entries)

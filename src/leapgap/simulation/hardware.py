@@ -1,0 +1,180 @@
+"""Simulated hardware: the nominal robot with effects its controller does not know, measured with noise.
+
+A jump tracks a planned reference with feed-forward torque and joint PD at the reference's rate; the commands are
+known beforehand, so jumps roll out as replays do, without a Python loop. What comes back is a jump log.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.control.pair_forces import pd_pair_force
+from leapgap.effects.base import Effect
+from leapgap.recording.jump import (
+    BASE_ANGULAR_VELOCITY,
+    BASE_POSITION,
+    BASE_QUATERNION,
+    BASE_VELOCITY,
+    PAIR_FORCE_AXES,
+    Jump,
+)
+from leapgap.robot.model import Robot
+from leapgap.robot.terrain import Box
+from leapgap.simulation.replay import Motion, Replayer, Trial
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of white noise on what is measured."""
+
+    base_pos_m: float = 0.001
+    base_angle_rad: float = 0.002
+    base_linvel_m_s: float = 0.01
+    base_angvel_rad_s: float = 0.02
+    joint_pos_rad: float = 0.0005
+    joint_vel_rad_s: float = 0.05
+
+
+@dataclass(frozen=True)
+class Course:
+    """What stands before the robot: a block under the front feet, its length and width in m."""
+
+    settle_s: float = 0.5
+    """The robot stands on its terrain this long before the jump begins."""
+    after_landing_s: float = 0.3
+    """The last command is held this long after the reference ends."""
+    block_length_m: float = 0.2
+    block_width_m: float = 0.5
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One jump to make: its reference and the height of the block under the front feet, m (0: none)."""
+
+    name: str
+    reference: Jump
+    block_height_m: float = 0.0
+
+
+def make_jumps(
+    plans: Sequence[Plan], robot: Robot, effects: tuple[Effect, ...], noise: SensorNoise, course: Course,
+    rng: np.random.Generator,
+) -> list[Jump]:
+    """Let the simulated hardware make the planned jumps; logs in the order of the plans."""
+    replayer = Replayer(robot, terrain_slots=1 + max(len(plan.reference.info.terrain) for plan in plans))
+    commanded = [with_block(extended(plan.reference, course), plan, robot, course) for plan in plans]
+    standing = [replayer.first_state(Trial(held(jump, course.settle_s))) for jump in commanded]
+    standing = [raised_front(state, plan, robot) for state, plan in zip(standing, plans, strict=True)]
+    settling = [
+        Trial(held(jump, course.settle_s), effects, first_state=state)
+        for jump, state in zip(commanded, standing, strict=True)
+    ]
+    starts = [np.concatenate([m.qpos[-1], m.qvel[-1]]) for m in replayer.motions(settling)]
+    motions = replayer.motions(
+        [Trial(jump, effects, first_state=start) for jump, start in zip(commanded, starts, strict=True)]
+    )
+    return [
+        logged(plan, jump, motion, robot, noise, rng)
+        for plan, jump, motion in zip(plans, commanded, motions, strict=True)
+    ]
+
+
+def extended(reference: Jump, course: Course) -> Jump:
+    """The reference with its last command held after the landing, the plan's motion and forces ended."""
+    period = reference.info.sample_period_s
+    more = round(course.after_landing_s / period)
+    columns = {}
+    for name, values in reference.columns.items():
+        zero = name.startswith(("cmd_tau/", "cmd_vel/", "mpc_force/"))
+        columns[name] = np.concatenate([values, np.full(more, 0.0 if zero else values[-1])])
+    columns["time"] = np.arange(len(reference) + more) * period
+    return replace(reference, columns=columns)
+
+
+def held(jump: Jump, seconds: float) -> Jump:
+    """The jump's first command for some time, at rest."""
+    rows = max(2, round(seconds / jump.info.sample_period_s))
+    columns = {name: np.full(rows, values[0]) for name, values in jump.columns.items()}
+    columns["time"] = np.arange(rows) * jump.info.sample_period_s
+    return replace(jump, columns=columns)
+
+
+def with_block(jump: Jump, plan: Plan, robot: Robot, course: Course) -> Jump:
+    """The reference with the plan's block under its front feet, if it has one."""
+    if plan.block_height_m <= 0:
+        return jump
+    feet = robot.feet_in_world(
+        jump.stack(BASE_POSITION)[:1], jump.stack(BASE_QUATERNION)[:1], jump.per_joint("joint_pos", robot.joints)[:1]
+    )[0]
+    x, y = feet[[robot.feet.index(foot) for foot in robot.feet_of_pair("front")], :2].mean(axis=0)
+    size = (course.block_length_m, course.block_width_m, plan.block_height_m)
+    box = Box(round(float(x), 4), round(float(y), 4), size, plan.block_height_m)
+    return replace(jump, info=replace(jump.info, terrain=(*jump.info.terrain, box)))
+
+
+def raised_front(state: np.ndarray, plan: Plan, robot: Robot) -> np.ndarray:
+    """The first state, turned about the rear feet so that the front feet stand on the block."""
+    if plan.block_height_m <= 0:
+        return state
+    state = state.copy()
+    feet = robot.feet_in_world(state[None, :3], state[None, 3:7], state[None, robot.joint_qpos])[0]
+    front, rear = (
+        feet[[robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]].mean(axis=0) for pair in ("front", "rear")
+    )
+    pitch = -np.arcsin(plan.block_height_m / (front[0] - rear[0]))  # nose up is negative
+    c, s = np.cos(pitch), np.sin(pitch)
+    arm = state[:3] - rear
+    state[0], state[2] = rear[0] + c * arm[0] + s * arm[2], rear[2] - s * arm[0] + c * arm[2]
+    state[3:7] = [np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]
+    return state
+
+
+def logged(
+    plan: Plan, commanded: Jump, motion: Motion, robot: Robot, noise: SensorNoise, rng: np.random.Generator
+) -> Jump:
+    """The log of a motion: noisy measurements, exact commands, planned forces, and those of the joint PD."""
+    rows = len(motion.qpos)
+    draw = rng.standard_normal
+    position = motion.qpos[:, :3] + noise.base_pos_m * draw((rows, 3))
+    quaternion = turned(motion.qpos[:, 3:7], noise.base_angle_rad * draw((rows, 3)))
+    joint_pos = motion.qpos[:, robot.joint_qpos] + noise.joint_pos_rad * draw((rows, len(robot.joints)))
+    joint_vel = motion.qvel[:, robot.joint_dofs] + noise.joint_vel_rad_s * draw((rows, len(robot.joints)))
+    columns = {"time": commanded.time}
+    columns |= dict(zip(BASE_POSITION, position.T, strict=True))
+    columns |= dict(zip(BASE_QUATERNION, quaternion.T, strict=True))
+    columns |= dict(zip(BASE_VELOCITY, (motion.qvel[:, :3] + noise.base_linvel_m_s * draw((rows, 3))).T, strict=True))
+    columns |= dict(
+        zip(BASE_ANGULAR_VELOCITY, (motion.qvel[:, 3:6] + noise.base_angvel_rad_s * draw((rows, 3))).T, strict=True)
+    )
+    for i, joint in enumerate(robot.joints):
+        columns[f"joint_pos/{joint}"], columns[f"joint_vel/{joint}"] = joint_pos[:, i], joint_vel[:, i]
+    columns |= {name: values for name, values in commanded.columns.items() if name.startswith(("cmd_", "mpc_force/"))}
+    torque = commanded.per_joint("cmd_kp", robot.joints) * (
+        commanded.per_joint("cmd_pos", robot.joints) - joint_pos
+    ) + commanded.per_joint("cmd_kd", robot.joints) * (commanded.per_joint("cmd_vel", robot.joints) - joint_vel)
+    pd_force = pd_pair_force(robot, commanded.info.schedule, commanded.time, quaternion, joint_pos, torque)
+    columns |= {f"pd_force/{axis}": pd_force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
+    info = replace(commanded.info, robot=robot.name, source="simulated hardware")
+    return Jump(plan.name, {name: np.ascontiguousarray(values) for name, values in columns.items()}, info)
+
+
+def turned(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Quaternions w x y z (rows, 4), turned about the body's axes by small angles, rad, (rows, 3)."""
+    w, x, y, z = quaternion.T
+    a, b, c = (angles / 2).T
+    small = np.stack([w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c,
+                      z + w * c + x * b - y * a], axis=1)
+    return small / np.linalg.norm(small, axis=1, keepdims=True)
+
+
+def landing_error_cm(jump: Jump) -> float:
+    """Target distance − displacement of the base along its heading at the start, at the planned landing, cm.
+
+    Positive is short. Read from the log, hence with its noise.
+    """
+    row = min(len(jump) - 1, int(np.searchsorted(jump.time, jump.info.schedule.landing_s - 1e-9)))
+    dx = jump["base_pos_x"][row] - jump["base_pos_x"][0]
+    dy = jump["base_pos_y"][row] - jump["base_pos_y"][0]
+    heading = jump.yaw[0]
+    return float(100 * (jump.info.target.x_m - (dx * np.cos(heading) + dy * np.sin(heading))))

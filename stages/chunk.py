@@ -1,0 +1,43 @@
+"""Cut jump logs into the windows that models are trained and judged on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from leapgap.files import whole_folder
+from leapgap.recording import jump, windows
+from leapgap.recording.windows import TimeGrid
+from leapgap.robot.model import Robot
+from stages.common import output_folder, read_config, run_stage
+
+
+@dataclass
+class ChunkConfig:
+    """Section chunk."""
+
+    logs: str
+    contact_step_s: float
+    flight_step_s: float
+    steps: int
+    out: str | None = None
+
+    @property
+    def grid(self) -> TimeGrid:
+        """The steps of the prediction."""
+        return TimeGrid(self.contact_step_s, self.flight_step_s, self.steps)
+
+
+def chunk(config: DictConfig) -> None:
+    """Read a folder of jump logs, write their windows."""
+    section = read_config(ChunkConfig, config.chunk, "chunk")
+    out = output_folder(section.out)
+    found = windows.cut(jump.read_folder(Path(section.logs)), section.grid, Robot.load(config.robot.model))
+    with whole_folder(out) as folder:
+        windows.write(found, folder)
+    said = f"{len(found)} windows of {len(found.jumps)} jumps" if len(found) else f"no logs in {section.logs}: no windows"
+    print(f"{said} -> {out}")
+
+
+if __name__ == "__main__":
+    run_stage(chunk)

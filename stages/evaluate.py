@@ -1,0 +1,63 @@
+"""Judge the models: on held-out jumps of their windows, or, by hand, the final ones on any jump logs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from leapgap.files import read_json, whole_folder, write_json
+from leapgap.learning import evaluation, store
+from leapgap.recording import jump, windows
+from leapgap.robot.model import Robot
+from stages.common import output_folder, read_config, run_stage
+
+
+@dataclass
+class EvaluateConfig:
+    """Section evaluate."""
+
+    models: str
+    windows: str
+    metrics: str | None = None
+    logs: str | None = None
+    out: str | None = None
+
+
+def evaluate(config: DictConfig) -> None:
+    """Write the metrics and predictions of held-out jumps; with ``logs``, learning.json of those logs."""
+    section = read_config(EvaluateConfig, config.evaluate, "evaluate")
+    out, models = output_folder(section.out), Path(section.models)
+    if section.logs is not None:
+        evaluate_logs(Path(section.logs), models, Robot.load(config.robot.model), out)
+        return
+    found = windows.read(Path(section.windows))
+    metrics = Path(section.metrics) if section.metrics else out / "learning.json"
+    if not len(found):
+        with whole_folder(out) as folder:
+            write_json(folder / "note.json", {"note": "no logs: nothing was predicted"})
+        print(f"no logs: {metrics} kept" if metrics.exists() else f"no logs: {metrics} says so")
+        if not metrics.exists():
+            write_json(metrics, {"jumps": 0})
+        return
+    folds, sessions = (evaluation.held_out(found, models, prefix) for prefix in ("fold", "session"))
+    with whole_folder(out) as folder:
+        if folds is not None:
+            evaluation.write_predictions(folds, folder)
+            evaluation.write_error_by_step(folds, folder / "error_by_step.csv")
+        else:
+            write_json(folder / "note.json", {"note": "one jump: none could be held out"})
+    write_json(metrics, evaluation.metrics(folds, sessions, found))
+    print(f"{len(found)} windows of {len(found.jumps)} jumps predicted -> {metrics}, {out}")
+
+
+def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
+    """The models trained on all jumps, on logs they may never have seen."""
+    name = read_json(models / "splits.json")["models"][0]
+    found = windows.cut(jump.read_folder(logs), store.load(models / "all", name).purpose.grid, robot)
+    mse = evaluation.of_unseen(found, models) if len(found) else {}
+    write_json(out / "learning.json", {"jumps": len(found.jumps), "windows": len(found), "mse": mse})
+    print(f"{len(found.jumps)} jumps judged -> {out / 'learning.json'}" if mse else f"no logs in {logs}")
+
+
+if __name__ == "__main__":
+    run_stage(evaluate)

@@ -1,0 +1,32 @@
+"""Foreign logs to jump logs."""
+
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from leapgap.errors import InputError
+from leapgap.files import whole_folder
+from leapgap.recording import jump as jump_log
+from leapgap.recording.importers import importer
+from leapgap.robot.model import Robot
+from stages.common import output_folder, read_config, run_stage
+
+
+def import_logs(config: DictConfig) -> None:
+    """Import every jump of ``import_logs.source``; one that cannot be used stops the stage and writes nothing."""
+    settings = config.import_logs
+    source = Path(settings.source)
+    if not source.is_dir():
+        raise InputError("import_logs.source", str(source), "a folder", "name the folder of the logs")
+    layout = importer(settings.format)
+    options = read_config(layout.Options, settings[settings.format], f"import_logs.{settings.format}")
+    robot = Robot.load(config.robot.model)
+    found = layout.find(source)
+    with whole_folder(output_folder(settings.out)) as folder:
+        for name, path in found.items():
+            jump_log.write(layout.read(path, name, robot, options), folder / f"{name}.parquet")
+    print(f"{len(found)} jumps imported" if found else f"no logs in {source}: no real jumps, which is no error")
+
+
+if __name__ == "__main__":
+    run_stage(import_logs)

@@ -1,0 +1,43 @@
+"""Plan jumps to the configured targets → one reference a target, as jump logs."""
+
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+
+from leapgap.files import whole_folder, write_json
+from leapgap.planning.batch import metrics, read_targets, timing, write_references
+from leapgap.planning.formulation import Grid, Limits, Problem, Weights
+from leapgap.planning.reference import Gains, name_of
+from leapgap.planning.solve import solve_all
+from leapgap.robot.schedule import ContactSchedule
+from stages.common import output_folder, read_config, run_stage
+
+
+def optimize(config: DictConfig) -> None:
+    """Solve all targets, then write references, index and seconds; metrics where a file is named."""
+    section = config.optimize
+    grid = Grid(read_config(ContactSchedule, section.schedule, "optimize.schedule"))
+    weights = read_config(Weights, section.weights, "optimize.weights")
+    limits = read_config(Limits, section.limits, "optimize.limits")
+    gains = read_config(Gains, section.gains, "optimize.gains")
+    targets = read_targets(OmegaConf.to_container(section).get("targets"), "optimize.targets")
+    problems = [Problem(target, grid, weights=weights, limits=limits) for target in targets]
+    out = output_folder(section.out)
+    solutions = []
+    for solution in solve_all(problems):
+        solutions.append(solution)
+        print(f"{name_of(solution.problem.target)}: cost {solution.cost:.1f}, "
+              f"{solution.iterations} iterations, {solution.seconds:.2f} s", flush=True)
+    with whole_folder(out) as folder:
+        write_references(solutions, folder, gains)
+        if section.timing == "beside":
+            write_json(folder / "timing.json", timing(solutions))
+    if section.timing not in (None, "beside"):
+        write_json(Path(section.timing), timing(solutions))
+    if section.metrics is not None:
+        write_json(Path(section.metrics), metrics(solutions))
+    print(f"{len(solutions)} references in {out}")
+
+
+if __name__ == "__main__":
+    run_stage(optimize)
