@@ -81,14 +81,16 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
     return made[0], made[1]
 
 
-def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque: Any, force: Any) -> list[Scalar]:
+def inverse_dynamics_residual(
+    robot: PlanarRobot, q: Any, v: Any, a: Any, torque: Any, force: Any
+) -> list[Scalar]:
     """Newton–Euler balances, zero where the robot moves by its dynamics.
 
     Shapes: q, v, a (7,); ``torque`` (4,) N·m of the joint pairs, positive with the planner's joint angles;
-    ``force`` (4,) N of the feet *on the ground*, front x z, rear x z. Returned: the force balance of the whole
-    robot (x, z; N), then the moment balances of trunk, front thigh, front calf, rear thigh, rear calf (N·m).
-    They are M a + C + D v − S τ + Jᵀ F written in link angles: with link angles = A q[2:], Aᵀ times the
-    moments gives the rows of the Lagrangian form in q. Sparser than that form, hence faster to factorise.
+    ``force`` (4,) N of the feet *on the ground*, front x z, rear x z. Returned: the force balance of the
+    whole robot (x, z; N), then the moment balances of trunk, front thigh, front calf, rear thigh, rear calf
+    (N·m). They are M a + C + D v − S τ + Jᵀ F written in link angles: with link angles = A q[2:], Aᵀ times
+    the moments gives the rows of the Lagrangian form in q. Sparser than that form, hence faster to factorise.
     """
     masses = 2 * robot.thigh_mass, 2 * robot.calf_mass
     inertias = tuple(robot.link_inertia(mass) for mass in masses)

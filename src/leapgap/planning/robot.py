@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LINKS = ("trunk", "front_thigh", "front_calf", "rear_thigh", "rear_calf")
+TRUNK = ("x", "z", "pitch")
 JOINTS = ("front_thigh", "front_calf", "rear_thigh", "rear_calf")
 
 # Layout of q and v: position of the trunk, its pitch, the joints of the pairs.

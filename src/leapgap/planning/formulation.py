@@ -1,0 +1,407 @@
+"""The optimal jump as a nonlinear programme: variables, cost, constraints, bounds.
+
+The formulation of the published references (Nguyen et al., RA-L 2025), reproduced to print precision:
+their cost, their limits, and their discretisation
+
+    M(q_k) (v_{k+1} − v_k) / dt + C(q_k, v_k) + D v_k = S τ_k − Jᵀ F_k,    q_{k+1} = q_k + dt v_{k+1}
+
+with F the force of the feet on the ground. N steps lead from knot 0 to knot N; the jump is one step longer
+than that: knot k belongs to time (k + 1) dt, the robot standing still for the first step. With it, forces end
+and the landing falls where the contact schedule says.
+
+The programme is one per robot, limits and schedule; a target only sets bounds, so one programme serves all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.planning.dynamics import inverse_dynamics_residual, legs
+from leapgap.planning.robot import COORDINATES, FORCES, JOINT, JOINTS, PITCH, TRUNK, PlanarRobot, X, Z
+from leapgap.recording.jump import Target
+from leapgap.robot.schedule import PAIRS, ContactSchedule
+
+Bounds = tuple[np.ndarray, np.ndarray]
+"""Lower and upper."""
+
+INFINITY = float("inf")
+AMPLE = 1e3
+"""N·m and rad/s that no jump needs."""
+LONGEST_JUMP_M = 5.0
+HIGHEST_JUMP_M = 2.0
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Of the cost Σ_{k<N} (pose ‖q_j − crouch‖² + torque ‖τ‖²) + landing_pose ‖q_j(N) − crouch‖²."""
+
+    pose: float = 1.0
+    """1/rad²"""
+    torque: float = 0.05
+    """1/(N·m)², on the sum of a pair"""
+    landing_pose: float = 100.0
+    """1/rad²"""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.pose, self.torque, self.landing_pose]).all() and self.torque > 0
+                and self.pose >= 0 and self.landing_pose >= 0):
+            raise ValueError(f"{self}: weights must be finite and not negative, that of torque positive")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What robot and ground can take, as published; forces and torques are sums over a pair of legs."""
+
+    friction: float = 0.4
+    least_front_force_n: float = 30.0
+    least_rear_force_n: float = 50.0
+    stance_torque_nm: float = 67.0
+    swing_torque_nm: float = 20.0
+    """Of the front pair while the rear pair still pushes."""
+    flight_torque_nm: float = 30.0
+    joint_speed_rad_s: float = 21.0
+    thigh_min_rad: float = -4.1888
+    """Angles in the planner's sign, minus the robot's."""
+    thigh_max_rad: float = 1.047
+    calf_min_rad: float = 0.916
+    calf_max_rad: float = 2.697
+    knee_clearance_m: float = 0.05
+    """Least height of a standing leg's knee above its foot."""
+    hip_clearance_m: float = 0.07
+    """Least height of a standing leg's hip above its foot."""
+    crouch_before_landing_knots: int = 11
+    """So many knots at the end have the joints in the crouch and at rest, ready to touch down."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The contact schedule in steps of the optimiser."""
+
+    schedule: ContactSchedule
+    step_s: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not self.step_s > 0:
+            raise InputError("planner's step", f"{self.step_s:g} s", "a positive length", "use 0.01 s")
+        for name in ("double_contact_s", "rear_contact_s", "flight_s"):
+            length = getattr(self.schedule, name)
+            whole = round(length / self.step_s) if np.isfinite(length) else 0
+            if whole < 1 or abs(whole * self.step_s - length) > 1e-9:
+                shorter = max(1, int(length / self.step_s) if whole else 1) * self.step_s
+                raise InputError(
+                    f"contact schedule, {name}", f"{length:g} s",
+                    f"a whole number of {self.step_s:g} s steps, one or more",
+                    f"the nearest lengths are {shorter:g} s and {shorter + self.step_s:g} s",
+                )
+
+    def _phase_steps(self, seconds: float) -> int:
+        return round(seconds / self.step_s)
+
+    @property
+    def front_stance_knots(self) -> int:
+        """Knots at which the front feet stand."""
+        return self._phase_steps(self.schedule.double_contact_s)
+
+    @property
+    def rear_stance_knots(self) -> int:
+        """Knots at which the rear feet stand."""
+        return self._phase_steps(self.schedule.take_off_s)
+
+    @property
+    def steps(self) -> int:
+        """N; there are N + 1 knots."""
+        return self._phase_steps(self.schedule.landing_s) - 1
+
+    @property
+    def knot_times(self) -> np.ndarray:
+        """When each knot is, s, (N + 1,)."""
+        return self.step_s * np.arange(1, self.steps + 2)
+
+    def stance_knots(self, pair: int) -> int:
+        """Knots at which the feet of pair 0 (front) or 1 (rear) stand: from 0 up to this one, exclusive."""
+        return (self.front_stance_knots, self.rear_stance_knots)[pair]
+
+    def loaded(self, pair: int, knot: int) -> bool:
+        """Whether the pair pushes from this knot to the next: only where it also stands at the next."""
+        return knot + 1 < self.stance_knots(pair)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One jump to plan."""
+
+    target: Target
+    grid: Grid = field(default_factory=lambda: Grid(ContactSchedule()))
+    robot: PlanarRobot = field(default_factory=PlanarRobot)
+    weights: Weights = field(default_factory=Weights)
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        x, z = self.target.x_m, self.target.z_m
+        if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and 0 <= z <= HIGHEST_JUMP_M):
+            raise InputError(
+                "jump target", f"x {x:g} m, z {z:g} m",
+                f"x within ±{LONGEST_JUMP_M:g} m, z from 0 (the floor) to {HIGHEST_JUMP_M:g} m",
+                "give targets in metres; the A1 is known to reach -0.3 to 0.8 m and boxes up to 0.2 m",
+            )
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Motion and effort of a plan in the planner's coordinates (q as in ``planning.robot``), SI units."""
+
+    q: np.ndarray
+    """(N + 1, 7)"""
+    v: np.ndarray
+    """(N + 1, 7)"""
+    torque: np.ndarray
+    """(N, 4), of the joint pairs"""
+    force: np.ndarray
+    """(N, 4), of the feet of a pair on the ground: front x z, rear x z"""
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a constraint row, or a variable, is about."""
+
+    group: str
+    knot: int
+    what: str
+
+
+@dataclass(frozen=True)
+class Group:
+    """Unit of a group of constraints, and the violation that would matter, to compare groups by."""
+
+    unit: str
+    matters: float
+
+
+GROUPS = {
+    "dynamics": Group("N or N·m", 5.0),
+    "integration": Group("m or rad", 0.01),
+    "standing foot": Group("m", 0.01),
+    "clearance": Group("m", 0.01),
+    "friction cone": Group("N", 5.0),
+    "torque-speed limit": Group("rad/s", 1.0),
+    "position bounds": Group("m or rad", 0.01),
+    "joint speed": Group("rad/s", 1.0),
+    "start and landing speed": Group("m/s or rad/s", 0.1),
+    "torque bounds": Group("N·m", 3.0),
+    "force bounds": Group("N", 5.0),
+}
+MOTOR_GROUPS = ("torque-speed limit", "torque bounds", "joint speed")
+
+
+class Programme:
+    """The programme of a robot, its limits and a schedule: min f(w), lower ≤ g(w) ≤ upper, bounds on w.
+
+    ``w`` holds, knot by knot, q, v, the torques, and the forces of the pairs that push. Rows of ``g`` and
+    entries of ``w`` are labelled, so that a violated one can be named.
+    """
+
+    def __init__(self, grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits) -> None:
+        self.grid, self.robot, self.weights, self.limits = grid, robot, weights, limits
+        self._variables: list[ca.SX] = []
+        self.variable_labels: list[Label] = []
+        self._lower_w: list[float] = []
+        self._upper_w: list[float] = []
+        self._g: list[ca.SX] = []
+        self.row_labels: list[Label] = []
+        self._lower_g: list[float] = []
+        self._upper_g: list[float] = []
+        self._make_variables()
+        self.cost = self._cost()
+        self._dynamics()
+        self._stance()
+        self._friction()
+        self._motors()
+        self.w = ca.vertcat(*self._variables)
+        self.g = ca.vertcat(*self._g)
+        self.g_bounds = np.array(self._lower_g), np.array(self._upper_g)
+
+    # Variables and their bounds ---------------------------------------------------------------------------
+
+    def _make_variables(self) -> None:
+        self.q, self.v, self.torque, self.force = [], [], [], []
+        for k in range(self.grid.steps + 1):
+            self.q.append(self._variable(k, "position bounds", (*TRUNK, *JOINTS)))
+            held = k == 0 or self._lands_soon(k)
+            group = "start and landing speed" if held else "joint speed"
+            self.v.append(self._variable(k, group, (*TRUNK, *JOINTS)))
+            if k < self.grid.steps:
+                self.torque.append(self._variable(k, "torque bounds", JOINTS))
+                pairs = [
+                    self._variable(k, "force bounds", FORCES[2 * pair : 2 * pair + 2])
+                    if self.grid.loaded(pair, k) else ca.SX.zeros(2)
+                    for pair in (0, 1)
+                ]
+                self.force.append(ca.vertcat(*pairs))
+
+    def _variable(self, knot: int, group: str, names: Sequence[str]) -> ca.SX:
+        symbol = ca.SX.sym(f"{group}_{knot}", len(names))
+        self._variables.append(symbol)
+        self.variable_labels += [Label(group, knot, name) for name in names]
+        return symbol
+
+    # Cost and constraints ---------------------------------------------------------------------------------
+
+    def _cost(self) -> ca.SX:
+        crouch, weights = ca.DM(self.robot.crouch), self.weights
+        cost = weights.landing_pose * ca.sumsqr(self.q[-1][JOINT] - crouch)
+        for q, torque in zip(self.q, self.torque, strict=False):
+            cost += weights.pose * ca.sumsqr(q[JOINT] - crouch) + weights.torque * ca.sumsqr(torque)
+        return cost
+
+    def _constrain(self, rows: Any, lower: float, upper: float, label: Label) -> None:
+        rows = ca.vertcat(rows)
+        size = rows.numel()
+        self._g.append(rows)
+        self.row_labels += [label] * size
+        self._lower_g += [lower] * size
+        self._upper_g += [upper] * size
+
+    def _dynamics(self) -> None:
+        dt = self.grid.step_s
+        q, v, a = (ca.SX.sym(name, COORDINATES) for name in "qva")
+        torque, force = ca.SX.sym("torque", 4), ca.SX.sym("force", 4)
+        residual = ca.Function(
+            "residual", [q, v, a, torque, force],
+            [ca.vertcat(*inverse_dynamics_residual(self.robot, q, v, a, torque, force))],
+        )
+        for k in range(self.grid.steps):
+            acceleration = (self.v[k + 1] - self.v[k]) / dt
+            balance = residual(self.q[k], self.v[k], acceleration, self.torque[k], self.force[k])
+            self._constrain(balance, 0, 0, Label("dynamics", k, "balance of forces and moments"))
+            step = self.q[k + 1] - self.q[k] - dt * self.v[k + 1]
+            self._constrain(step, 0, 0, Label("integration", k, "positions against velocities"))
+
+    def _stance(self) -> None:
+        start = legs(self.robot, np.array([0, 0, 0, *self.robot.crouch]))
+        for k in range(self.grid.rear_stance_knots):
+            for pair, leg in enumerate(legs(self.robot, self.q[k])):
+                if k >= self.grid.stance_knots(pair):
+                    continue
+                name = PAIRS[pair]
+                if k > 0:  # the start is given
+                    stands = Label("standing foot", k, f"{name} feet")
+                    self._constrain(leg.foot.x - start[pair].foot.x, 0, 0, stands)
+                    self._constrain(leg.foot.z - start[pair].foot.z, 0, 0, stands)
+                floor = start[pair].foot.z
+                for what, joint, height in (
+                    ("knees", leg.knee, self.limits.knee_clearance_m),
+                    ("hips", leg.hip, self.limits.hip_clearance_m),
+                ):
+                    label = Label("clearance", k, f"{name} {what}")
+                    self._constrain(joint.z - floor, height, INFINITY, label)
+
+    def _friction(self) -> None:
+        mu = self.limits.friction
+        for k in range(self.grid.steps):
+            for pair in (0, 1):
+                if self.grid.loaded(pair, k):
+                    x, z = self.force[k][2 * pair], self.force[k][2 * pair + 1]
+                    label = Label("friction cone", k, f"{PAIRS[pair]} feet")
+                    self._constrain(x + mu * z, -INFINITY, 0, label)
+                    self._constrain(-x + mu * z, -INFINITY, 0, label)
+
+    def _motors(self) -> None:
+        fastest = self.robot.no_load_speed
+        for k in range(self.grid.steps):
+            for j, joint in enumerate(JOINTS):
+                # Of one motor: half the pair's torque.
+                load = self.robot.speed_per_torque * self.torque[k][j] / 2 + self.v[k][JOINT][j]
+                self._constrain(load, -fastest, fastest, Label("torque-speed limit", k, joint))
+
+    # Bounds and the first guess ---------------------------------------------------------------------------
+
+    def w_bounds(self, target: Target) -> Bounds:
+        """Bounds on ``w`` for a target."""
+        lower, upper = [], []
+        for k in range(self.grid.steps + 1):
+            motion = [self._position_bounds(k, target), self._velocity_bounds(k)]
+            for low, high in motion + self._effort_bounds(k):
+                lower.append(low)
+                upper.append(high)
+        return np.concatenate(lower), np.concatenate(upper)
+
+    def _position_bounds(self, knot: int, target: Target) -> Bounds:
+        lower, upper = np.full(COORDINATES, -INFINITY), np.full(COORDINATES, INFINITY)
+        limits = self.limits
+        lower[JOINT] = np.tile([limits.thigh_min_rad, limits.calf_min_rad], 2)
+        upper[JOINT] = np.tile([limits.thigh_max_rad, limits.calf_max_rad], 2)
+        if knot == 0 or self._lands_soon(knot):
+            lower[JOINT] = upper[JOINT] = self.robot.crouch
+        if knot == 0:
+            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = 0
+        if knot == self.grid.steps:
+            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = target.x_m, target.z_m, 0
+        return lower, upper
+
+    def _velocity_bounds(self, knot: int) -> Bounds:
+        upper = np.full(COORDINATES, INFINITY)
+        upper[JOINT] = 0 if self._lands_soon(knot) else self.limits.joint_speed_rad_s
+        if knot == 0:
+            upper[:] = 0
+        return -upper, upper
+
+    def _effort_bounds(self, knot: int) -> list[Bounds]:
+        if knot == self.grid.steps:
+            return []
+        limits = self.limits
+        if knot < self.grid.front_stance_knots:
+            front = rear = limits.stance_torque_nm
+        elif knot < self.grid.rear_stance_knots:
+            front, rear = limits.swing_torque_nm, limits.stance_torque_nm
+        else:
+            front = rear = limits.flight_torque_nm
+        torque = np.array([front, front, rear, rear])
+        bounds = [(-torque, torque)]
+        for pair, least in enumerate((limits.least_front_force_n, limits.least_rear_force_n)):
+            if self.grid.loaded(pair, knot):
+                bounds.append((np.array([-INFINITY, -INFINITY]), np.array([INFINITY, -least])))
+        return bounds
+
+    def _lands_soon(self, knot: int) -> bool:
+        return knot > self.grid.steps - self.limits.crouch_before_landing_knots
+
+    def without_motor_limits(self, w_bounds: Bounds) -> tuple[Bounds, Bounds]:
+        """The given bounds on ``w``, and those on ``g``, with motors as strong and as fast as it takes."""
+        freed = []
+        for (lower, upper), labels in ((w_bounds, self.variable_labels), (self.g_bounds, self.row_labels)):
+            motor = np.array([label.group in MOTOR_GROUPS for label in labels])
+            freed.append((np.where(motor, -AMPLE, lower), np.where(motor, AMPLE, upper)))
+        return freed[0], freed[1]
+
+    @cached_property
+    def first_guess(self) -> np.ndarray:
+        """Standing in the crouch with torques of 2 N·m, as published."""
+        crouch = dict(zip(JOINTS, self.robot.crouch, strict=True))
+        by_group = {"position bounds": crouch, "torque bounds": dict.fromkeys(JOINTS, 2.0)}
+        return np.array([by_group.get(at.group, {}).get(at.what, 0.0) for at in self.variable_labels])
+
+    @cached_property
+    def _evaluate(self) -> ca.Function:
+        blocks = [ca.horzcat(*block).T for block in (self.q, self.v, self.torque, self.force)]
+        return ca.Function("evaluate", [self.w], [self.cost, self.g, *blocks])
+
+    def trajectory(self, w: np.ndarray) -> Trajectory:
+        """The motion and effort in ``w``."""
+        _, _, *blocks = self._evaluate(w)
+        return Trajectory(*(np.array(block) for block in blocks))
+
+    def cost_of(self, w: np.ndarray) -> float:
+        """f(w)."""
+        return float(self._evaluate(w)[0])
+
+    def violations(self, w: np.ndarray, target: Target) -> tuple[np.ndarray, list[Label]]:
+        """By how much each constraint row and each bound is broken at ``w``, in its unit, and its label."""
+        g = np.array(self._evaluate(w)[1]).ravel()
+        parts = [(g, *self.g_bounds), (w, *self.w_bounds(target))]
+        amounts = [np.maximum(0, np.maximum(lower - value, value - upper)) for value, lower, upper in parts]
+        return np.concatenate(amounts), [*self.row_labels, *self.variable_labels]

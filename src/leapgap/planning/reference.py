@@ -1,0 +1,163 @@
+"""A plan as a jump log: the planner's five links become the robot's trunk and twelve joints, at 1 kHz.
+
+The planner's knot k belongs to time (k + 1) dt, so that the feet stand as long as the contact schedule says
+and the jump lands at its end; until the first knot the robot stands still. Between the knots
+
+* positions are cubic Hermite curves through the knots whose slope at knot k is (v_k + v_{k+1}) / 2, because
+  the discretisation's v_{k+1} is the mean velocity from k to k + 1; velocities are their derivatives;
+* torques and forces of knot k are held from dt/2 before to dt/2 after it, because they turn v_k, the mean
+  velocity before the knot, into v_{k+1}, the mean velocity behind it (those of the first knot from the start
+  on). Newton's law then carries the centre of mass along the reference within 1 mm at take-off; held from
+  knot to knot, half a step late, within 7 mm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from leapgap.planning.dynamics import legs
+from leapgap.planning.robot import FORCES, JOINT, JOINTS, PITCH, PlanarRobot, X, Z
+from leapgap.planning.solve import Solution
+from leapgap.recording.jump import Box, Jump, JumpInfo, Target
+from leapgap.robot.schedule import PAIRS
+
+ROBOT = "a1"
+SAMPLES_PER_SECOND = 1000
+LEGS = ("FR", "FL", "RR", "RL")
+PAIR_OF_LEG = {"FR": "front", "FL": "front", "RR": "rear", "RL": "rear"}
+FOOT_RADIUS = 0.02
+"""m; the planner's feet are points, at the centres of the robot's spheres."""
+BOX_MARGIN = 0.02
+"""m, least distance of a box from the feet that start in front of it."""
+BOX_EDGES = (1.2, 1.0)
+"""m, along x and y: room to land and stand."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Of the joint PD that tracks a reference; as published: 300 and 3 on every joint."""
+
+    kp_nm_per_rad: float = 300.0
+    kd_nms_per_rad: float = 3.0
+
+
+def name_of(target: Target) -> str:
+    """Name of a reference as published, height and distance in cm: h00_d60, h20_d60, h00_d-10, h00_d55.5."""
+    def centimetres(metres: float) -> str:
+        value = round(100 * metres, 6) + 0.0
+        whole = f"{abs(int(value)):02d}"
+        fraction = f"{abs(value) % 1:.6f}".rstrip("0").lstrip("0").rstrip(".")
+        return ("-" if value < 0 else "") + whole + fraction
+
+    return f"h{centimetres(target.z_m)}_d{centimetres(target.x_m)}"
+
+
+def to_jump(solution: Solution, gains: Gains) -> Jump:
+    """The reference of a plan: motion, forces and commands at each millisecond up to the landing."""
+    problem = solution.problem
+    grid = problem.grid
+    rows = round(grid.schedule.landing_s * SAMPLES_PER_SECOND) + 1
+    time = np.arange(rows) / SAMPLES_PER_SECOND
+    q, v = motion(solution, time)
+    torque, force = effort(solution, time)
+    columns = {"time": time} | base_columns(problem.robot, q, v)
+    columns |= joint_columns(q, v, torque, gains)
+    columns |= {f"mpc_force/{axis}": positive_zero(-force[:, i]) for i, axis in enumerate(FORCES)}
+    stands = grid.schedule.in_contact(time).astype(float)
+    columns |= {f"contact/{leg}": stands[:, PAIRS.index(PAIR_OF_LEG[leg])] for leg in LEGS}
+    info = JumpInfo(
+        robot=ROBOT, sample_period_s=1 / SAMPLES_PER_SECOND, schedule=grid.schedule, target=problem.target,
+        source="planned", terrain=terrain(problem.robot, problem.target),
+    )
+    return Jump(name_of(problem.target), columns, info)
+
+
+def motion(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Planner's q and its derivative at the given times, each (rows, 7)."""
+    knots, plan = solution.problem.grid.knot_times, solution.trajectory
+    slope = np.zeros_like(plan.v)
+    slope[1:-1] = (plan.v[1:-1] + plan.v[2:]) / 2
+    slope[-1] = plan.v[-1] + (plan.v[-1] - plan.v[-2]) / 2
+    stand = plan.q[:1]
+    curve = CubicHermiteSpline(
+        np.concatenate([[0.0], knots]), np.concatenate([stand, plan.q]), np.concatenate([0 * stand, slope]),
+    )
+    return curve(time), curve(time, 1)
+
+
+def effort(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Planner's pair torques and forces on the ground at the given times, each (rows, 4)."""
+    grid, plan = solution.problem.grid, solution.trajectory
+    since_hold = (time - grid.knot_times[0]) / grid.step_s + 0.5
+    knot = np.clip(np.floor(since_hold + 1e-6).astype(int), 0, grid.steps - 1)
+    return plan.torque[knot], plan.force[knot]
+
+
+def base_columns(robot: PlanarRobot, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
+    """Trunk in the world: the feet's spheres stand on the floor z = 0 at the start."""
+    still = np.zeros(len(q))
+    height = FOOT_RADIUS - start_feet(robot)[0][1]
+    return {
+        "base_pos_x": positive_zero(q[:, X]), "base_pos_y": still, "base_pos_z": q[:, Z] + height,
+        "base_quat_w": np.cos(q[:, PITCH] / 2), "base_quat_x": still,
+        "base_quat_y": positive_zero(np.sin(q[:, PITCH] / 2)), "base_quat_z": still,
+        "base_linvel_x": positive_zero(v[:, X]), "base_linvel_y": still,
+        "base_linvel_z": positive_zero(v[:, Z]),
+        "base_angvel_x": still, "base_angvel_y": positive_zero(v[:, PITCH]), "base_angvel_z": still,
+    }
+
+
+def joint_columns(q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: Gains) -> dict[str, np.ndarray]:
+    """The twelve joints: minus the planner's angles, half a pair's torque to each leg, abduction at zero."""
+    still = np.zeros(len(q))
+    columns: dict[str, np.ndarray] = {}
+    for leg in LEGS:
+        for group in ("hip", "thigh", "calf"):
+            joint = f"{leg}_{group}"
+            if group == "hip":
+                position = velocity = feed_forward = still
+            else:
+                j = JOINTS.index(f"{PAIR_OF_LEG[leg]}_{group}")
+                position, velocity, feed_forward = (
+                    positive_zero(-each) for each in (q[:, JOINT][:, j], v[:, JOINT][:, j], torque[:, j] / 2)
+                )
+            columns |= {
+                f"joint_pos/{joint}": position, f"joint_vel/{joint}": velocity,
+                f"cmd_tau/{joint}": feed_forward,
+                f"cmd_pos/{joint}": position, f"cmd_vel/{joint}": velocity,
+                f"cmd_kp/{joint}": still + gains.kp_nm_per_rad,
+                f"cmd_kd/{joint}": still + gains.kd_nms_per_rad,
+            }
+    return columns
+
+
+def start_feet(robot: PlanarRobot) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Front and rear foot (x, z) against the trunk in the crouch, m."""
+    front, rear = legs(robot, np.array([0, 0, 0, *robot.crouch]))
+    return (float(front.foot.x), float(front.foot.z)), (float(rear.foot.x), float(rear.foot.z))
+
+
+def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:
+    """The box a jump lands on, if it lands higher than it started.
+
+    Its near edge lies midway between the feet that start in front of it and those that land on it; where
+    these overlap (boxes nearer than about 0.42 m), just beyond the feet at the start.
+    """
+    if target.z_m == 0:
+        return ()
+    (front, _), (rear, _) = start_feet(robot)
+    forward = 1.0 if target.x_m >= 0 else -1.0
+    leading, trailing = (front, rear) if forward > 0 else (rear, front)
+    last_at_start = forward * leading + FOOT_RADIUS
+    first_at_landing = forward * (target.x_m + trailing) - FOOT_RADIUS
+    near = max(last_at_start + BOX_MARGIN, (last_at_start + first_at_landing) / 2)
+    size = (BOX_EDGES[0], BOX_EDGES[1], target.z_m)
+    return (Box(x_m=forward * (near + BOX_EDGES[0] / 2), y_m=0.0, size_m=size, top_m=target.z_m),)
+
+
+def positive_zero(values: np.ndarray) -> np.ndarray:
+    """The same values with −0 turned to 0, which reads better in a file."""
+    return values + 0.0
+
+
