@@ -43,8 +43,8 @@ WARM: dict[str, Any] = {
     **COLD,
     "warm_start_init_point": "yes",
     "mu_strategy": "monotone",
-    "mu_init": 1e-3,
-    "max_iter": 60,                 # beyond, a cold start is the better use of time
+    "mu_init": 1e-4,
+    "max_iter": 45,                 # usually 5 to 20; beyond, a cold start is the better use of time
     **dict.fromkeys(
         ("warm_start_bound_push", "warm_start_bound_frac", "warm_start_slack_bound_push",
          "warm_start_slack_bound_frac", "warm_start_mult_bound_push"), 1e-6,

@@ -1,0 +1,21 @@
+"""Tell where the results are, and how to look at them; the last line of `make run`."""
+
+from pathlib import Path
+
+REPORTS = Path("data/reports")
+
+
+def main() -> None:
+    """Name the report that matters most, the others, and the recordings."""
+    real, simulated = REPORTS / "real" / "report.html", REPORTS / "simulated" / "report.html"
+    if not real.exists():
+        print("data/raw holds no logs of a real robot: this is the report of simulated hardware.")
+    report = real if real.exists() else simulated
+    print(f"report: {report}\n  open it:    xdg-open {report}")
+    if report is real:
+        print(f"  simulated:  {simulated}")
+    print("  recordings: rerun data/views/*.rrd")
+
+
+if __name__ == "__main__":
+    main()
