@@ -28,7 +28,8 @@ def test_metrics_and_timing_are_by_reference(solutions):
 
 
 @pytest.mark.parametrize("pairs", [
-    None, 5, "0.5,0", [], [0.5, 0.0], [[0.5]], [[0.5, "a"]], [[0.5, float("nan")]], [[0.5, True]], [[0.5, 0.0, 0.0]],
+    None, 5, "0.5,0", [], [0.5, 0.0], [[0.5]], [[0.5, "a"]], [[0.5, float("nan")]], [[0.5, True]],
+    [[0.5, 0.0, 0.0]],
 ])
 def test_what_is_no_list_of_targets_is_refused(pairs):
     with pytest.raises(InputError, match=r"optimize\.targets"):

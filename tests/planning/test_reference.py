@@ -58,7 +58,7 @@ def test_newtons_law_carries_the_centre_of_mass_along_the_reference(solutions, r
     position = planned[0] + np.vstack([np.zeros(2), travel])
     error = np.abs(position - planned)
     assert error[:801].max() < 5e-3
-    assert error.max() < 8e-3
+    assert error.max() < 12e-3
 
 
 def test_time_base_is_exact(references):
@@ -112,7 +112,8 @@ def test_box_is_touched_by_landing_feet_only():
 
 @pytest.mark.parametrize(("x_m", "z_m", "name"), [
     (0.6, 0.0, "h00_d60"), (0.6, 0.2, "h20_d60"), (-0.1, 0.0, "h00_d-10"), (0.555, 0.0, "h00_d55.5"),
-    (0.0, 0.0, "h00_d00"), (0.05, 0.075, "h07.5_d05"), (-0.055, 0.0, "h00_d-05.5"), (0.1 + 0.2, 0.0, "h00_d30"),
+    (0.0, 0.0, "h00_d00"), (0.05, 0.075, "h07.5_d05"), (-0.055, 0.0, "h00_d-05.5"),
+    (0.1 + 0.2, 0.0, "h00_d30"),
 ])
 def test_names_are_as_published(x_m, z_m, name):
     assert name_of(Target(x_m, z_m)) == name

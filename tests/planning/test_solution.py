@@ -161,9 +161,8 @@ def test_another_schedule_moves_the_phases():
 
 def test_what_stands_in_the_way_of_a_high_jump_is_named():
     problem = Problem(Target(0.6, 0.4))
-    assert re.fullmatch(
-        r"torque-speed limit, rear_calf, knot 7\d, by 9\.\d+ rad/s", str(planner_of(problem).obstacle(problem))
-    )
+    obstacle = str(planner_of(problem).obstacle(problem))
+    assert re.fullmatch(r"torque-speed limit, rear_calf, knot 7\d, by 9\.\d+ rad/s", obstacle)
 
 
 def test_a_jump_of_three_metres_is_refused_with_target_and_limit():

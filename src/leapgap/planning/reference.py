@@ -7,8 +7,8 @@ and the jump lands at its end; until the first knot the robot stands still. Betw
   the discretisation's v_{k+1} is the mean velocity from k to k + 1; velocities are their derivatives;
 * torques and forces of knot k are held from dt/2 before to dt/2 after it, because they turn v_k, the mean
   velocity before the knot, into v_{k+1}, the mean velocity behind it (those of the first knot from the start
-  on). Newton's law then carries the centre of mass along the reference within 1 mm at take-off; held from
-  knot to knot, half a step late, within 7 mm.
+  on). Newton's law then carries the centre of mass to within 1 mm of the reference at the take-off of a 60 cm
+  jump; held from knot to knot, half a step late, to within 7 mm.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,9 @@ from scipy.interpolate import CubicHermiteSpline
 from leapgap.planning.dynamics import legs
 from leapgap.planning.robot import FORCES, JOINT, JOINTS, PITCH, PlanarRobot, X, Z
 from leapgap.planning.solve import Solution
-from leapgap.recording.jump import Box, Jump, JumpInfo, Target
+from leapgap.recording.jump import Jump, JumpInfo, Target
 from leapgap.robot.schedule import PAIRS
+from leapgap.robot.terrain import Box
 
 ROBOT = "a1"
 SAMPLES_PER_SECOND = 1000
@@ -28,8 +29,8 @@ LEGS = ("FR", "FL", "RR", "RL")
 PAIR_OF_LEG = {"FR": "front", "FL": "front", "RR": "rear", "RL": "rear"}
 FOOT_RADIUS = 0.02
 """m; the planner's feet are points, at the centres of the robot's spheres."""
-BOX_MARGIN = 0.02
-"""m, least distance of a box from the feet that start in front of it."""
+BOX_MARGIN = 0.05
+"""m, least distance of a box from the feet that start in front of it: knees bend beyond them."""
 BOX_EDGES = (1.2, 1.0)
 """m, along x and y: room to land and stand."""
 
@@ -142,7 +143,7 @@ def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:
     """The box a jump lands on, if it lands higher than it started.
 
     Its near edge lies midway between the feet that start in front of it and those that land on it; where
-    these overlap (boxes nearer than about 0.42 m), just beyond the feet at the start.
+    these overlap (boxes nearer than about 0.46 m), just beyond the feet at the start.
     """
     if target.z_m == 0:
         return ()
