@@ -25,7 +25,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Shape:
-    """One visual shape, fixed to a body; position and orientation in the body's axes, about the shape's centre."""
+    """One visual shape, fixed to a body: where its centre is and how it is turned, in the body's axes."""
 
     body: str
     kind: str
@@ -71,8 +71,8 @@ def bodies(robot: Robot) -> tuple[str, ...]:
 def shapes(robot: Robot) -> tuple[Shape, ...]:
     """Visual shapes of the robot's bodies: geoms of groups 0–2, or every geom of a body that has none there.
 
-    The world's own geoms (the floor) are not part of the robot; height fields and signed distance fields have no
-    shape here.
+    The world's own geoms (the floor) are not part of the robot; height fields and signed distance fields have
+    no shape here.
     """
     model, names = robot.model, bodies(robot)
     found = []

@@ -1,0 +1,104 @@
+"""Recordings of everything the pipeline made: which folders are shown, and as what."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from leapgap.errors import InputError
+from leapgap.recording.jump import Jump, read
+from leapgap.robot.model import Robot
+from leapgap.view.jump import record_jump
+from leapgap.view.prediction import record_prediction
+
+GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}
+"""Subfolders of a folder of replays, and what the ghosts are called."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Section ``view`` of the configuration; folders that are missing or empty are skipped."""
+
+    references: str
+    simulated: str
+    real: str
+    replays_simulated: str
+    replays_real: str
+    predictions_simulated: str
+    predictions_real: str
+    most: int
+    """Recordings of each kind, the first by name."""
+    most_predictions: int
+    """Jumps with predictions of each kind, the first by name."""
+    out: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.most < 0 or self.most_predictions < 0:
+            raise ValueError(f"most {self.most} and most_predictions {self.most_predictions}: 0 or more")
+
+
+def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
+    """Write every recording into ``out``; one line for each kind says what was written or skipped."""
+    for kind, label, folder, replays in (
+        ("reference", "reference", view.references, None),
+        ("simulated", "simulated", view.simulated, view.replays_simulated),
+        ("real", "measured", view.real, view.replays_real),
+    ):
+        logs = logs_in(Path(folder))
+        for path in islice(logs, view.most):
+            jump = read(path)
+            record_jump(
+                out / f"{kind}_{jump.name}.rrd",
+                jump,
+                robot,
+                ghosts_of(jump, replays),
+                title=f"{kind} {jump.name}",
+                label=label,
+            )
+        yield said(kind, folder, len(logs), view.most)
+    for kind, folder, of_jumps in (
+        ("simulated", view.predictions_simulated, view.simulated),
+        ("real", view.predictions_real, view.real),
+    ):
+        tables = logs_in(Path(folder))
+        for path in islice(tables, view.most_predictions):
+            jump = predicted_jump(path, Path(of_jumps))
+            record_prediction(
+                out / f"prediction_{kind}_{jump.name}.rrd",
+                jump,
+                robot,
+                path,
+                title=f"predictions of {kind} {jump.name}",
+            )
+        yield said(f"prediction_{kind}", folder, len(tables), view.most_predictions)
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Parquet files of a folder by name; none where there is no such folder."""
+    return sorted(folder.glob("*.parquet"))
+
+
+def ghosts_of(jump: Jump, replays: str | None) -> dict[str, Jump]:
+    """The simulated versions of a jump that a folder of replays has."""
+    if replays is None:
+        return {}
+    found = {name: Path(replays) / kind / f"{jump.name}.parquet" for kind, name in GHOSTS.items()}
+    return {name: read(path) for name, path in found.items() if path.is_file()}
+
+
+def predicted_jump(predictions: Path, jumps: Path) -> Jump:
+    """The jump log that a table of predictions belongs to."""
+    log = jumps / predictions.name
+    if not log.is_file():
+        raise InputError(
+            predictions, f"no jump log {log}", "a log of the same name", "predict jumps of that folder again"
+        )
+    return read(log)
+
+
+def said(kind: str, folder: str, there: int, most: int) -> str:
+    """One line about a kind of recording."""
+    if not there:
+        return f"{kind}: nothing in {folder}, skipped"
+    left = f", {there - most} more not shown" if there > most else ""
+    return f"{kind}: {min(there, most)} from {folder}{left}"

@@ -1,0 +1,22 @@
+"""Stage view: everything the pipeline made as Rerun recordings, ``rerun <out>/*.rrd``."""
+
+from omegaconf import DictConfig
+
+from leapgap.files import whole_folder
+from leapgap.robot.model import Robot
+from leapgap.view.gallery import View, record_all
+from stages.common import output_folder, read_config, run_stage
+
+
+def view(config: DictConfig) -> None:
+    """Show references, jumps with their simulated ghosts, and predictions; empty folders are skipped."""
+    chosen = read_config(View, config.view, "view")
+    out = output_folder(chosen.out)
+    with whole_folder(out) as beside:
+        for line in record_all(chosen, Robot.load(config.robot.model), beside):
+            print(line)
+    print(f"look at them: rerun {out}/*.rrd")
+
+
+if __name__ == "__main__":
+    run_stage(view)

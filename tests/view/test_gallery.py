@@ -1,0 +1,38 @@
+from dataclasses import replace
+
+import pytest
+
+from leapgap.errors import InputError
+from leapgap.recording.jump import write
+from leapgap.view.gallery import View, record_all
+from tests.view.read_back import Recorded
+from tests.view.test_prediction import write_predictions
+
+
+@pytest.fixture
+def folders(tmp_path):
+    names = (
+        "references", "simulated", "real", "replays_simulated", "replays_real", "predictions_simulated",
+        "predictions_real",
+    )  # fmt: skip
+    return View(**{name: str(tmp_path / name) for name in names}, most=1, most_predictions=1)
+
+
+def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, folders):
+    for name in ("hop", "hop_2"):
+        write(replace(hop, name=name), tmp_path / "real" / f"{name}.parquet")
+    write(ghost, tmp_path / "replays_real" / "nominal" / "hop.parquet")
+    (tmp_path / "predictions_real").mkdir()
+    write_predictions(tmp_path / "predictions_real" / "hop.parquet", ["nominal"])
+    lines = list(record_all(folders, robot, tmp_path / "out"))
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"real_hop.rrd", "prediction_real_hop.rrd"}
+    assert "/world/nominal_simulation/trunk" in Recorded(tmp_path / "out" / "real_hop.rrd").moving
+    assert f"real: 1 from {tmp_path / 'real'}, 1 more not shown" in lines
+    assert f"reference: nothing in {tmp_path / 'references'}, skipped" in lines
+
+
+def test_predictions_without_their_jump_are_refused(tmp_path, robot, folders):
+    (tmp_path / "predictions_real").mkdir()
+    write_predictions(tmp_path / "predictions_real" / "gone.parquet", ["nominal"])
+    with pytest.raises(InputError, match=r"no jump log .*real/gone\.parquet"):
+        list(record_all(folders, robot, tmp_path / "out"))
