@@ -25,9 +25,13 @@ def jump_blueprint(actors: Sequence[Actor], notes: bool = True) -> rrb.Blueprint
     forces = []
     if any(has_pair_force(main.jump, source) for source in FORCE_COLOURS):
         for axis in PAIR_FORCE_AXES:
-            forces.append(plot(f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]"))
+            forces.append(
+                plot(
+                    f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0]
+                )
+            )
     if any(f"foot_force/{foot}" in main.jump for foot in main.robot.feet):
-        forces.append(plot("forces/foot_sensors", "foot sensors [as logged]"))
+        forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
     if forces:
         tabs.append(rrb.Grid(*forces, grid_columns=2, name="Ground forces on the robot"))
     tabs.append(
