@@ -35,8 +35,7 @@ def chunk(config: DictConfig) -> None:
     found = windows.cut(jump.read_folder(Path(section.logs)), section.grid, Robot.load(config.robot.model))
     with whole_folder(out) as folder:
         windows.write(found, folder)
-    said = f"{len(found)} windows of {len(found.jumps)} jumps" if len(found) else f"no logs in {section.logs}: no windows"
-    print(f"{said} -> {out}")
+    print("no logs: no windows" if not len(found) else f"{len(found)} windows of {len(found.jumps)} jumps", "->", out)
 
 
 if __name__ == "__main__":

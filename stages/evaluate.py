@@ -52,7 +52,7 @@ def evaluate(config: DictConfig) -> None:
 
 def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
     """The models trained on all jumps, on logs they may never have seen."""
-    name = read_json(models / "splits.json")["models"][0]
+    name = read_json(models / "splits.json")["all"]["models"][0]
     found = windows.cut(jump.read_folder(logs), store.load(models / "all", name).purpose.grid, robot)
     mse = evaluation.of_unseen(found, models) if len(found) else {}
     write_json(out / "learning.json", {"jumps": len(found.jumps), "windows": len(found), "mse": mse})

@@ -235,8 +235,9 @@ def forces(jump: Jump) -> np.ndarray:
         return jump.pair_force("train_force")
     if {"mpc_force", "pd_force"} <= sources:
         return jump.pair_force("mpc_force") + jump.pair_force("pd_force")
+    found = f"only {', '.join(sources)}" if sources else "no column of them"
     raise InputError(
-        jump.name, f"no forces ({', '.join(sorted(sources)) or 'none of their columns'} only)",
+        jump.name, f"no forces ({found})",
         "train_force, or mpc_force and pd_force, of both pairs", "log them, or leave this log out")
 
 
@@ -270,7 +271,8 @@ def read(folder: Path) -> Windows:
     arrays = read_npz(folder / "windows.npz")
     try:
         return Windows(
-            grid=TimeGrid(**about["grid"]), schedule=ContactSchedule(**about["schedule"]) if about["schedule"] else None,
+            grid=TimeGrid(**about["grid"]),
+            schedule=ContactSchedule(**about["schedule"]) if about["schedule"] else None,
             robot=about["robot"], robot_sha256=about["robot_sha256"], jumps=tuple(about["jumps"]), **arrays)
     except (KeyError, TypeError) as error:
         raise InputError(folder, f"windows that do not fit ({error})", "windows of this version",

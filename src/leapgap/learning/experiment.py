@@ -1,0 +1,230 @@
+"""All models on all splits: fitted where they are not there yet, kept where they are."""
+
+import csv
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Set
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import leapgap
+from leapgap.errors import InputError
+from leapgap.files import read_json, whole_file, write_json
+from leapgap.learning import kernel, untrained
+from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
+from leapgap.learning.kernel import KernelConfig
+from leapgap.learning.model import Model, Nominal
+from leapgap.learning.network import NetworkModel
+from leapgap.learning.splits import Split, everything, folds, sessions
+from leapgap.learning.store import Purpose, Stored, save, stored_key
+from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
+from leapgap.recording.windows import ARRAYS, Windows
+from leapgap.robot.rigid_body import PUBLISHED, RigidBody
+
+CODE = ("learning", "recording/windows.py", "robot/rigid_body.py", "robot/schedule.py")
+"""What a trained model depends on, in this package."""
+FORECAST = "kernel_forecast"
+NO_PHASE = "_no_phase"
+
+
+@dataclass
+class TrainConfig:
+    """Section train."""
+
+    windows: str
+    out: str | None = None
+    models: list[str] = field(default_factory=list)
+    """Which of the models to fit, by name."""
+    not_in_sessions: list[str] = field(default_factory=list)
+    """Those left out where whole sessions are held out, to save time."""
+    folds: int = 4
+    sessions: list[list[str]] | None = None
+    """Patterns of the names of the jumps of each session."""
+    seed: int = 0
+    mass_kg: float = 12.453
+    pitch_inertia_kgm2: float = 0.347
+    """Of the nominal body that residuals correct."""
+    kernel: KernelConfig = field(default_factory=KernelConfig)
+    networks: NetworksConfig = field(default_factory=NetworksConfig)
+    published_recipe: PublishedRecipeConfig = field(default_factory=PublishedRecipeConfig)
+    steps_an_epoch: int = 25
+    threads: int = 2
+    """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
+    trainer: dict[str, Any] = field(default_factory=dict)
+
+    def models_of(self, split: Split) -> list[str]:
+        """What is fitted on a split."""
+        skipped = self.not_in_sessions if split.name.startswith("session") else []
+        return [name for name in self.models if name not in skipped]
+
+    @property
+    def body(self) -> RigidBody:
+        """The nominal body."""
+        return RigidBody(self.mass_kg, self.pitch_inertia_kgm2)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One model of one split."""
+
+    config: TrainConfig
+    split: Split
+    name: str
+    train: Windows
+    held_out: Windows
+    scratch: Path
+
+    @property
+    def inputs(self) -> dict[str, dict[str, float]]:
+        """Inputs of the learned models, without the phase where the model's name says so."""
+        given = {"kernel": self.config.kernel.inputs, "networks": self.config.networks.inputs}
+        without = self.name.endswith(NO_PHASE)
+        return {kind: {name: weight for name, weight in inputs.items() if not (without and name == "phase")}
+                for kind, inputs in given.items()}
+
+
+Curve = list[list[float | None]]
+
+
+def fit_kernel(task: Task) -> tuple[Model, Curve]:
+    """Residual of the body with fitted gains."""
+    config = KernelConfig(**{**vars(task.config.kernel), "inputs": task.inputs["kernel"]})
+    return kernel.fit(task.train, fit_gains(task.train, task.config.body), config), []
+
+
+def fit_forecast(task: Task) -> tuple[Model, Curve]:
+    """What acts later is not known: no feet and forces among the inputs."""
+    return kernel.fit_forecast(task.train, task.config.kernel), []
+
+
+def fit_networks(task: Task) -> tuple[Model, Curve]:
+    """Ours: residual of the body with fitted gains."""
+    config = NetworksConfig(**{**vars(task.config.networks), "inputs": task.inputs["networks"]})
+    nominal = fit_gains(task.train, task.config.body)
+    start = untrained.networks(task.train, nominal, config, np.random.default_rng(task.config.seed))
+    return descend(start, task, config.fitting)
+
+
+def fit_published(task: Task) -> tuple[Model, Curve]:
+    """The paper's."""
+    config = task.config.published_recipe
+    nominal = Nominal(RigidBody(config.mass_kg, config.pitch_inertia_kgm2))
+    start = untrained.published(task.train.grid, nominal, config, np.random.default_rng(task.config.seed))
+    return descend(start, task, config.fitting)
+
+
+def descend(start: NetworkModel, task: Task, fitting: Fitting) -> tuple[Model, Curve]:
+    """Train; torch and Lightning take seconds to import, so only here."""
+    from leapgap.learning import training
+
+    held_out = task.held_out if len(task.held_out) else None
+    run = training.Run(task.config.seed, task.config.threads, task.config.trainer, task.scratch,
+                       f"{task.split.name} {task.name}", task.config.steps_an_epoch)
+    return training.fit(start, task.train, held_out, fitting, run)
+
+
+FITS: dict[str, Callable[[Task], tuple[Model, Curve]]] = {
+    "nominal": lambda task: (NominalModel(Nominal(task.config.body)), []),
+    "nominal_published": lambda task: (NominalModel(Nominal(PUBLISHED)), []),
+    "nominal_fitted": lambda task: (NominalModel(fit_gains(task.train, task.config.body)), []),
+    "constant_velocity": lambda task: (ConstantVelocity(), []),
+    "playback": lambda task: (Playback.fit(task.train), []),
+    "kernel": fit_kernel,
+    "kernel" + NO_PHASE: fit_kernel,
+    FORECAST: fit_forecast,
+    "networks": fit_networks,
+    "networks" + NO_PHASE: fit_networks,
+    "published_recipe": fit_published,
+}
+"""Every model, by the name its figures go under."""
+
+
+def train(windows: Windows, config: TrainConfig, out: Path) -> list[str]:
+    """Fit every model on every split into ``<out>/<split>/<model>``; the names of what had to be fitted.
+
+    A model whose data, settings and code are unchanged is kept; files of models nobody asked for are removed.
+    Beside them: ``splits.json``, and ``curves.csv`` of those that were trained in steps.
+    """
+    unknown = [name for name in config.models if name not in FITS]
+    if unknown:
+        raise InputError("train.models", ", ".join(unknown), f"some of {', '.join(FITS)}", "correct conf/train")
+    out.mkdir(parents=True, exist_ok=True)
+    if not len(windows):
+        forget(out, set())
+        write_json(out / "note.json", {"note": "no logs: nothing was trained"})
+        return []
+    splits = [*folds(windows.jumps, config.folds), *sessions(windows.jumps, config.sessions or []),
+              everything(windows.jumps)]
+    keys = {(split.name, name): key_of(windows, split, name, config) for split in splits
+            for name in config.models_of(split)}
+    forget(out, {f"{split}/{name}" for split, name in keys}, {f"{name}-{key[:12]}" for (_, name), key in keys.items()})
+    fitted = []
+    for split in splits:
+        for name in config.models_of(split):
+            key = keys[split.name, name]
+            if stored_key(out / split.name, name) != key:
+                scratch = out / split.name / f".{name}-{key[:12]}"
+                train_on, held_out = (windows.of_jumps(jumps) for jumps in (split.train, split.held_out))
+                model, curve = FITS[name](Task(config, split, name, train_on, held_out, scratch))
+                write_json(out / split.name / f"{name}.curve.json", {"rows": curve})
+                save(Stored(model, Purpose.of(windows), split.train, key), out / split.name, name)
+                fitted.append(f"{split.name}/{name}")
+    write_json(out / "splits.json", {
+        split.name: {"models": config.models_of(split), "train": split.train, "held_out": split.held_out}
+        for split in splits})
+    write_all_curves(out, {split.name: config.models_of(split) for split in splits})
+    return fitted
+
+
+def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:
+    """Hash of a model's training windows, settings and code; its held-out windows only shape its curve."""
+    settings = asdict(config)
+    for place in ("windows", "out", "models", "not_in_sessions", "folds", "sessions"):
+        settings.pop(place)
+    for section in ("kernel", "networks", "published_recipe"):
+        if not name.startswith(section):
+            settings.pop(section)
+    settings["trainer"].pop("enable_progress_bar", None)
+    digest = hashlib.sha256(json.dumps([name, settings, split.train, split.held_out], sort_keys=True).encode())
+    for array in ARRAYS:
+        digest.update(np.ascontiguousarray(getattr(windows.of_jumps(split.train + split.held_out), array)).tobytes())
+    digest.update(repr(Purpose.of(windows)).encode())
+    digest.update(code_version().encode())
+    return digest.hexdigest()
+
+
+def code_version() -> str:
+    """Hash of the source files that make a model what it is."""
+    root = Path(leapgap.__file__).parent
+    files = [file for place in CODE for file in (sorted((root / place).glob("*.py")) or [root / place])]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def forget(out: Path, wanted: Set[str], scratches: Set[str] = frozenset()) -> None:
+    """Remove what is neither a wanted ``<split>/<model>`` nor its unfinished training."""
+    for path in out.iterdir():
+        if path.is_dir():
+            for item in path.iterdir():
+                if item.is_dir() and item.name.removeprefix(".") not in scratches:
+                    shutil.rmtree(item)
+                elif item.is_file() and f"{path.name}/{item.name.split('.')[0]}" not in wanted:
+                    item.unlink()
+            if not any(path.iterdir()):
+                path.rmdir()
+        else:
+            path.unlink()
+
+
+def write_all_curves(out: Path, models: dict[str, list[str]]) -> None:
+    """``curves.csv``: the losses along all trainings, by split and model."""
+    with whole_file(out / "curves.csv") as beside, beside.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["split", "model", "step", "train_loss", "validation_loss"])
+        for split, names in models.items():
+            for name in names:
+                rows = read_json(out / split / f"{name}.curve.json")["rows"]
+                writer.writerows([split, name, *("" if v is None else f"{v:.6g}" for v in row)] for row in rows)

@@ -1,0 +1,154 @@
+"""Kernel ridge regression of the residual acceleration, affine in the force, in closed form."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from leapgap.learning.features import Situation, Transitions, check_names, columns, transitions
+from leapgap.learning.model import Affine, Nominal, ResidualModel
+from leapgap.recording.windows import RolloutInputs, Windows
+from leapgap.robot.rigid_body import RigidBody
+
+PHASES = {"contact": True, "flight": False}
+
+
+@dataclass
+class KernelConfig:
+    """How smooth the kernel model is. Lengths are in weighted standard deviations of the training inputs."""
+
+    inputs: dict[str, float] = field(default_factory=dict)
+    """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
+    force_scale: float = 8.0
+    """Standard deviations of a force that count like the constant: large trusts the nominal model's B(r)."""
+    length_contact: float = 1.0
+    length_flight: float = 1.0
+    ridge_contact: float = 0.02
+    ridge_flight: float = 0.3
+    """Noise variance over signal variance, per training step."""
+
+
+@dataclass(frozen=True)
+class KernelPart:
+    """The fit of one phase: n training steps, f inputs."""
+
+    input_mean: np.ndarray
+    """(f,)."""
+    input_scale: np.ndarray
+    """Divides the inputs: standard deviation over weight, length and √f, (f,)."""
+    force_mean: np.ndarray
+    """(4,), N."""
+    force_scale: np.ndarray
+    """(4,), N."""
+    inputs: np.ndarray
+    """Scaled training inputs, (n, f)."""
+    forces: np.ndarray
+    """Scaled training forces, (n, 4)."""
+    weights: np.ndarray
+    """Of the training steps, in accelerations, (n, 3)."""
+    mean: np.ndarray
+    """Mean training residual, (3,)."""
+
+    def at(self, inputs: np.ndarray) -> Affine:
+        """h and G at scaled inputs (m, f).
+
+        With k((x, u), (x', u')) = exp(−‖x − x'‖²/2) (1 + ũ·ũ'), ũ = (u − mean) / scale, the prediction Σ k a is
+        affine in u: the coefficient of each force is Σ exp(…) ũ' a / scale.
+        """
+        similar = gauss(inputs, self.inputs)
+        by_scaled_force = np.einsum("mn,nj,ni->mij", similar, self.forces, self.weights, optimize=True)
+        by_force = by_scaled_force / self.force_scale
+        return Affine(self.mean + similar @ self.weights - by_force @ self.force_mean, by_force)
+
+
+def gauss(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """exp(−‖a_i − b_j‖²/2), shape (len(a), len(b))."""
+    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
+    return np.exp(-np.maximum(squared, 0) / 2)
+
+
+@dataclass(frozen=True)
+class KernelModel(ResidualModel):
+    """Residual h(x) + G(x) u by kernel ridge, separate for contact and flight."""
+
+    kind: ClassVar[str] = "kernel"
+    nominal: Nominal
+    names: tuple[str, ...]
+    contact: KernelPart | None
+    flight: KernelPart | None
+
+    def residual(self, situation: Situation, contact: np.ndarray) -> Affine:
+        """h and G; a phase that had no training step has none."""
+        bias, by_force = np.zeros((len(contact), 3)), np.zeros((len(contact), 3, 4))
+        for part, mask in ((self.contact, contact), (self.flight, ~contact)):
+            if part is not None and mask.any():
+                inputs = np.stack(columns(self.names, situation.at(mask)), axis=-1)
+                found = part.at((inputs - part.input_mean) / part.input_scale)
+                bias[mask], by_force[mask] = found.bias, found.by_force
+        return Affine(bias, by_force)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The parts' arrays, as ``contact/weights``."""
+        parts = {"contact": self.contact, "flight": self.flight}
+        return {f"{phase}/{name}": value for phase, part in parts.items() if part for name, value in vars(part).items()}
+
+    def settings(self) -> dict[str, Any]:
+        """Nominal body and inputs."""
+        return {"nominal": self.nominal.to_json(), "inputs": list(self.names)}
+
+    @classmethod
+    def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "KernelModel":
+        """Read back."""
+        parts = {}
+        for phase in PHASES:
+            mine = {name.removeprefix(f"{phase}/"): a for name, a in arrays.items() if name.startswith(f"{phase}/")}
+            parts[phase] = KernelPart(**mine) if mine else None
+        return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), **parts)
+
+
+@dataclass(frozen=True)
+class KernelForecast(KernelModel):
+    """Predicts from the first state and the phase alone; measured feet and forces are not looked at."""
+
+    kind: ClassVar[str] = "kernel_forecast"
+
+    def predict(self, inputs: RolloutInputs) -> np.ndarray:
+        """Roll out without forces."""
+        return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
+
+
+def fit_forecast(windows: Windows, config: KernelConfig) -> KernelForecast:
+    """Fit whole accelerations to state and phase: h alone, no G, no nominal body under it."""
+    kept = {name: weight for name, weight in config.inputs.items() if "foot" not in name}
+    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf))
+    fitted = fit(windows, nothing, KernelConfig(**{**vars(config), "inputs": kept, "force_scale": np.inf}))
+    return KernelForecast(fitted.nominal, fitted.names, fitted.contact, fitted.flight)
+
+
+def fit(windows: Windows, nominal: Nominal, config: KernelConfig) -> KernelModel:
+    """Fit the residual of the nominal body to the measured steps of some windows."""
+    names = tuple(config.inputs)
+    check_names(names, "train.kernel.inputs")
+    steps, parts = transitions(windows), {}
+    for phase, pushing in PHASES.items():
+        mine = steps.at(steps.contact == pushing)
+        parts[phase] = fit_part(mine, nominal, config, pushing) if len(mine.step) else None
+    return KernelModel(nominal, names, **parts)
+
+
+def fit_part(steps: Transitions, nominal: Nominal, config: KernelConfig, pushing: bool) -> KernelPart:
+    """One phase in closed form: (K + λ σ² I) a = y, one output a velocity row."""
+    length = config.length_contact if pushing else config.length_flight
+    ridge = config.ridge_contact if pushing else config.ridge_flight
+    raw = np.stack(columns(tuple(config.inputs), steps.situation), axis=-1)
+    input_mean = raw.mean(axis=0)
+    weight = np.array(list(config.inputs.values()))
+    input_scale = (raw.std(axis=0) + 1e-9) / weight * length * np.sqrt(len(weight))
+    force_mean = steps.force.mean(axis=0)
+    force_scale = (steps.force.std(axis=0) + 1e-9) * config.force_scale if pushing else np.ones(4)
+    inputs, forces = (raw - input_mean) / input_scale, (steps.force - force_mean) / force_scale
+    residual = steps.acceleration - nominal.at(steps.situation.foot).acceleration(steps.force)
+    mean = residual.mean(axis=0)
+    gram = gauss(inputs, inputs) * (1 + forces @ forces.T)
+    weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), residual - mean)
+    return KernelPart(input_mean, input_scale, force_mean, force_scale, inputs, forces, weights, mean)

@@ -1,0 +1,111 @@
+"""The interface of all models of the base: predict the K states of a window; and the roll-out of affine ones."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from leapgap.learning.features import Situation
+from leapgap.recording.windows import RolloutInputs, Windows
+from leapgap.robot.rigid_body import GRAVITY, RigidBody, advance
+
+
+class Model(ABC):
+    """Predicts windows. Stored as arrays (npz) and settings (JSON), never as a pickle."""
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def predict(self, inputs: RolloutInputs) -> np.ndarray:
+        """States at the K + 1 samples of each window, the first as given, shape (W, K + 1, 6)."""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What was fitted, by name."""
+        return {}
+
+    def settings(self) -> dict[str, Any]:
+        """What else ``from_parts`` needs, as JSON."""
+        return {}
+
+    @classmethod
+    @abstractmethod
+    def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "Model":
+        """The model of which ``arrays`` and ``settings`` are the parts."""
+
+
+@dataclass(frozen=True)
+class Affine:
+    """Accelerations affine in the force: (v̇x, v̇z, ω̇) = bias + by_force u, at n moments."""
+
+    bias: np.ndarray
+    """(n, 3), m/s² and rad/s²."""
+    by_force: np.ndarray
+    """(n, 3, 4), per N of front x z, rear x z."""
+
+    def acceleration(self, force: np.ndarray) -> np.ndarray:
+        """Under forces (n, 4), shape (n, 3)."""
+        return self.bias + np.einsum("nij,nj->ni", self.by_force, force)
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What a residual is added to: the rigid body, each row of B(r) scaled by a gain (1: as it is)."""
+
+    body: RigidBody
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of the vx, vz and pitch-rate rows."""
+
+    def at(self, foot: np.ndarray) -> Affine:
+        """Of feet (n, 4)."""
+        bias = np.tile([0.0, -GRAVITY, 0.0], (len(foot), 1))
+        return Affine(bias, self.body.force_rows(foot) * np.asarray(self.gains)[:, None])
+
+    def to_json(self) -> dict[str, Any]:
+        """As stored in a model's settings."""
+        return {"inverse_mass_per_kg": 1 / self.body.mass_kg,  # JSON has no infinity
+                "inverse_pitch_inertia_per_kgm2": 1 / self.body.pitch_inertia_kgm2,
+                "gains": [float(gain) for gain in self.gains]}
+
+    @staticmethod
+    def from_json(raw: dict[str, Any]) -> "Nominal":
+        """Read it back."""
+        mass, inertia = (1 / raw[key] if raw[key] else np.inf for key in (
+            "inverse_mass_per_kg", "inverse_pitch_inertia_per_kgm2"))
+        return Nominal(RigidBody(mass, inertia), tuple(raw["gains"]))
+
+
+class ResidualModel(Model):
+    """A nominal body and a residual of its velocity rows, affine in the force, so that the MPC stays a QP.
+
+    ζ⁺ = ζ + Δt (nominal + h + G u) with h and G of the state, the feet and maybe the phase; contact and flight
+    are separate (paper, residual).
+    """
+
+    nominal: Nominal
+
+    @abstractmethod
+    def residual(self, situation: Situation, contact: np.ndarray) -> Affine:
+        """h and G at n moments of contact or flight (bool, (n,)); what is added to ``nominal``."""
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
+        """Nominal and residual together, n moments in one batch: what the roll-out and the MPC use."""
+        nominal, residual = self.nominal.at(situation.foot), self.residual(situation, contact)
+        return Affine(nominal.bias + residual.bias, nominal.by_force + residual.by_force)
+
+    def predict(self, inputs: RolloutInputs) -> np.ndarray:
+        """Roll the K steps out from the measured first state."""
+        states = [inputs.state]
+        for k in range(inputs.force.shape[1]):
+            situation = Situation(states[-1], inputs.foot[:, k], inputs.time_s[:, k], inputs.state)
+            acceleration = self.affine(situation, inputs.contact[:, k]).acceleration(inputs.force[:, k])
+            states.append(advance(states[-1], acceleration, inputs.step_s[:, k]))
+        return np.stack(states, axis=1)
+
+
+def squared_errors(predicted: np.ndarray, windows: Windows) -> np.ndarray:
+    """Of every window, step 1…K and state component, shape (W, K, 6).
+
+    x counts from the window's start on both sides, and z starts alike, so offsets cancel.
+    """
+    return (predicted[:, 1:] - windows.state[:, 1:]) ** 2

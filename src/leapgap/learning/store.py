@@ -1,0 +1,92 @@
+"""Trained models on disk: ``<model>.npz`` (arrays) beside ``<model>.json`` (settings, and what they were made for)."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from leapgap.errors import InputError
+from leapgap.files import read_json, whole_file, write_json
+from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback
+from leapgap.learning.kernel import KernelForecast, KernelModel
+from leapgap.learning.model import Model
+from leapgap.learning.network import NetworkModel
+from leapgap.recording.windows import TimeGrid, Windows, read_npz, write_npz
+from leapgap.robot.schedule import ContactSchedule
+
+FORMAT_VERSION = 1
+KINDS: dict[str, type[Model]] = {
+    kind.kind: kind for kind in (NominalModel, ConstantVelocity, Playback, KernelModel, KernelForecast, NetworkModel)}
+
+
+@dataclass(frozen=True)
+class Purpose:
+    """What a model was trained for; another grid, schedule or robot needs another model."""
+
+    grid: TimeGrid
+    schedule: ContactSchedule
+    robot: str
+    robot_sha256: str
+
+    @staticmethod
+    def of(windows: Windows) -> "Purpose":
+        """What models of these windows are for."""
+        assert windows.schedule is not None, "there are windows"
+        return Purpose(windows.grid, windows.schedule, windows.robot, windows.robot_sha256)
+
+    def require(self, needed: "Purpose", where: object) -> None:
+        """Refuse a model that was trained for something else than ``needed``."""
+        for name, mine in asdict(self).items():
+            wanted = asdict(needed)[name]
+            if mine != wanted and name != "robot":
+                raise InputError(where, f"a model for {name} {mine}", f"{name} {wanted}, as is needed here",
+                                 "train models for it (stages.chunk, stages.train), or use what they were trained for")
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A model with its record."""
+
+    model: Model
+    purpose: Purpose
+    trained_on: tuple[str, ...]
+    key: str
+    """Hash of everything the model was made of."""
+
+
+def save(stored: Stored, folder: Path, name: str) -> None:
+    """Write both files; the JSON last, so that a model without it was never finished."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with whole_file(folder / f"{name}.npz") as beside:
+        write_npz(beside, stored.model.arrays())
+    write_json(folder / f"{name}.json", {
+        "format_version": FORMAT_VERSION, "kind": stored.model.kind, "key": stored.key,
+        "trained_on": list(stored.trained_on), **asdict(stored.purpose), "settings": stored.model.settings(),
+    })
+
+
+def load(folder: Path, name: str) -> Stored:
+    """Read a model; ``InputError`` where it is absent, broken or of another version."""
+    path = folder / f"{name}.json"
+    about = read_json(path)
+    if about.get("format_version") != FORMAT_VERSION:
+        raise InputError(path, f"format_version {about.get('format_version')}", str(FORMAT_VERSION),
+                         "run stages.train anew")
+    arrays = read_npz(folder / f"{name}.npz")
+    try:
+        settings: dict[str, Any] = about["settings"]
+        return Stored(
+            KINDS[about["kind"]].from_parts(arrays, settings),
+            Purpose(TimeGrid(**about["grid"]), ContactSchedule(**about["schedule"]), about["robot"],
+                    about["robot_sha256"]),
+            tuple(about["trained_on"]), about["key"])
+    except (KeyError, TypeError) as error:
+        raise InputError(path, f"a model that does not fit ({error!r})", "a model of this version",
+                         "run stages.train anew") from None
+
+
+def stored_key(folder: Path, name: str) -> str | None:
+    """The key of a finished model, ``None`` where there is none."""
+    path = folder / f"{name}.json"
+    if not path.is_file() or not (folder / f"{name}.npz").is_file():
+        return None
+    return read_json(path).get("key")

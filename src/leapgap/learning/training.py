@@ -1,0 +1,297 @@
+"""Training of residual networks with Lightning: full batch, loss over the rolled-out horizon (paper, training).
+
+The only module that imports torch. It moves the weights of a ``NetworkModel`` and hands back another one.
+"""
+
+import logging
+import shutil
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import lightning
+import numpy as np
+import torch
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
+
+from leapgap.errors import InputError
+from leapgap.learning.features import Situation, columns
+from leapgap.learning.network import NETWORKS, Mlp, NetworkModel, Scaling
+from leapgap.learning.untrained import Fitting
+from leapgap.recording.windows import Windows
+from leapgap.robot.rigid_body import GRAVITY
+
+CURVE = ("step", "train_loss", "validation_loss")
+
+
+@dataclass(frozen=True)
+class Batch:
+    """All windows as tensors, sorted by their start, so that at each step those in contact come first."""
+
+    state: torch.Tensor
+    force: torch.Tensor
+    foot: torch.Tensor
+    time_s: torch.Tensor
+    step_s: torch.Tensor
+    in_contact: list[int]
+    """How many windows begin step k before take-off, for each k."""
+
+    @staticmethod
+    def of(windows: Windows, device: torch.device, part: slice = slice(None)) -> "Batch":
+        """Windows on a device in single precision; of several devices each takes its ``part``."""
+        inputs, order = windows.inputs, np.argsort(windows.start, kind="stable")[part]
+
+        def tensor(array: np.ndarray) -> torch.Tensor:
+            return torch.tensor(array[order], dtype=torch.float32, device=device)
+
+        return Batch(tensor(windows.state), tensor(inputs.force), tensor(inputs.foot), tensor(inputs.time_s),
+                     tensor(inputs.step_s), inputs.contact[order].sum(axis=0).tolist())
+
+
+class Residual(torch.nn.Module):
+    """The trainable twin of ``NetworkModel``: S members side by side, single precision."""
+
+    def __init__(self, model: NetworkModel, dropout: float) -> None:
+        super().__init__()
+        self.names, self.dropout = model.names, dropout
+        self.networks = torch.nn.ModuleDict()
+        for name in NETWORKS:
+            layers = zip(model.networks[name].weights, model.networks[name].biases, strict=True)
+            pairs = [torch.nn.ParameterList([torch.nn.Parameter(torch.tensor(a)) for a in layer]) for layer in layers]
+            self.networks[name] = torch.nn.ModuleList(pairs)
+        for phase, part in (("contact", model.contact), ("flight", model.flight)):
+            for name in Scaling.__dataclass_fields__:
+                self.register_buffer(f"{phase}_{name}", torch.tensor(getattr(part, name), dtype=torch.float32))
+        body = model.nominal.body
+        by_force = np.asarray(model.nominal.gains) / [body.mass_kg, body.mass_kg, body.pitch_inertia_kgm2]
+        self.by_force: torch.Tensor
+        self.gravity: torch.Tensor
+        self.register_buffer("by_force", torch.tensor(by_force, dtype=torch.float32))
+        self.register_buffer("gravity", torch.tensor([0.0, -GRAVITY, 0.0]))
+
+    def nominal(self, foot: torch.Tensor, force: torch.Tensor) -> torch.Tensor:
+        """Accelerations of the nominal body with its gains, (n, 3)."""
+        pushed = torch.stack([
+            force[:, 0] + force[:, 2], force[:, 1] + force[:, 3],
+            foot[:, 1] * force[:, 0] - foot[:, 0] * force[:, 1] + foot[:, 3] * force[:, 2] - foot[:, 2] * force[:, 3],
+        ], dim=-1)
+        return pushed * self.by_force + self.gravity
+
+    def forward(self, situation: Situation, force: torch.Tensor, pushing: bool) -> tuple[torch.Tensor, torch.Tensor]:
+        """Accelerations (S, n, 3) in one phase, and the summed mean absolute outputs for the penalty.
+
+        The situation's state and start are (S, n, 6), its foot and the force (n, 4): measured, the same for all.
+        """
+        phase = "contact" if pushing else "flight"
+        inputs = torch.stack(torch.broadcast_tensors(*columns(self.names, situation)), dim=-1)
+        inputs = (inputs - self.of(phase, "input_mean")) / self.of(phase, "input_scale")
+        raw = self.mlp(f"{phase}/h", inputs)
+        penalty = raw.abs().mean(dim=(1, 2)).sum()
+        if pushing:
+            raw_g = self.mlp("contact/G", inputs)
+            penalty = penalty + raw_g.abs().mean(dim=(1, 2)).sum()
+            scaled = (force - self.of(phase, "force_mean")) / self.of(phase, "force_scale")
+            raw = raw + (raw_g.unflatten(-1, (3, 4)) * scaled[:, None, :]).sum(dim=-1)
+        residual = raw * self.of(phase, "scale") + self.of(phase, "mean")
+        return residual + self.nominal(situation.foot, force), penalty
+
+    def of(self, phase: str, name: str) -> torch.Tensor:
+        """A scaling of a phase."""
+        return getattr(self, f"{phase}_{name}")
+
+    def mlp(self, name: str, hidden: torch.Tensor) -> torch.Tensor:
+        """One network, (S, n, f) → (S, n, outputs)."""
+        layers: Any = self.networks[name]
+        for weight, bias in layers[:-1]:
+            hidden = torch.tanh(torch.baddbmm(bias, hidden, weight))
+            if self.dropout and self.training:
+                hidden = torch.nn.functional.dropout(hidden, self.dropout)
+        weight, bias = layers[-1]
+        return torch.baddbmm(bias, hidden, weight)
+
+    def roll_out(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+        """Each member's states after each step, (S, W, K, 6), and the penalty, mean over the steps."""
+        members = len(self.networks["contact/h"][0][0])  # type: ignore[index]
+        start = batch.state[:, 0].expand(members, -1, -1)
+        state, states, penalty = start, [], torch.zeros((), device=start.device)
+        for k, contact in enumerate(batch.in_contact):
+            accelerations = []
+            for pushing, part in ((True, slice(0, contact)), (False, slice(contact, None))):
+                if state[0, part].shape[0]:
+                    situation = Situation(state[:, part], batch.foot[part, k], batch.time_s[part, k], start[:, part])
+                    found, outputs = self(situation, batch.force[part, k], pushing)
+                    accelerations.append(found)
+                    penalty = penalty + outputs * (state[0, part].shape[0] / len(batch.state))
+            dt = batch.step_s[:, k, None]
+            state = torch.cat(
+                [state[..., :3] + dt * state[..., 3:], state[..., 3:] + dt * torch.cat(accelerations, dim=1)], dim=-1)
+            states.append(state)
+        return torch.stack(states, dim=2), penalty / len(batch.in_contact)
+
+    def trained(self, model: NetworkModel) -> NetworkModel:
+        """The model with these weights."""
+        networks = {}
+        for name in NETWORKS:
+            layers: Any = self.networks[name]
+            networks[name] = Mlp(*(tuple(layer[i].detach().cpu().numpy().copy() for layer in layers) for i in (0, 1)))
+        return replace(model, networks=networks)
+
+
+class Learner(lightning.LightningModule):
+    """The residual, its loss and its optimiser, as Lightning drives them."""
+
+    def __init__(self, residual: Residual, train: Windows, validation: Windows | None, fitting: Fitting,
+                 seed: int) -> None:
+        super().__init__()
+        self.residual, self.fitting, self.seed = residual, fitting, seed
+        self.windows = {"train": train} | ({"validation": validation} if validation is not None else {})
+        self.batches: dict[str, Batch] = {}
+
+    def setup(self, stage: str) -> None:
+        """Put the windows where the weights are; with several devices, each takes every n-th window."""
+        mine = slice(self.trainer.global_rank, None, self.trainer.world_size)
+        self.batches = {"train": Batch.of(self.windows["train"], self.trainer.strategy.root_device, mine)}
+        if "validation" in self.windows:
+            self.batches["validation"] = Batch.of(self.windows["validation"], self.trainer.strategy.root_device)
+
+    def training_step(self, *_: Any) -> torch.Tensor:
+        """Squared errors over the horizon, summed over the members, and the penalty of the outputs.
+
+        Dropout is seeded anew at each step, so that a resumed training ends in the same bits.
+        """
+        torch.manual_seed((self.seed << 32) + (self.global_step << 8) + self.global_rank)
+        batch = self.batches["train"]
+        states, penalty = self.residual.roll_out(batch)
+        squared = (states - batch.state[:, 1:]) ** 2
+        per_member = squared.mean(dim=(1, 2, 3)) if self.fitting.loss == "mean" else squared.sum(dim=(1, 2, 3))
+        self.log("train_loss", squared.mean().detach(), batch_size=1)
+        return per_member.sum() + self.fitting.output_penalty * penalty
+
+    def validation_loss(self) -> float | None:
+        """Mean squared error of the members' mean path, for the curve only: nothing is chosen by it."""
+        if "validation" not in self.batches:
+            return None
+        batch = self.batches["validation"]
+        self.eval()
+        with torch.no_grad():
+            states, _penalty = self.residual.roll_out(batch)
+        self.train()
+        return float(((states.mean(dim=0) - batch.state[:, 1:]) ** 2).mean())
+
+    def configure_optimizers(self) -> Any:
+        """AdamW, maybe along a cosine."""
+        optimiser = torch.optim.AdamW(
+            self.parameters(), lr=self.fitting.learning_rate, weight_decay=self.fitting.weight_decay)
+        if not self.fitting.cosine_decay:
+            return optimiser
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.fitting.steps)
+        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+class Ticks(torch.utils.data.IterableDataset):
+    """One empty item a step: the data are in memory already."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+
+    def __iter__(self) -> Iterator[int]:
+        yield from range(self.steps)
+
+    def __len__(self) -> int:
+        return self.steps
+
+
+class Curve(Callback):
+    """Losses along the training, in the checkpoint too."""
+
+    def __init__(self, every: int) -> None:
+        self.every = every
+        self.rows: list[list[float | None]] = []
+
+    def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
+        """Note the losses, before the checkpoint of the same step is written."""
+        if trainer.global_step % self.every == 0 or trainer.global_step == trainer.max_steps:
+            assert isinstance(pl_module, Learner)
+            train_loss = float(trainer.callback_metrics["train_loss"])
+            self.rows.append([trainer.global_step, train_loss, pl_module.validation_loss()])
+
+    def state_dict(self) -> dict[str, Any]:
+        """For the checkpoint."""
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """From the checkpoint."""
+        self.rows = list(state_dict["rows"])
+
+
+class Bar(TQDMProgressBar):
+    """A bar that says which model of which split is trained."""
+
+    def __init__(self, title: str) -> None:
+        super().__init__()
+        self.title = title
+
+    def init_train_tqdm(self) -> Any:
+        """With the title in front."""
+        bar = super().init_train_tqdm()
+        bar.set_description(self.title)
+        return bar
+
+    def on_train_epoch_start(self, trainer: lightning.Trainer, *_: Any) -> None:
+        """Keep the title, and say how far all steps are."""
+        super().on_train_epoch_start(trainer)
+        self.train_progress_bar.set_description(f"{self.title}, {trainer.global_step}/{trainer.max_steps}")
+
+
+@dataclass(frozen=True)
+class Run:
+    """How, not what, is trained."""
+
+    seed: int
+    threads: int
+    trainer: dict[str, Any]
+    """Passed to Lightning's Trainer: accelerator, devices, …"""
+    scratch: Path
+    """Folder of the checkpoints, removed at the end."""
+    title: str
+    steps_an_epoch: int
+    """Steps between checkpoints, and between points of the curve."""
+
+
+def fit(model: NetworkModel, train: Windows, validation: Windows | None, fitting: Fitting,
+        run: Run) -> tuple[NetworkModel, list[list[float | None]]]:
+    """Train from a model's weights; the trained one and its curve (rows of ``CURVE``).
+
+    A killed run goes on from its last checkpoint. Validation windows are only looked at for the curve.
+    """
+    if fitting.loss not in ("mean", "sum"):
+        raise InputError("train, fitting.loss", fitting.loss, "mean or sum", "correct it in conf/train")
+    quiet()
+    torch.set_num_threads(run.threads)
+    lightning.seed_everything(run.seed, verbose=False)
+    learner = Learner(Residual(model, fitting.dropout), train, validation, fitting, run.seed)
+    every = min(run.steps_an_epoch, fitting.steps)
+    curve = Curve(every)
+    options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
+    bars = [Bar(run.title)] if options.get("enable_progress_bar", True) else []
+    driver = lightning.Trainer(
+        max_steps=fitting.steps, gradient_clip_val=fitting.clip_norm or None, default_root_dir=run.scratch,
+        logger=False, log_every_n_steps=every, use_distributed_sampler=False, enable_model_summary=False,
+        callbacks=[curve, *bars, ModelCheckpoint(
+            run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)],
+        **options)
+    last = run.scratch / "last.ckpt"
+    ticks = torch.utils.data.DataLoader(Ticks(every), batch_size=None)
+    driver.fit(learner, ticks, ckpt_path=str(last) if last.exists() else None, weights_only=True)
+    shutil.rmtree(run.scratch, ignore_errors=True)
+    return learner.residual.trained(model), curve.rows
+
+
+def quiet() -> None:
+    """Silence advice of Lightning that does not fit full batches in memory."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
+    for about in (".*does not have many workers.*", ".*exists and is not empty.*", ".*IterableDataset.*",
+                  ".*isinstance.*LeafSpec.*", ".*number of training batches.*"):
+        warnings.filterwarnings("ignore", about)

@@ -1,0 +1,105 @@
+"""Networks before training: their inputs, scales and random first weights. Everything from training windows only."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.learning.features import Transitions, check_names, columns, transitions
+from leapgap.learning.model import Nominal
+from leapgap.learning.network import NetworkModel, Scaling, orthogonal_mlp, random_mlp
+from leapgap.recording.windows import TimeGrid, Windows
+
+PUBLISHED_INPUTS = ("x_from_start", "z_from_start", "pitch",
+                    "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
+"""q, with positions from the window's start, and r (paper, residual)."""
+
+
+@dataclass
+class Fitting:
+    """How weights are moved."""
+
+    steps: int = 150
+    """Full-batch steps of the optimiser."""
+    learning_rate: float = 0.01
+    cosine_decay: bool = True
+    """Whether the learning rate falls to zero along a cosine."""
+    weight_decay: float = 0.1
+    dropout: float = 0.0
+    clip_norm: float = 1.0
+    """Longest gradient; 0: any."""
+    output_penalty: float = 1e-3
+    """Weight of the mean absolute outputs of h and G (paper, loss)."""
+    loss: str = "mean"
+    """Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published."""
+
+
+@dataclass
+class NetworksConfig:
+    """Small normalised networks with better inputs; an ensemble."""
+
+    inputs: dict[str, float] = field(default_factory=dict)
+    """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
+    hidden: list[int] = field(default_factory=lambda: [128])
+    """Units of each hidden layer of h1, G1 and h2."""
+    seeds: int = 3
+    """Members of the ensemble."""
+    force_scale: float = 5.0
+    """Standard deviations of a force that count like one of an input."""
+    output_gain: float = 0.1
+    bias_spread: float = 2.5
+    fitting: Fitting = field(default_factory=Fitting)
+
+
+@dataclass
+class PublishedRecipeConfig:
+    """The paper's networks to the letter, but for the number of steps (20 000, hours)."""
+
+    hidden_h: list[int] = field(default_factory=lambda: [400, 400])
+    hidden_G: list[int] = field(default_factory=lambda: [1000, 1000])  # noqa: N815 - the paper's letter
+    orthogonal_gain: float = 0.1
+    mass_kg: float = 12.0
+    pitch_inertia_kgm2: float = 0.17
+    fitting: Fitting = field(default_factory=Fitting)
+
+
+def networks(windows: Windows, nominal: Nominal, config: NetworksConfig, random: np.random.Generator) -> NetworkModel:
+    """Ours: inputs and outputs scaled by the spread of the training steps."""
+    names = tuple(config.inputs)
+    check_names(names, "train.networks.inputs")
+    steps = transitions(windows)
+    weight = np.array(list(config.inputs.values()))
+    contact = scaling(steps.at(steps.contact), names, weight, nominal, config.force_scale)
+    flight = scaling(steps.at(~steps.contact), names, weight, nominal, config.force_scale)
+    outputs = {"contact/h": 3, "contact/G": 12, "flight/h": 3}
+    found = {
+        name: random_mlp([len(names), *config.hidden, size], config.seeds, config.output_gain, config.bias_spread,
+                         random) for name, size in outputs.items()}
+    return NetworkModel(nominal, names, contact, flight, found)
+
+
+def scaling(steps: Transitions, names: tuple[str, ...], weight: np.ndarray, nominal: Nominal,
+            force_scale: float) -> Scaling:
+    """Means and spreads of the steps of one phase; units where it has no step."""
+    if not len(steps.step):
+        return unscaled(len(names), 1.0)
+    raw = np.stack(columns(names, steps.situation), axis=-1)
+    residual = steps.acceleration - nominal.at(steps.situation.foot).acceleration(steps.force)
+    return Scaling(
+        input_mean=raw.mean(axis=0), input_scale=(raw.std(axis=0) + 1e-6) / weight, force_mean=steps.force.mean(axis=0),
+        force_scale=(steps.force.std(axis=0) + 1e-6) * force_scale, mean=residual.mean(axis=0),
+        scale=residual.std(axis=0) + 1e-6)
+
+
+def unscaled(inputs: int, output: float) -> Scaling:
+    """Raw inputs and forces."""
+    return Scaling(np.zeros(inputs), np.ones(inputs), np.zeros(4), np.ones(4), np.zeros(3), np.full(3, output))
+
+
+def published(grid: TimeGrid, nominal: Nominal, config: PublishedRecipeConfig,
+              random: np.random.Generator) -> NetworkModel:
+    """The paper's: raw inputs; outputs are velocity changes a step (the released code's Δt-free residual)."""
+    sizes = {"contact/h": [7, *config.hidden_h, 3], "contact/G": [7, *config.hidden_G, 12],
+             "flight/h": [7, *config.hidden_h, 3]}
+    return NetworkModel(
+        nominal, PUBLISHED_INPUTS, unscaled(7, 1 / grid.contact_step_s), unscaled(7, 1 / grid.flight_step_s),
+        {name: orthogonal_mlp(size, config.orthogonal_gain, random) for name, size in sizes.items()})

@@ -1,0 +1,225 @@
+"""Networks: the torch twin, training, the stored form, and the keeping of finished work."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from leapgap.errors import InputError
+from leapgap.files import read_json
+from leapgap.learning import evaluation, experiment, store, training, untrained
+from leapgap.learning.baselines import NominalModel, fit_gains
+from leapgap.learning.experiment import FITS, TrainConfig
+from leapgap.learning.features import Situation
+from leapgap.learning.kernel import KernelConfig
+from leapgap.learning.model import Nominal, squared_errors
+from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
+from leapgap.recording import windows as windows_module
+from leapgap.recording.windows import ARRAYS, TimeGrid, Windows
+from leapgap.robot.rigid_body import RigidBody
+
+INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
+QUIET = {"enable_progress_bar": False}
+NETWORKS = NetworksConfig(inputs=INPUTS, hidden=[16], seeds=2, fitting=Fitting(steps=12, learning_rate=0.02))
+SHORT = replace(NETWORKS, fitting=replace(NETWORKS.fitting, steps=3))
+
+
+def config(**changes) -> TrainConfig:
+    small = PublishedRecipeConfig(hidden_h=[8, 8], hidden_G=[9, 9], fitting=Fitting(
+        steps=2, learning_rate=2e-4, cosine_decay=False, weight_decay=0.0, clip_norm=0.0, loss="sum"))
+    return replace(TrainConfig(
+        windows="", models=list(FITS), folds=2, kernel=KernelConfig(inputs=INPUTS), networks=SHORT,
+        published_recipe=small, steps_an_epoch=4, threads=1, trainer=dict(QUIET)), **changes)
+
+
+def fit(train: Windows, validation: Windows | None, scratch: Path, fitting: Fitting = NETWORKS.fitting, seed: int = 0):
+    start = untrained.networks(train, Nominal(RigidBody()), NETWORKS, np.random.default_rng(seed))
+    return training.fit(start, train, validation, fitting, training.Run(seed, 1, QUIET, scratch, "test", 4))
+
+
+def same(a, b) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(a.arrays().values(), b.arrays().values(), strict=True))
+
+
+def published_model(windows: Windows):
+    return untrained.published(windows.grid, Nominal(RigidBody(12.0, 0.17)), PublishedRecipeConfig(
+        hidden_h=[8, 8], hidden_G=[9, 9], orthogonal_gain=1.0), np.random.default_rng(3))
+
+
+def our_model(windows: Windows):
+    nominal = Nominal(RigidBody(), (0.5, 0.9, 0.3))
+    return untrained.networks(windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3))
+
+
+@pytest.mark.parametrize("make", [our_model, published_model])
+def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
+    model = make(windows)
+    twin = training.Residual(model, dropout=0.5).eval()
+    store.save(store.Stored(model, store.Purpose.of(windows), windows.jumps, "k"), tmp_path, "m")
+    read = store.load(tmp_path, "m").model
+    assert isinstance(read, type(model)) and same(read, model)
+    state = windows.state[:, 1] * 1.01
+    situation = Situation(state, windows.foot[:, 1], windows.time_s[:, 1], windows.state[:, 0])
+    force = windows.force[:, 1]
+    for pushing in (True, False):
+        terms = read.members(situation, pushing)
+        ours = terms.bias + np.einsum("snij,nj->sni", terms.by_force, force)
+        ours = ours + read.nominal.at(situation.foot).acceleration(force)
+
+        now, foot, time_s, start = (torch.tensor(a, dtype=torch.float32) for a in vars(situation).values())
+        asked = Situation(now.expand(len(ours), -1, -1), foot, time_s, start.expand(len(ours), -1, -1))
+        theirs = twin(asked, torch.tensor(force, dtype=torch.float32), pushing)[0].detach().numpy()
+        np.testing.assert_allclose(theirs, ours, rtol=1e-5, atol=1e-5 * np.abs(ours).max())
+
+
+def test_the_roll_outs_agree_for_one_member(windows: Windows):
+    model = untrained.networks(windows, Nominal(RigidBody(), (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1),
+                               np.random.default_rng(0))
+    batch = training.Batch.of(windows, torch.device("cpu"))
+    states, _ = training.Residual(model, 0.0).roll_out(batch)
+    order = np.argsort(windows.start, kind="stable")
+    np.testing.assert_allclose(states[0].detach(), model.predict(windows.inputs)[order, 1:], atol=1e-5)
+
+
+def test_gradients_of_the_loss_by_finite_differences(windows: Windows):
+    learner = training.Residual(our_model(windows), 0.0).double()
+    batch = training.Batch.of(windows.of_jumps(windows.jumps[:1]), torch.device("cpu"))
+    batch = training.Batch(*(getattr(batch, n).double() for n in ("state", "force", "foot", "time_s", "step_s")),
+                           batch.in_contact)
+
+    def loss() -> torch.Tensor:
+        states, penalty = learner.roll_out(batch)
+        return ((states - batch.state[:, 1:]) ** 2).mean() + 1e-3 * penalty
+
+    loss().backward()
+    for name in ("contact/h", "contact/G", "flight/h"):
+        weight = learner.networks[name][0][0]
+        with torch.no_grad():
+            for index in ((0, 1, 2), (1, 4, 7)):
+                kept, values = weight[index].item(), []
+                for bump in (1e-5, -1e-5):
+                    weight[index] = kept + bump
+                    values.append(loss().item())
+                weight[index] = kept
+                assert (values[0] - values[1]) / 2e-5 == pytest.approx(weight.grad[index].item(), rel=1e-4, abs=1e-9)
+
+
+def test_training_learns_repeats_bit_for_bit_and_notes_its_curve(windows: Windows, tmp_path):
+    train, held_out = windows.of_jumps(windows.jumps[:4]), windows.of_jumps(windows.jumps[4:])
+    steps = replace(NETWORKS.fitting, steps=60, dropout=0.1)
+    first, curve = fit(train, held_out, tmp_path / "a", steps)
+    again, _ = fit(train, held_out, tmp_path / "b", steps)
+    assert same(first, again) and not (tmp_path / "a").exists()
+    assert [row[0] for row in curve] == list(range(4, 61, 4)) and curve[-1][1] < 0.3 * curve[0][1]
+    nominal = squared_errors(NominalModel(Nominal(RigidBody())).predict(held_out.inputs), held_out).mean()
+    assert squared_errors(first.predict(held_out.inputs), held_out).mean() < 0.3 * nominal
+
+
+def test_a_killed_training_goes_on_to_the_same_bits(windows: Windows, tmp_path, monkeypatch):
+    fitting = replace(NETWORKS.fitting, dropout=0.2)
+    whole, curve = fit(windows, None, tmp_path / "whole", fitting)
+    step = training.Learner.training_step
+
+    def killed(self, *arguments):
+        if self.trainer.global_step == 9:
+            raise RuntimeError("killed")
+        return step(self, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training.Learner, "training_step", killed)
+        with pytest.raises(RuntimeError, match="killed"):
+            fit(windows, None, tmp_path / "cut", fitting)
+    assert (tmp_path / "cut" / "last.ckpt").exists()
+    resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
+    assert same(resumed, whole) and resumed_curve == curve
+
+
+def corrupted(windows: Windows, jump: str) -> Windows:
+    mask = windows.jump == windows.jumps.index(jump)
+    arrays = {n: getattr(windows, n).copy() for n in ("state", "force", "foot")}
+    for array in arrays.values():
+        array[mask] = array[mask] * 3 + 1
+    return replace(windows, **arrays)
+
+
+def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path):
+    """Its corruption leaves every weight, scale and gain of every model of its fold as it was, bit for bit."""
+    small = config()
+    experiment.train(windows, small, tmp_path / "clean")
+    experiment.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
+    for name in FITS:
+        clean, corrupt = (store.load(tmp_path / kind / "fold_0", name) for kind in ("clean", "corrupt"))
+        assert "jump_02" not in clean.trained_on and same(clean.model, corrupt.model), name
+        assert clean.model.settings() == corrupt.model.settings(), name
+    changed = [store.load(tmp_path / kind / "fold_1", "networks").model for kind in ("clean", "corrupt")]
+    assert not same(*changed)  # where it does train, it counts
+
+
+def test_finished_models_are_kept_and_unknown_ones_removed(windows: Windows, tmp_path):
+    small = config(models=["playback", "kernel", "networks"])
+    assert len(experiment.train(windows, small, tmp_path)) == 9
+    before = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()}
+    (tmp_path / "fold_0" / "old.npz").write_bytes(b"x")
+    (tmp_path / "fold_7").mkdir()
+    (tmp_path / "fold_0" / "kernel.npz").unlink()
+    (tmp_path / "fold_1" / "playback.json").unlink()
+    assert sorted(experiment.train(windows, small, tmp_path)) == ["fold_0/kernel", "fold_1/playback"]
+    assert {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()} == before
+    warmer = config(models=small.models, kernel=replace(small.kernel, ridge_contact=0.5))
+    assert sorted(experiment.train(windows, warmer, tmp_path)) == ["all/kernel", "fold_0/kernel", "fold_1/kernel"]
+    assert not (tmp_path / "fold_7").exists()
+
+
+def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
+    models = [name for name in FITS if not name.startswith(("networks", "published"))]
+    groups = [["jump_0[012]"], ["jump_0[345]"]]
+    experiment.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
+    folds, halves = (evaluation.held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session"))
+    assert folds is not None and halves is not None
+    found = evaluation.metrics(folds, halves, windows)
+    assert (found["jumps"], found["windows"]) == (6, 162)
+    gained = NominalModel(fit_gains(windows, RigidBody()))  # the law of these jumps: held-out error of its fits is nil
+    assert found["cv_mse"]["nominal_fitted"] < 1e-12 and found["cv_mse"]["nominal"] > 0.01
+    assert set(found["forecast_cv_mse"]) == {"constant_velocity", "playback", "kernel"}
+    assert "kernel" not in found["cv_mse_sessions"] and "kernel_forecast" not in found["cv_mse"]
+    error = squared_errors(folds.states["playback"], windows).mean(axis=(1, 2)).reshape(6, 27).mean(axis=1)
+    assert found["cv_mse"]["playback"] == pytest.approx(error.mean(), rel=1e-5)
+    assert found["cv_mse_se"]["playback"] == pytest.approx(error.std(ddof=1) / np.sqrt(6), rel=1e-5)
+
+    evaluation.write_predictions(folds, tmp_path)
+    table = pq.read_table(tmp_path / "jump_04.parquet")
+    assert table.column_names[:4] == ["model", "window", "step", "time"]
+    assert table.num_rows == (len(models) + 1) * 27 * 11
+    rows = [i for i, (m, w) in enumerate(zip(table["model"].to_pylist(), table["window"].to_pylist(), strict=True))
+            if m == "measured" and w == 26]
+    assert table["time"].take(rows).to_pylist()[0] == pytest.approx(0.65)
+    assert table["time"].take(rows).to_pylist()[-1] == pytest.approx(1.2)
+    assert table["x"].take(rows).to_pylist()[0] == pytest.approx(windows.start_x[4 * 27 + 26])
+
+    unseen = evaluation.of_unseen(windows, tmp_path / "models")
+    assert unseen["nominal_fitted"] == pytest.approx(
+        squared_errors(gained.predict(windows.inputs), windows).mean(), abs=1e-12)
+    for other, said in ((replace(windows, robot_sha256="other"), "a model for robot_sha256"),
+                        (replace(windows, grid=TimeGrid(flight_step_s=0.05)), "a model for grid")):
+        with pytest.raises(InputError, match=said):
+            evaluation.of_unseen(other, tmp_path / "models")
+
+
+def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path):
+    experiment.train(windows, config(models=["playback"]), tmp_path)
+    assert experiment.train(windows_module.cut([], TimeGrid(), robot), config(), tmp_path) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["note.json"]
+    assert "no logs" in read_json(tmp_path / "note.json")["note"]
+
+
+def test_an_unknown_model_is_named(windows: Windows, tmp_path):
+    with pytest.raises(InputError, match=r"train.models: found oracle; expected some of nominal, nominal_published"):
+        experiment.train(windows, config(models=["oracle"]), tmp_path)
+
+
+def test_all_arrays_of_windows_are_listed(windows: Windows):
+    """They are hashed into the keys and cut by jump; one forgotten would do neither."""
+    assert set(ARRAYS) == {name for name, value in vars(windows).items() if isinstance(value, np.ndarray)}
