@@ -12,7 +12,7 @@ export DVC_NO_ANALYTICS := 1
 
 run: .venv/ready
 	dvc repro
-	@python -m stages.where
+	@python -m leapgap.view.where
 
 test: .venv/ready renderer
 	pytest

@@ -89,7 +89,9 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
     """
     try:
-        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), section))  # type: ignore[return-value]
+        schema = OmegaConf.structured(kind)
+        unlock(schema)
+        return OmegaConf.to_object(OmegaConf.merge(schema, section))  # type: ignore[return-value]
     except OmegaConfBaseException as error:
         said = str(error).splitlines()[0].rstrip(".")
         where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
@@ -99,6 +101,15 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
         ) from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
+
+
+def unlock(node: DictConfig) -> None:
+    """Let values be merged into the schema of frozen dataclasses, nested ones too."""
+    OmegaConf.set_readonly(node, None)
+    for key in node:
+        child = node._get_node(key)
+        if isinstance(child, DictConfig) and not child._is_none() and not child._is_missing():
+            unlock(child)
 
 
 def output_folder(out: Any) -> Path:

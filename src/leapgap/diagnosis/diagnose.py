@@ -74,9 +74,8 @@ def diagnose(
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on."""
+    names = known_names(settings)
     replayer = Replayer(robot, terrain_slots=max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1)
-    for jump in jumps:
-        replayer.check_joints(jump)
     judged = Judged.of(jumps, robot)
     rng = np.random.default_rng(settings.seed)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
@@ -86,7 +85,7 @@ def diagnose(
     places = where(judged, replayer, settings.where_horizon_s)
     checks = run_checks(judged, robot, settings)
     search = Search(judged, replayer, settings.folds, settings.grid_points, progress)
-    hypotheses = hypotheses_of(settings, checks)
+    hypotheses = hypotheses_of(names, checks)
     belief, rounds = search_forward(search, hypotheses, nominal, settings.least_gain, settings.most_causes)
     draws = resamples(len(jumps), settings.bootstrap_draws, rng)
     verdict, answer = judge(belief, rounds, nominal, floor, judged, draws, settings)
@@ -121,9 +120,9 @@ def diagnose(
         },
         provenance={**provenance, "robot": robot.sha256, "config": asdict(settings)},
     )
-    names = [jump.name for jump in jumps]
-    correction = tuple(typical(fit, names) for fit in belief.fits)
-    return Diagnosis(report, dict(zip(names, whole, strict=True)), dict(zip(names, mended, strict=True)), correction)
+    logs = [jump.name for jump in jumps]
+    correction = tuple(typical(fit, logs) for fit in belief.fits)
+    return Diagnosis(report, dict(zip(logs, whole, strict=True)), dict(zip(logs, mended, strict=True)), correction)
 
 
 def run_checks(judged: Judged, robot: Robot, settings: Settings) -> list[Check]:
@@ -137,18 +136,21 @@ def run_checks(judged: Judged, robot: Robot, settings: Settings) -> list[Check]:
     return [check for check in found if check is not None]
 
 
-def hypotheses_of(settings: Settings, checks: Sequence[Check]) -> list[Hypothesis]:
+def known_names(settings: Settings) -> list[str]:
+    """The effects to look for; a name that is none is an ``InputError``."""
+    unknown = [name for name in settings.effects if name not in effects.known()]
+    if unknown:
+        expected = f"names among {', '.join(effects.known())}"
+        raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
+    return settings.effects or list(effects.known())
+
+
+def hypotheses_of(names: Sequence[str], checks: Sequence[Check]) -> list[Hypothesis]:
     """One hypothesis for each effect; one that differs by log takes its values from the joints' clock.
 
     The joints are not scored in the headline gap, so this holds on held-out jumps too.
     """
     clock = next((check.per_log for check in checks if check.name == "joint_clock"), None)
-    names = settings.effects or list(effects.known())
-    unknown = [name for name in names if name not in effects.known()]
-    if unknown:
-        raise InputError(
-            "diagnose.effects", ", ".join(unknown), f"names among {', '.join(effects.known())}", "correct the name"
-        )
     return [
         Hypothesis(name, per_log=clock if effects.known()[name].differs_per_log and clock else None) for name in names
     ]

@@ -52,7 +52,7 @@ class TrainConfig:
     networks: NetworksConfig = field(default_factory=NetworksConfig)
     published_recipe: PublishedRecipeConfig = field(default_factory=PublishedRecipeConfig)
     steps_an_epoch: int = 25
-    threads: int = 2
+    threads: int = 1
     """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
     trainer: dict[str, Any] = field(default_factory=dict)
 

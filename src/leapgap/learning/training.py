@@ -50,12 +50,18 @@ class Batch:
                      tensor(inputs.step_s), inputs.contact[order].sum(axis=0).tolist())
 
 
+def selection(names: tuple[str, ...]) -> np.ndarray:
+    """The inputs, all linear, as a matrix: (state, start, foot, time) @ selection, shape (17, inputs)."""
+    unit = np.eye(17)
+    return np.stack(columns(names, Situation(unit[:, :6], unit[:, 12:16], unit[:, 16], unit[:, 6:12])), axis=-1)
+
+
 class Residual(torch.nn.Module):
     """The trainable twin of ``NetworkModel``: S members side by side, single precision."""
 
     def __init__(self, model: NetworkModel, dropout: float) -> None:
         super().__init__()
-        self.names, self.dropout = model.names, dropout
+        self.dropout = dropout
         self.networks = torch.nn.ModuleDict()
         for name in NETWORKS:
             layers = zip(model.networks[name].weights, model.networks[name].biases, strict=True)
@@ -64,6 +70,10 @@ class Residual(torch.nn.Module):
         for phase, part in (("contact", model.contact), ("flight", model.flight)):
             for name in Scaling.__dataclass_fields__:
                 self.register_buffer(f"{phase}_{name}", torch.tensor(getattr(part, name), dtype=torch.float32))
+            scaled = selection(model.names) / part.input_scale
+            self.register_buffer(f"{phase}_select", torch.tensor(scaled, dtype=torch.float32))
+            shift = torch.tensor(part.input_mean / part.input_scale, dtype=torch.float32)
+            self.register_buffer(f"{phase}_shift", shift)
         body = model.nominal.body
         by_force = np.asarray(model.nominal.gains) / [body.mass_kg, body.mass_kg, body.pitch_inertia_kgm2]
         self.by_force: torch.Tensor
@@ -85,8 +95,10 @@ class Residual(torch.nn.Module):
         The situation's state and start are (S, n, 6), its foot and the force (n, 4): measured, the same for all.
         """
         phase = "contact" if pushing else "flight"
-        inputs = torch.stack(torch.broadcast_tensors(*columns(self.names, situation)), dim=-1)
-        inputs = (inputs - self.of(phase, "input_mean")) / self.of(phase, "input_scale")
+        members = situation.state.shape[0]
+        measured = torch.cat([situation.foot, situation.time_s[:, None]], dim=-1).expand(members, -1, -1)
+        known = torch.cat([situation.state, situation.start, measured], dim=-1)
+        inputs = known @ self.of(phase, "select") - self.of(phase, "shift")
         raw = self.mlp(f"{phase}/h", inputs)
         penalty = raw.abs().mean(dim=(1, 2)).sum()
         if pushing:

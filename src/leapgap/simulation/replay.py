@@ -68,8 +68,8 @@ class Replayer:
 
         Trials whose gains change on the way go on in the robot with the new gains.
         """
-        if not trials:
-            return []
+        for trial in trials:
+            self.check_joints(trial.jump)
         longest = [min(len(trial.jump), rows or len(trial.jump)) for trial in trials]
         motions: list[Motion | None] = [None] * len(trials)
         for length in sorted(set(longest)):
@@ -121,7 +121,6 @@ class Replayer:
         Velocities that were not logged start at zero; a robot whose base pose was not logged cannot be replayed.
         """
         jump, robot = trial.jump, self.robot
-        self.check_joints(jump)
         qpos, qvel = self.bare.qpos0.copy(), np.zeros(self.bare.nv)
         if robot.has_free_base:
             qpos[:3], qpos[3:7] = jump.stack(BASE_POSITION)[0], jump.stack(BASE_QUATERNION)[0]

@@ -27,10 +27,15 @@ ROWS_SHOWN = 4
 """Every so many milliseconds a point is drawn: the page stays small and the curves smooth."""
 
 
-def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]) -> str:
+def html(
+    report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]
+) -> str:
     """The whole page; the same report gives the same bytes."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     figures = {
         "map": gap_map(report),
@@ -53,7 +58,9 @@ def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], cor
 def embedded(figure: go.Figure, name: str) -> str:
     """A figure as a fragment of the page, under a fixed name so that bytes repeat."""
     figure.update_layout(
-        template="plotly_white", font={"family": "system-ui, sans-serif", "size": 13}, hoverlabel={"namelength": -1}
+        template="plotly_white",
+        font={"family": "system-ui, sans-serif", "size": 13},
+        hoverlabel={"namelength": -1},
     )
     return figure.to_html(
         full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config={"displaylogo": False}
@@ -64,15 +71,28 @@ def gap_map(report: Report) -> go.Figure:
     """Share of the squared gap by phase and channel; joints summed over the legs of a pair."""
     rows: dict[str, np.ndarray] = {}
     for place in report.where:
-        rows.setdefault(row_of(place.channel), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
-    order = [*(LABELS[name] for name in HEADLINE if LABELS[name] in rows), *sorted(set(rows) - set(LABELS.values()))]
+        rows.setdefault(row_of(place.channel), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += (
+            place.share
+        )
+    order = [
+        *(LABELS[name] for name in HEADLINE if LABELS[name] in rows),
+        *sorted(set(rows) - set(LABELS.values())),
+    ]
     shown = [p for p, _ in enumerate(PHASES) if any(rows[name][p] for name in order)]
     values = 100 * np.array([[rows[name][p] for p in shown] for name in order])
     figure = go.Figure(
         go.Heatmap(
-            z=values, x=[PHASES[p].replace("_", " ") for p in shown], y=order, colorscale="OrRd", zmin=0,
-            text=np.vectorize(lambda v: f"{v:.1f}" if v >= 0.05 else "")(values), texttemplate="%{text}",
-            hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap<extra></extra>", colorbar={"title": "%"}, xgap=2, ygap=2,
+            z=values,
+            x=[PHASES[p].replace("_", " ") for p in shown],
+            y=order,
+            colorscale="OrRd",
+            zmin=0,
+            text=np.vectorize(lambda v: f"{v:.1f}" if v >= 0.05 else "")(values),
+            texttemplate="%{text}",
+            hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap<extra></extra>",
+            colorbar={"title": "%"},
+            xgap=2,
+            ygap=2,
         )
     )
     figure.update_layout(height=90 + 27 * len(order), margin={"l": 180, "r": 20, "t": 30, "b": 20})
@@ -99,8 +119,13 @@ def overlay(
     from plotly.subplots import make_subplots
 
     channels = [name for name in HEADLINE if all(is_logged(jump, name) for jump in jumps)]
-    figure = make_subplots(rows=2, cols=3, subplot_titles=[f"{LABELS[c]}, {BASE_UNITS[c]}" for c in channels],
-                           horizontal_spacing=0.06, vertical_spacing=0.14)
+    figure = make_subplots(
+        rows=2,
+        cols=3,
+        subplot_titles=[f"{LABELS[c]}, {BASE_UNITS[c]}" for c in channels],
+        horizontal_spacing=0.06,
+        vertical_spacing=0.14,
+    )
     ordered = sorted(jumps, key=lambda jump: report.gap_per_log[jump.name]["nominal"])
     first = ordered[len(ordered) // 2].name
     owners: list[str] = []
@@ -113,25 +138,44 @@ def overlay(
                 shown = slice(0, min(len(jump), len(source)), ROWS_SHOWN)
                 figure.add_trace(
                     go.Scatter(
-                        x=np.round(source.time[shown], 3), y=np.round(measured(source, channel)[shown], 4), name=name,
-                        legendgroup=name, showlegend=c == 0, visible=jump.name == first,
-                        line={"color": colour, "width": width}, mode="lines",
+                        x=np.round(source.time[shown], 3),
+                        y=np.round(measured(source, channel)[shown], 4),
+                        name=name,
+                        legendgroup=name,
+                        showlegend=c == 0,
+                        visible=jump.name == first,
+                        line={"color": colour, "width": width},
+                        mode="lines",
                     ),
-                    row=c // 3 + 1, col=c % 3 + 1,
+                    row=c // 3 + 1,
+                    col=c % 3 + 1,
                 )
                 owners.append(jump.name)
     schedule = jumps[0].info.schedule
     for boundary in (schedule.front_lift_off_s, schedule.take_off_s):
         figure.add_vline(x=boundary, line={"color": GREY, "width": 1, "dash": "dot"})
     buttons = [
-        {"label": jump.name, "method": "update", "args": [{"visible": [owner == jump.name for owner in owners]}]}
+        {
+            "label": jump.name,
+            "method": "update",
+            "args": [{"visible": [owner == jump.name for owner in owners]}],
+        }
         for jump in jumps
     ]
     figure.update_layout(
-        height=560, margin={"l": 45, "r": 15, "t": 95, "b": 40},
+        height=560,
+        margin={"l": 45, "r": 15, "t": 95, "b": 40},
         legend={"orientation": "h", "y": 1.19, "x": 0.16},
-        updatemenus=[{"buttons": buttons, "active": [jump.name for jump in jumps].index(first), "x": 0,
-                      "xanchor": "left", "y": 1.2, "yanchor": "top"}],
+        updatemenus=[
+            {
+                "buttons": buttons,
+                "active": [jump.name for jump in jumps].index(first),
+                "x": 0,
+                "xanchor": "left",
+                "y": 1.2,
+                "yanchor": "top",
+            }
+        ],
     )
     figure.update_xaxes(title_text="s", row=2)
     return figure
@@ -144,10 +188,15 @@ def closures(report: Report) -> go.Figure:
     value = 100 * np.array([cause.closure.value for cause in causes])
     figure = go.Figure(
         go.Bar(
-            x=value, y=[f"{c.effect} ({c.location})" for c in causes], orientation="h",
+            x=value,
+            y=[f"{c.effect} ({c.location})" for c in causes],
+            orientation="h",
             marker_color=[CORRECTED if c.effect in believed else "#c3cad6" for c in causes],
             error_x={
-                "type": "data", "symmetric": False, "color": "#4b5563", "thickness": 1.4,
+                "type": "data",
+                "symmetric": False,
+                "color": "#4b5563",
+                "thickness": 1.4,
                 "array": 100 * np.array([c.closure.high for c in causes]) - value,
                 "arrayminus": value - 100 * np.array([c.closure.low for c in causes]),
             },
@@ -155,7 +204,9 @@ def closures(report: Report) -> go.Figure:
         )
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
-    figure.update_xaxes(title_text="share of the gap above the noise floor that goes away on jumps not fitted on, %")
+    figure.update_xaxes(
+        title_text="share of the gap above the noise floor that goes away on jumps not fitted on, %"
+    )
     return figure
 
 
@@ -165,14 +216,28 @@ def profiles(report: Report) -> go.Figure:
 
     columns = 3
     rows = -(-len(report.profiles) // columns)
-    figure = make_subplots(rows=rows, cols=columns, subplot_titles=[p.effect for p in report.profiles],
-                           shared_yaxes=True, horizontal_spacing=0.05, vertical_spacing=0.28 / rows)
+    figure = make_subplots(
+        rows=rows,
+        cols=columns,
+        subplot_titles=[p.effect for p in report.profiles],
+        shared_yaxes=True,
+        horizontal_spacing=0.05,
+        vertical_spacing=0.28 / rows,
+    )
     top = 1.6 * report.gap_nominal
     for i, one in enumerate(report.profiles):
         at = {"row": i // columns + 1, "col": i % columns + 1}
         figure.add_trace(
-            go.Scatter(x=one.values, y=one.gap, mode="lines+markers", showlegend=False, line={"color": CORRECTED},
-                       hovertemplate="%{x:.3g}: gap %{y:.3f}<extra></extra>"), **at)
+            go.Scatter(
+                x=one.values,
+                y=one.gap,
+                mode="lines+markers",
+                showlegend=False,
+                line={"color": CORRECTED},
+                hovertemplate="%{x:.3g}: gap %{y:.3f}<extra></extra>",
+            ),
+            **at,
+        )
         figure.update_xaxes(title_text=one.label, title_font={"size": 11}, **at)
     figure.add_hline(y=report.gap_nominal, line={"color": NOMINAL, "dash": "dot", "width": 1})
     figure.update_yaxes(range=[0, top])
@@ -186,8 +251,14 @@ def gap_per_log(report: Report) -> go.Figure:
     figure = go.Figure()
     shown = [("nominal", "nominal", NOMINAL), ("corrected", "corrected, not fitted on this jump", CORRECTED)]
     for key, label, colour in shown if report.answer else shown[:1]:
-        figure.add_bar(x=names, y=[report.gap_per_log[name][key] for name in names], name=label, marker_color=colour)
+        figure.add_bar(
+            x=names, y=[report.gap_per_log[name][key] for name in names], name=label, marker_color=colour
+        )
     figure.add_hline(y=report.noise_floor, line={"color": REAL, "dash": "dot", "width": 1})
-    figure.update_layout(height=300, barmode="group", margin={"l": 45, "r": 15, "t": 30, "b": 40},
-                         legend={"orientation": "h", "y": 1.18, "x": 0})
+    figure.update_layout(
+        height=300,
+        barmode="group",
+        margin={"l": 45, "r": 15, "t": 30, "b": 40},
+        legend={"orientation": "h", "y": 1.18, "x": 0},
+    )
     return figure

@@ -102,7 +102,7 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
     columns |= named(BASE_VELOCITY, body[:, 0:3])
     columns["base_angvel_y"] = forces[:, 5]  # the only component of the gyro that was logged
     columns |= joint_columns(files, options)
-    columns |= named([f"contact/{leg}" for leg in LEGS], body[:, 37:41])
+    columns |= named([f"contact/{leg}" for leg in LEGS], (body[:, 37:41] > 0).astype(float))  # an estimate: 0 or 0.5
     columns |= named([f"foot_force/{leg}" for leg in LEGS], body[:, 41:45])
     columns |= named([f"mpc_force/{axis}" for axis in PAIR_FORCE_AXES], forces[:, 11:15])
     columns |= named([f"pd_force/{axis}" for axis in PAIR_FORCE_AXES], files["data_pd"][:, :4])

@@ -1,0 +1,60 @@
+"""Fixtures that more than one part needs."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from leapgap.planning.library import reference_to
+from leapgap.recording import jump as jump_log
+from leapgap.recording.importers import importer
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.robot.model import Robot
+from leapgap.robot.schedule import ContactSchedule
+
+CROUCH = (0.0, 1.2566371, -2.3561945)
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return Robot.load()
+
+
+@pytest.fixture(scope="session")
+def raw() -> Path:
+    """The published jumps in their own layout, where this machine has them."""
+    for folder in (os.environ.get("LEAPGAP_RAW"), "data/raw"):
+        if folder and importer("published").find(Path(folder)):
+            return Path(folder)
+    pytest.skip("no real jumps: set LEAPGAP_RAW or fill data/raw")
+
+
+@pytest.fixture(scope="session")
+def real_jumps(raw: Path, robot: Robot) -> list[Jump]:
+    published = importer("published")
+    return [published.read(path, name, robot, published.Options()) for name, path in published.find(raw).items()]
+
+
+@pytest.fixture(scope="session")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> Jump:
+    """A planned 50 cm jump."""
+    return reference_to(Target(0.5), tmp_path_factory.mktemp("none"))
+
+
+def standing(robot: Robot, rows: int = 400, height_m: float = 0.1726, kp: float = 300.0, kd: float = 3.0,
+             **changed: np.ndarray) -> Jump:
+    """A log of the A1 held in its crouch, ``height_m`` of the trunk above the floor."""
+    columns = {"time": np.arange(rows) / 1000}
+    still = {"base_pos_z": height_m, "base_quat_w": 1.0}
+    for name in jump_log.BASE_POSITION + jump_log.BASE_QUATERNION + jump_log.BASE_VELOCITY + (
+        jump_log.BASE_ANGULAR_VELOCITY
+    ):
+        columns[name] = np.full(rows, still.get(name, 0.0))
+    for i, joint in enumerate(robot.joints):
+        angle = np.full(rows, CROUCH[i % 3])
+        columns |= {f"joint_pos/{joint}": angle, f"joint_vel/{joint}": np.zeros(rows)}
+        columns |= {f"cmd_tau/{joint}": np.zeros(rows), f"cmd_pos/{joint}": angle, f"cmd_vel/{joint}": np.zeros(rows)}
+        columns |= {f"cmd_kp/{joint}": np.full(rows, kp), f"cmd_kd/{joint}": np.full(rows, kd)}
+    info = JumpInfo("a1", 0.001, ContactSchedule(), Target(0.0), "made for a test")
+    return Jump("standing", columns | changed, info)

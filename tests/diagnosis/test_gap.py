@@ -1,0 +1,119 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from leapgap import effects
+from leapgap.diagnosis import checks
+from leapgap.diagnosis.channels import noise
+from leapgap.diagnosis.gap import (
+    PHASES,
+    Judged,
+    headline_rows,
+    noise_floor,
+    phase_of_rows,
+    pooled,
+    scaled_errors,
+    squares,
+    where,
+)
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.hardware import Course, Plan, SensorNoise, make_jumps
+from leapgap.simulation.replay import Replayer
+from tests.conftest import standing
+
+SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
+
+
+def hardware(robot: Robot, reference: Jump, *found: effects.Effect, noise: SensorNoise = SILENT, jumps: int = 1):
+    plans = [Plan(f"made_{i}", reference, 0.01 * i) for i in range(jumps)]
+    return make_jumps(plans, robot, found, noise, Course(), np.random.default_rng(0))
+
+
+def test_real_jumps_have_the_published_gap(robot: Robot, real_jumps: list[Jump]) -> None:
+    """The project's reference figure: 0.94 for the sixteen jumps on rows 0 to 1089 with the nominal robot."""
+    sixteen = [jump for jump in real_jumps if jump.name in {f"jump_{i:02d}" for i in (*range(1, 11), *range(15, 21))}]
+    judged = Judged.of(sixteen, robot)
+    assert set(judged.rows) == {1090}
+    gap = pooled(squares(judged, Replayer(robot), [[()] * len(sixteen)])[0], judged)
+    assert gap == pytest.approx(0.942, abs=0.01)
+
+
+def test_the_nominal_robot_without_noise_has_no_gap(robot: Robot, reference: Jump) -> None:
+    judged = Judged.of(hardware(robot, reference), robot)
+    assert pooled(squares(judged, Replayer(robot), [[()]])[0], judged) < 1e-6
+
+
+def test_the_noise_floor_is_the_gap_of_a_perfect_model(robot: Robot, reference: Jump) -> None:
+    """Logs of the nominal robot with noise: what is left is the floor, estimated from the logs alone."""
+    jumps = hardware(robot, reference, noise=SensorNoise(), jumps=3)
+    judged, replayer = Judged.of(jumps, robot), Replayer(robot)
+    gap = pooled(squares(judged, replayer, [[()] * 3])[0], judged)
+    floor = pooled(noise_floor(judged, replayer, 4, np.random.default_rng(1)), judged)
+    assert 0.4 < gap / floor < 2.5
+
+
+def test_noise_is_read_off_the_high_frequencies(robot: Robot, reference: Jump) -> None:
+    (jump,) = hardware(robot, reference, noise=dataclasses.replace(SILENT, base_pos_m=0.002, joint_vel_rad_s=0.07))
+    assert noise(jump, "base_pos_z") == pytest.approx(0.002, rel=0.15)
+    assert noise(jump, "joint_vel/RR_calf") == pytest.approx(0.07, rel=0.15)
+    assert noise(jump, "joint_pos/RR_calf") < 1e-4
+
+
+def test_errors_are_scaled_as_the_contract_says(robot: Robot) -> None:
+    """A log lifted by 5 cm in its claimed height differs by one at once, in height alone."""
+    jump = standing(robot, 100)
+    lifted = Jump("lifted", dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] + 0.05 * (np.arange(100) > 0)},
+                  jump.info)
+    judged = Judged.of([lifted], robot)
+    (error,) = scaled_errors(judged, Replayer(robot), [[()]])[0]
+    names = [channel.name for channel in judged.channels]
+    assert error[1, names.index("base_pos_z")] == pytest.approx(-1, abs=1e-3)
+    assert error[1, names.index("base_pos_x")] == pytest.approx(0, abs=1e-3)
+
+
+def test_judged_rows_end_at_touch_down_or_before_other_gains(robot: Robot, reference: Jump) -> None:
+    (jump,) = hardware(robot, reference)
+    touch = headline_rows(jump, robot)
+    assert 1000 < touch < 1300
+    kp = np.where(np.arange(len(jump)) < 900, 300.0, 50.0)
+    changed = Jump("c", dict(jump.columns) | {"cmd_kp/FR_calf": kp}, jump.info)
+    assert headline_rows(changed, robot) == 890
+
+
+def test_phases_follow_the_schedule(reference: Jump) -> None:
+    named = [PHASES[p] for p in phase_of_rows(reference)]
+    assert [named[row] for row in (0, 499, 500, 749, 750, 849, 850, 1199, 1200)] == [
+        "double_contact", "double_contact", "rear_contact", "rear_contact", "lift_off", "lift_off", "flight", "flight",
+        "touch_down"]
+
+
+def test_where_finds_the_weak_joint_in_its_phases(robot: Robot, reference: Jump) -> None:
+    weak = effects.effect("torque_gain", location="RR_calf", scale=0.6)
+    jumps = hardware(robot, reference, weak, noise=SensorNoise())
+    places = where(Judged.of(jumps, robot), Replayer(robot), 0.1)
+    assert sum(place.share for place in places) == pytest.approx(1)
+    assert "RR_calf" in places[0].channel
+    assert places[0].phase in ("rear_contact", "lift_off")
+
+
+def test_clock_check_recovers_a_known_period(robot: Robot, reference: Jump) -> None:
+    slow = hardware(robot, reference, effects.effect("sample_period", scale=1.07), noise=SensorNoise(), jumps=2)
+    check = checks.joint_clock(slow, robot, threshold=0.02)
+    assert check is not None and not check.passed
+    assert check.per_log["made_0"] == pytest.approx(1.07, abs=0.01)
+    assert "runs slower than the log claims" in check.says
+    true = hardware(robot, reference, noise=SensorNoise(), jumps=2)
+    for judge in (checks.joint_clock, checks.base_clock):
+        assert judge(true, robot, 0.02).passed
+
+
+def test_fall_and_planted_feet_pass_on_a_true_log_and_fail_on_a_false_one(robot: Robot, reference: Jump) -> None:
+    (jump,) = hardware(robot, reference, noise=SensorNoise())
+    assert checks.free_fall([jump], robot, 0.08).passed
+    assert checks.planted_feet([jump], robot, 0.01).passed
+    drift = np.linspace(0, 0.05, len(jump))
+    false = Jump("f", dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] - 20 * drift**2, "base_pos_x":
+                                            jump["base_pos_x"] + drift}, jump.info)
+    assert not checks.planted_feet([false], robot, 0.01).passed

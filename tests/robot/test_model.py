@@ -1,0 +1,96 @@
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap.errors import InputError
+from leapgap.robot.model import Robot
+from leapgap.robot.schedule import ContactSchedule
+from leapgap.robot.terrain import Box
+from tests.conftest import CROUCH
+
+
+def test_mass_and_pitch_inertia_are_the_stated_ones(robot: Robot) -> None:
+    assert robot.total_mass == pytest.approx(12.453, abs=1e-9)
+    data = mujoco.MjData(robot.model)
+    mujoco.mj_resetDataKeyframe(robot.model, data, 0)
+    mujoco.mj_forward(robot.model, data)
+    mass = np.zeros((robot.model.nv, robot.model.nv))
+    mujoco.mj_fullM(robot.model, data, mass)
+    arm = data.subtree_com[1] - data.qpos[:3]
+    assert mass[4, 4] - robot.total_mass * (arm[0] ** 2 + arm[2] ** 2) == pytest.approx(0.347, abs=5e-4)
+
+
+def test_names_and_order_are_the_contract(robot: Robot) -> None:
+    assert robot.name == "a1"
+    assert robot.feet == ("FR", "FL", "RR", "RL")
+    assert robot.joints[:4] == ("FR_hip", "FR_thigh", "FR_calf", "FL_hip")
+    assert robot.model.body(1).name == "trunk"
+    assert robot.has_free_base
+
+
+def test_left_mirrors_right(robot: Robot) -> None:
+    feet = robot.feet_in_world(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.array([CROUCH * 4]))[0]
+    assert feet[0] * [1, -1, 1] == pytest.approx(feet[1])
+    assert feet[2] * [1, -1, 1] == pytest.approx(feet[3])
+    assert feet[0, 0] - feet[2, 0] == pytest.approx(2 * 0.183)
+
+
+@pytest.mark.parametrize(("location", "joints"), [
+    ("all", range(12)), ("front", range(6)), ("rear", range(6, 12)), ("calf", (2, 5, 8, 11)), ("RR", (6, 7, 8)),
+    ("RR_calf", (8,)),
+])
+def test_locations_of_joints(robot: Robot, location: str, joints: range) -> None:
+    assert robot.joints_at(location).tolist() == list(joints)
+
+
+def test_unknown_location_lists_the_known(robot: Robot) -> None:
+    with pytest.raises(InputError, match="found XX; expected all, front, rear or one of FR_hip"):
+        robot.joints_at("XX")
+    assert robot.feet_at("rear").tolist() == [2, 3]
+
+
+def test_joint_torques_stand_for_the_forces_that_cause_them(robot: Robot) -> None:
+    """τ = −Jᵀ Rᵀ u is inverted: against MuJoCo's generalised force of a point force on the foot."""
+    angles = np.array([CROUCH * 4]) + 0.1 * np.random.default_rng(0).standard_normal((1, 12))
+    quaternion = np.array([[np.cos(0.1), 0, np.sin(0.1), 0]])
+    on_robot = np.array([3.0, -5.0, 40.0])
+    data = mujoco.MjData(robot.model)
+    data.qpos[3:7], data.qpos[7:] = quaternion[0], angles[0]
+    mujoco.mj_forward(robot.model, data)
+    generalised = np.zeros(robot.model.nv)
+    foot = robot.foot_geoms[3]
+    mujoco.mj_applyFT(robot.model, data, on_robot, np.zeros(3), data.geom_xpos[foot],
+                      robot.model.geom_bodyid[foot], generalised)
+    force = robot.joint_torque_to_foot_force(quaternion, angles, -generalised[None, robot.joint_dofs])
+    assert force[0, 3] == pytest.approx(on_robot)
+    assert np.abs(force[0, :3]).max() < 1e-9
+    assert robot.per_pair(force)[0] == pytest.approx([0, 0, 3, 40])
+
+
+def test_terrain_of_different_jumps_has_one_size(robot: Robot) -> None:
+    bare, box = robot.on_terrain((), slots=2), robot.on_terrain((Box(0.2, 0.0, (0.2, 0.5, 0.03), 0.03),), slots=2)
+    assert bare.ngeom == box.ngeom
+    top = box.geom("terrain_0")
+    assert top.pos[2] + top.size[2] == pytest.approx(0.03)
+
+
+def test_models_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        Robot.load(tmp_path / "none.xml")
+    (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
+    with pytest.raises(InputError, match="no valid MuJoCo model"):
+        Robot.load(tmp_path / "broken.xml")
+    (tmp_path / "idle.xml").write_text(
+        "<mujoco><worldbody><body><joint name='a_b'/><geom size='0.1'/></body></worldbody></mujoco>")
+    with pytest.raises(InputError, match="no actuator at a_b"):
+        Robot.load(tmp_path / "idle.xml")
+
+
+def test_a_phase_holds_its_first_instant_and_not_its_last() -> None:
+    schedule = ContactSchedule()
+    planned = schedule.in_contact(np.array([0.0, 0.499, 8 * 0.0625, 0.799, 8 * 0.1, 1.0]))
+    assert planned.tolist() == [[True, True], [True, True], [False, True], [False, True], [False, False],
+                                [False, False]]
+    assert schedule.landing_s == pytest.approx(1.2)

@@ -1,0 +1,51 @@
+"""dvc.yaml, params.yaml and conf/ against the code they describe."""
+
+from typing import Any
+
+import pytest
+from omegaconf import OmegaConf
+
+from stages.params import composed, differences, is_as_written
+from tests.code import ROOT, closure, dependency
+
+
+def stages() -> dict[str, dict[str, Any]]:
+    """Stages of dvc.yaml, one entry for a foreach stage."""
+    raw = OmegaConf.to_container(OmegaConf.create((ROOT / "dvc.yaml").read_text().replace("${", "$ {")))
+    return {name: stage.get("do", stage) for name, stage in raw["stages"].items()}  # type: ignore[index,union-attr]
+
+
+@pytest.mark.parametrize("name", stages())
+def test_stage_lists_the_code_it_runs_and_no_other(name: str) -> None:
+    listed = {dep for dep in stages()[name]["deps"] if dep.startswith(("src/", "stages/"))}
+    needed = {dependency(module) for module in closure(f"stages.{name}")} - {
+        "stages/__init__.py", "src/leapgap/__init__.py"}
+    assert listed == needed
+
+
+@pytest.mark.parametrize("name", stages())
+def test_rule_of_one_word(name: str) -> None:
+    stage = stages()[name]
+    assert f"python -m stages.{name}" in stage["cmd"]
+    assert stage["desc"]
+    if name != "params":
+        assert name in stage["params"]
+        assert (ROOT / "conf" / name).is_dir()
+
+
+def test_params_yaml_equals_the_composed_configuration() -> None:
+    text = (ROOT / "params.yaml").read_text(encoding="utf-8")
+    assert text == composed(), "run `dvc repro params` and commit params.yaml"
+
+
+def test_params_knows_an_edit_by_hand_from_an_old_file() -> None:
+    old = composed(["chunk.steps=9"])
+    assert is_as_written(old)
+    assert not is_as_written(old.replace("steps: 9", "steps: 8"))
+    found = differences({"a": {"b": 1, "c": 2}}, {"a": {"b": 3, "c": 2}})
+    assert found == ["a.b: 1 in params.yaml, 3 in conf/"]
+
+
+def test_every_size_composes() -> None:
+    for path in (ROOT / "conf" / "size").glob("*.yaml"):
+        assert composed([f"size={path.stem}"])
