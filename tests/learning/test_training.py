@@ -7,15 +7,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.files import read_json
 from leapgap.learning import evaluation, experiment, store, training, untrained
-from leapgap.learning.baselines import NominalModel, fit_gains
+from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
 from leapgap.learning.experiment import FITS, TrainConfig
 from leapgap.learning.features import Situation
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal, squared_errors
+from leapgap.learning.splits import folds
 from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.recording import windows as windows_module
 from leapgap.recording.windows import ARRAYS, TimeGrid, Windows
@@ -177,19 +179,19 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     models = [name for name in FITS if not name.startswith(("networks", "published"))]
     groups = [["jump_0[012]"], ["jump_0[345]"]]
     experiment.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
-    folds, halves = (evaluation.held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session"))
-    assert folds is not None and halves is not None
-    found = evaluation.metrics(folds, halves, windows)
+    quarters, halves = (evaluation.held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session"))
+    assert quarters is not None and halves is not None
+    found = evaluation.metrics(quarters, halves, windows)
     assert (found["jumps"], found["windows"]) == (6, 162)
     gained = NominalModel(fit_gains(windows, RigidBody()))  # the law of these jumps: held-out error of its fits is nil
     assert found["cv_mse"]["nominal_fitted"] < 1e-12 and found["cv_mse"]["nominal"] > 0.01
     assert set(found["forecast_cv_mse"]) == {"constant_velocity", "playback", "kernel"}
     assert "kernel" not in found["cv_mse_sessions"] and "kernel_forecast" not in found["cv_mse"]
-    error = squared_errors(folds.states["playback"], windows).mean(axis=(1, 2)).reshape(6, 27).mean(axis=1)
+    error = squared_errors(quarters.states["playback"], windows).mean(axis=(1, 2)).reshape(6, 27).mean(axis=1)
     assert found["cv_mse"]["playback"] == pytest.approx(error.mean(), rel=1e-5)
     assert found["cv_mse_se"]["playback"] == pytest.approx(error.std(ddof=1) / np.sqrt(6), rel=1e-5)
 
-    evaluation.write_predictions(folds, tmp_path)
+    evaluation.write_predictions(quarters, tmp_path)
     table = pq.read_table(tmp_path / "jump_04.parquet")
     assert table.column_names[:4] == ["model", "window", "step", "time"]
     assert table.num_rows == (len(models) + 1) * 27 * 11
@@ -215,9 +217,30 @@ def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path
     assert "no logs" in read_json(tmp_path / "note.json")["note"]
 
 
+def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_path):
+    """With the configured inputs, on one fold and in a third of the steps."""
+    section = OmegaConf.load(Path(__file__).parents[2] / "conf/train/default.yaml").networks
+    ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
+    split = folds(real_windows.jumps, 4)[0]
+    train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
+    start = untrained.networks(train, fit_gains(train, RigidBody()), ours, np.random.default_rng(0))
+    run = training.Run(0, 1, QUIET, tmp_path / "scratch", "test", 25)
+    networks, _ = training.fit(start, train, None, replace(ours.fitting, steps=50), run)
+    found = {
+        name: squared_errors(model.predict(held_out.inputs), held_out).mean() for name, model in {
+            "networks": networks, "playback": Playback.fit(train), "still": ConstantVelocity(),
+            "nominal": NominalModel(Nominal(RigidBody()))}.items()}
+    assert found["networks"] < 0.06 < found["playback"] < found["still"] < found["nominal"]
+
+
 def test_an_unknown_model_is_named(windows: Windows, tmp_path):
     with pytest.raises(InputError, match=r"train.models: found oracle; expected some of nominal, nominal_published"):
         experiment.train(windows, config(models=["oracle"]), tmp_path)
+
+
+def test_a_trainer_that_is_not_there_is_named(windows: Windows, tmp_path):
+    with pytest.raises(InputError, match=r"train.trainer: found .*invalid accelerator name: `accelerator='abacus'`"):
+        experiment.train(windows, config(models=["networks"], trainer={"accelerator": "abacus"}), tmp_path)
 
 
 def test_all_arrays_of_windows_are_listed(windows: Windows):

@@ -14,6 +14,7 @@ from typing import Any
 import lightning
 import numpy as np
 import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
 
 from leapgap.errors import InputError
@@ -286,19 +287,27 @@ def fit(model: NetworkModel, train: Windows, validation: Windows | None, fitting
     learner = Learner(Residual(model, fitting.dropout), train, validation, fitting, run.seed)
     every = min(run.steps_an_epoch, fitting.steps)
     curve = Curve(every)
-    options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
-    bars = [Bar(run.title)] if options.get("enable_progress_bar", True) else []
-    driver = lightning.Trainer(
-        max_steps=fitting.steps, gradient_clip_val=fitting.clip_norm or None, default_root_dir=run.scratch,
-        logger=False, log_every_n_steps=every, use_distributed_sampler=False, enable_model_summary=False,
-        callbacks=[curve, *bars, ModelCheckpoint(
-            run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)],
-        **options)
+    driver = trainer_of(fitting, run, every, curve)
     last = run.scratch / "last.ckpt"
     ticks = torch.utils.data.DataLoader(Ticks(every), batch_size=None)
     driver.fit(learner, ticks, ckpt_path=str(last) if last.exists() else None, weights_only=True)
     shutil.rmtree(run.scratch, ignore_errors=True)
     return learner.residual.trained(model), curve.rows
+
+
+def trainer_of(fitting: Fitting, run: Run, every: int, curve: Curve) -> lightning.Trainer:
+    """Lightning's trainer with the configured options; ``InputError`` where it refuses them."""
+    options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
+    bars = [Bar(run.title)] if options.get("enable_progress_bar", True) else []
+    checkpoint = ModelCheckpoint(run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)
+    try:
+        return lightning.Trainer(
+            max_steps=fitting.steps, gradient_clip_val=fitting.clip_norm or None, default_root_dir=run.scratch,
+            logger=False, log_every_n_steps=every, use_distributed_sampler=False, enable_model_summary=False,
+            callbacks=[curve, *bars, checkpoint], **options)
+    except (TypeError, ValueError, MisconfigurationException) as error:
+        raise InputError("train.trainer", str(error), "options of lightning.Trainer this machine can serve",
+                         "correct conf/train") from None
 
 
 def quiet() -> None:

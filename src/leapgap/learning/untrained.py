@@ -18,7 +18,7 @@ PUBLISHED_INPUTS = ("x_from_start", "z_from_start", "pitch",
 class Fitting:
     """How weights are moved."""
 
-    steps: int = 150
+    steps: int = 120
     """Full-batch steps of the optimiser."""
     learning_rate: float = 0.01
     cosine_decay: bool = True
