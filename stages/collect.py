@@ -40,7 +40,8 @@ class Settings:
 def collect(config: DictConfig) -> None:
     """Let the chosen hardware make the configured jumps."""
     settings = read_config(Settings, config.collect, "collect")
-    robot, on_top = Robot.load(config.robot.model), ()
+    robot = Robot.load(config.robot.model)
+    on_top: tuple[effects.Effect, ...] = ()
     if settings.robot is not None:
         robot, on_top = read_corrected(Path(settings.robot))
     if settings.hardware not in settings.variants:
@@ -53,16 +54,21 @@ def collect(config: DictConfig) -> None:
     references = {target: reference_to(target, Path(settings.references)) for target in targets}
     rng = np.random.default_rng(settings.seed)
     plans = [
-        Plan(f"{settings.hardware}_{i:02d}", references[targets[i % len(targets)]],
-             round(float(rng.uniform(*settings.block_height_m)), 4))
+        Plan(
+            f"{settings.hardware}_{i:02d}",
+            references[targets[i % len(targets)]],
+            round(float(rng.uniform(*settings.block_height_m)), 4),
+        )
         for i in range(settings.jumps)
     ]
     jumps = make_jumps(plans, robot, (*on_top, *hidden), settings.noise, settings.course, rng)
     with whole_folder(output_folder(settings.out)) as folder:
         for plan, jump in zip(plans, jumps, strict=True):
             jump_log.write(jump, folder / f"{jump.name}.parquet")
-            print(f"{jump.name}: {jump.info.target.x_m:.2f} m from a {100 * plan.block_height_m:.1f} cm block, "
-                  f"lands {landing_error_cm(jump):+.1f} cm short")
+            print(
+                f"{jump.name}: {jump.info.target.x_m:.2f} m from a {100 * plan.block_height_m:.1f} cm block, "
+                f"lands {landing_error_cm(jump):+.1f} cm short"
+            )
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ def params_with_overrides(arguments: list[str]) -> DictConfig:
     try:
         params = OmegaConf.load(PARAMS)
         OmegaConf.set_struct(params, True)
-        return OmegaConf.merge(params, OmegaConf.from_dotlist(arguments))  # type: ignore[return-value]
+        return OmegaConf.merge(params, OmegaConf.from_dotlist(arguments))
     except OmegaConfBaseException as error:
         raise config_error(error) from None
 
@@ -91,14 +91,12 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     try:
         schema = OmegaConf.structured(kind)
         unlock(schema)
-        return OmegaConf.to_object(OmegaConf.merge(schema, section))  # type: ignore[return-value]
+        return OmegaConf.to_object(OmegaConf.merge(schema, section))
     except OmegaConfBaseException as error:
         said = str(error).splitlines()[0].rstrip(".")
         where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
         fields = ", ".join(kind.__dataclass_fields__)  # type: ignore[attr-defined]
-        raise InputError(
-            where, said, f"the keys {fields}", "correct it in conf/ or on the command line"
-        ) from None
+        raise InputError(where, said, f"the keys {fields}", "correct it in conf/ or on the command line") from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
 
@@ -117,7 +115,5 @@ def output_folder(out: Any) -> Path:
     if out is not None:
         return Path(out)
     if "DVC_STAGE" in os.environ:
-        raise InputError(
-            "configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it"
-        )
+        raise InputError("configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it")
     return Path(HydraConfig.get().runtime.output_dir) / "out"

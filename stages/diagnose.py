@@ -5,7 +5,8 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.diagnosis.diagnose import Settings, diagnose as run_diagnosis
+from leapgap.diagnosis.diagnose import Settings
+from leapgap.diagnosis.diagnose import diagnose as run_diagnosis
 from leapgap.diagnosis.report import Report
 from leapgap.files import sha256, whole_folder, write_json, write_text
 from leapgap.recording import jump as jump_log

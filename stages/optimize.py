@@ -26,8 +26,11 @@ def optimize(config: DictConfig) -> None:
     solutions = []
     for solution in solve_all(problems):
         solutions.append(solution)
-        print(f"{name_of(solution.problem.target)}: cost {solution.cost:.1f}, "
-              f"{solution.iterations} iterations, {solution.seconds:.2f} s", flush=True)
+        print(
+            f"{name_of(solution.problem.target)}: cost {solution.cost:.1f}, "
+            f"{solution.iterations} iterations, {solution.seconds:.2f} s",
+            flush=True,
+        )
     with whole_folder(out) as folder:
         write_references(solutions, folder, gains)
         if section.timing == "beside":

@@ -6,7 +6,6 @@
 
 import hashlib
 import os
-from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_dir
@@ -51,8 +50,11 @@ def differences(old: Any, new: Any, key: str = "") -> list[str]:
     """Keys that differ between two configurations, each with both values."""
     if isinstance(old, dict) and isinstance(new, dict):
         keys = [*old, *(name for name in new if name not in old)]
-        return [line for name in keys
-                for line in differences(old.get(name), new.get(name), f"{key}.{name}" if key else name)]
+        return [
+            line
+            for name in keys
+            for line in differences(old.get(name), new.get(name), f"{key}.{name}" if key else name)
+        ]
     return [] if old == new else [f"{key}: {old} in params.yaml, {new} in conf/"]
 
 
@@ -74,7 +76,9 @@ def params() -> None:
     old = PARAMS.read_text(encoding="utf-8") if PARAMS.is_file() else text
     if old != text and not is_as_written(old):
         raise InputError(
-            PARAMS, f"settings changed here ({changes(old, text)})", "settings changed in conf/ only",
+            PARAMS,
+            f"settings changed here ({changes(old, text)})",
+            "settings changed in conf/ only",
             "move them into conf/, then delete params.yaml and run again",
         )
     write_text(PARAMS, text)

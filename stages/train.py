@@ -16,7 +16,7 @@ def train(config: DictConfig) -> None:
     section = read_config(TrainConfig, config.train, "train")
     out = output_folder(section.out)
     found, began = windows.read(Path(section.windows)), time.monotonic()
-    fitted = experiment.train(found, section, out)
+    fitted = experiment.train(found, section, out, progress=lambda text: print(text, flush=True))
     if not len(found):
         print(f"no logs: nothing trained -> {out}")
         return

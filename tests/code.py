@@ -36,8 +36,9 @@ def imports(module: str) -> frozenset[str]:
             elif name in modules():
                 found.add(name)
                 # importing a.b.c runs a and a.b too
-                found.update(parent for i in range(1, name.count(".") + 1)
-                             if (parent := name.rsplit(".", i)[0]) in modules())
+                found.update(
+                    parent for i in range(1, name.count(".") + 1) if (parent := name.rsplit(".", i)[0]) in modules()
+                )
     found |= loaded_by_name(module)
     return frozenset(found)
 

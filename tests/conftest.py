@@ -42,13 +42,14 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> Jump:
     return reference_to(Target(0.5), tmp_path_factory.mktemp("none"))
 
 
-def standing(robot: Robot, rows: int = 400, height_m: float = 0.1726, kp: float = 300.0, kd: float = 3.0,
-             **changed: np.ndarray) -> Jump:
+def standing(
+    robot: Robot, rows: int = 400, height_m: float = 0.1726, kp: float = 300.0, kd: float = 3.0, **changed: np.ndarray
+) -> Jump:
     """A log of the A1 held in its crouch, ``height_m`` of the trunk above the floor."""
     columns = {"time": np.arange(rows) / 1000}
     still = {"base_pos_z": height_m, "base_quat_w": 1.0}
-    for name in jump_log.BASE_POSITION + jump_log.BASE_QUATERNION + jump_log.BASE_VELOCITY + (
-        jump_log.BASE_ANGULAR_VELOCITY
+    for name in (
+        jump_log.BASE_POSITION + jump_log.BASE_QUATERNION + jump_log.BASE_VELOCITY + (jump_log.BASE_ANGULAR_VELOCITY)
     ):
         columns[name] = np.full(rows, still.get(name, 0.0))
     for i, joint in enumerate(robot.joints):

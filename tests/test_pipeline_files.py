@@ -19,7 +19,9 @@ def stages() -> dict[str, dict[str, Any]]:
 def test_stage_lists_the_code_it_runs_and_no_other(name: str) -> None:
     listed = {dep for dep in stages()[name]["deps"] if dep.startswith(("src/", "stages/"))}
     needed = {dependency(module) for module in closure(f"stages.{name}")} - {
-        "stages/__init__.py", "src/leapgap/__init__.py"}
+        "stages/__init__.py",
+        "src/leapgap/__init__.py",
+    }
     assert listed == needed
 
 

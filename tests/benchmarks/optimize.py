@@ -75,9 +75,12 @@ def main() -> None:
             warm.append(solve(Problem(neighbour), near=solution).seconds)
     plain = plain_seconds(TARGETS)
     result = {
-        "cold_seconds_median": float(np.median(cold)), "cold_seconds_worst": max(cold),
-        "warm_seconds_median": float(np.median(warm)), "warm_seconds_worst": max(warm),
-        "plain_seconds_median": float(np.median(plain)), "plain_seconds_worst": max(plain),
+        "cold_seconds_median": float(np.median(cold)),
+        "cold_seconds_worst": max(cold),
+        "warm_seconds_median": float(np.median(warm)),
+        "warm_seconds_worst": max(warm),
+        "plain_seconds_median": float(np.median(plain)),
+        "plain_seconds_worst": max(plain),
         "ratio": float(np.median(cold) / np.median(plain)),
         "build_and_first_seconds": build_and_first,
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, CasADi {ca.__version__}",

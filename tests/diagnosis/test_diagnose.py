@@ -14,7 +14,9 @@ from leapgap.simulation.hardware import SensorNoise
 from leapgap.view.report import html
 from tests.diagnosis.test_gap import hardware
 
-FEW = Settings(effects=["joint_damping", "sample_period", "torque_gain"], grid_points=4, most_causes=1, bootstrap_draws=200)
+FEW = Settings(
+    effects=["joint_damping", "sample_period", "torque_gain"], grid_points=4, most_causes=1, bootstrap_draws=200
+)
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +28,14 @@ def diagnosed(robot: Robot, reference: Jump):
     return of
 
 
-@pytest.mark.parametrize(("name", "values"), [
-    ("joint_damping", {"damping": 0.4}), ("torque_gain", {"scale": 0.85}), ("sample_period", {"scale": 1.07}),
-])
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("joint_damping", {"damping": 0.4}),
+        ("torque_gain", {"scale": 0.85}),
+        ("sample_period", {"scale": 1.07}),
+    ],
+)
 def test_diagnosis_names_the_effect_we_injected(diagnosed, name: str, values: dict[str, float]) -> None:
     report = diagnosed(effects.effect(name, **values)).report
     assert report.verdict == "named"
@@ -59,11 +66,29 @@ def test_report_holds_the_contract_and_repeats(diagnosed) -> None:
     found = diagnosed(effects.effect("joint_damping", damping=0.4))
     text = json.dumps(found.report.to_json(), allow_nan=False)
     report = json.loads(text)
-    assert set(report) >= {"format_version", "verdict", "sentence", "gap", "answer", "closure_of_answer", "where",
-                           "causes", "checks", "next_experiment", "provenance"}
+    assert set(report) >= {
+        "format_version",
+        "verdict",
+        "sentence",
+        "gap",
+        "answer",
+        "closure_of_answer",
+        "where",
+        "causes",
+        "checks",
+        "next_experiment",
+        "provenance",
+    }
     assert set(report["gap"]) == {"nominal", "corrected", "noise_floor", "unit"}
-    assert set(report["causes"][0]) >= {"effect", "location", "probability", "parameters", "per_log", "closure",
-                                        "confusable_with"}
+    assert set(report["causes"][0]) >= {
+        "effect",
+        "location",
+        "probability",
+        "parameters",
+        "per_log",
+        "closure",
+        "confusable_with",
+    }
     assert set(report["causes"][0]["parameters"]["damping"]) >= {"value", "ci95", "nominal", "unit"}
     assert found.correction[0].name == "joint_damping"
     again = diagnosed(effects.effect("joint_damping", damping=0.4))
@@ -88,8 +113,9 @@ def test_one_jump_says_what_cannot_be_judged(robot: Robot, reference: Jump) -> N
 
 def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: Jump) -> None:
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
-    blind = [Jump(jump.name, {k: v for k, v in jump.columns.items() if k != "base_angvel_y"}, jump.info)
-             for jump in jumps]
+    blind = [
+        Jump(jump.name, {k: v for k, v in jump.columns.items() if k != "base_angvel_y"}, jump.info) for jump in jumps
+    ]
     settings = dataclasses.replace(FEW, effects=["joint_damping"], folds=2)
     report = diagnose(blind, robot, settings, {"logs": {}, "versions": {}}).report
     assert "base_angvel_y" in report.not_judged

@@ -64,8 +64,9 @@ def test_noise_is_read_off_the_high_frequencies(robot: Robot, reference: Jump) -
 def test_errors_are_scaled_as_the_contract_says(robot: Robot) -> None:
     """A log lifted by 5 cm in its claimed height differs by one at once, in height alone."""
     jump = standing(robot, 100)
-    lifted = Jump("lifted", dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] + 0.05 * (np.arange(100) > 0)},
-                  jump.info)
+    lifted = Jump(
+        "lifted", dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] + 0.05 * (np.arange(100) > 0)}, jump.info
+    )
     judged = Judged.of([lifted], robot)
     (error,) = scaled_errors(judged, Replayer(robot), [[()]])[0]
     names = [channel.name for channel in judged.channels]
@@ -85,8 +86,16 @@ def test_judged_rows_end_at_touch_down_or_before_other_gains(robot: Robot, refer
 def test_phases_follow_the_schedule(reference: Jump) -> None:
     named = [PHASES[p] for p in phase_of_rows(reference)]
     assert [named[row] for row in (0, 499, 500, 749, 750, 849, 850, 1199, 1200)] == [
-        "double_contact", "double_contact", "rear_contact", "rear_contact", "lift_off", "lift_off", "flight", "flight",
-        "touch_down"]
+        "double_contact",
+        "double_contact",
+        "rear_contact",
+        "rear_contact",
+        "lift_off",
+        "lift_off",
+        "flight",
+        "flight",
+        "touch_down",
+    ]
 
 
 def test_where_finds_the_weak_joint_in_its_phases(robot: Robot, reference: Jump) -> None:
@@ -114,6 +123,10 @@ def test_fall_and_planted_feet_pass_on_a_true_log_and_fail_on_a_false_one(robot:
     assert checks.free_fall([jump], robot, 0.08).passed
     assert checks.planted_feet([jump], robot, 0.01).passed
     drift = np.linspace(0, 0.05, len(jump))
-    false = Jump("f", dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] - 20 * drift**2, "base_pos_x":
-                                            jump["base_pos_x"] + drift}, jump.info)
+    false = Jump(
+        "f",
+        dict(jump.columns)
+        | {"base_pos_z": jump["base_pos_z"] - 20 * drift**2, "base_pos_x": jump["base_pos_x"] + drift},
+        jump.info,
+    )
     assert not checks.planted_feet([false], robot, 0.01).passed

@@ -82,11 +82,14 @@ def test_a_slower_loop_lets_more_time_pass_a_row(robot: Robot, reference: Jump) 
     assert slower.qvel[-1, 2] / nominal.qvel[-1, 2] == pytest.approx(1.1, abs=0.02)
 
 
-@pytest.mark.parametrize(("name", "values", "message"), [
-    ("joint_dampng", {}, "found joint_dampng; expected one of armature"),
-    ("joint_damping", {"damp": 1.0}, "found parameter damp; expected one of damping"),
-    ("torque_gain", {"scale": -1.0}, "found -1; expected 0.3 to 1.5"),
-])
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("joint_dampng", {}, "found joint_dampng; expected one of armature"),
+        ("joint_damping", {"damp": 1.0}, "found parameter damp; expected one of damping"),
+        ("torque_gain", {"scale": -1.0}, "found -1; expected 0.3 to 1.5"),
+    ],
+)
 def test_what_is_no_effect_is_refused(name: str, values: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         effects.effect(name, **values)

@@ -40,9 +40,14 @@ def test_a_roll_out_computed_by_hand():
             return cls()
 
     inputs = RolloutInputs(
-        state=np.array([[0.0, 0.3, 0.1, 1.0, 2.0, 0.5]]), force=np.array([[[10.0, 100, 0, 0], [0, 0, 0, 0]]]),
-        foot=np.array([[[0.2, -0.3, -0.2, -0.3]] * 2]), contact=np.array([[True, False]]),
-        time_s=np.array([[0.775, 0.8]]), step_s=np.array([[0.025, 0.1]]), start=np.array([31]))
+        state=np.array([[0.0, 0.3, 0.1, 1.0, 2.0, 0.5]]),
+        force=np.array([[[10.0, 100, 0, 0], [0, 0, 0, 0]]]),
+        foot=np.array([[[0.2, -0.3, -0.2, -0.3]] * 2]),
+        contact=np.array([[True, False]]),
+        time_s=np.array([[0.775, 0.8]]),
+        step_s=np.array([[0.025, 0.1]]),
+        start=np.array([31]),
+    )
     spin = 2 * (-0.3 * 10 - 0.2 * 100) / 0.5 - 2  # gain · moment / J + h = -94
     vx, vz, rate = 1 + 0.025 * (1 + 1 + 0.01 * 100), 2 + 0.025 * (10 - 9.81), 0.5 + 0.025 * spin
     first = [0.025, 0.3 + 0.05, 0.1 + 0.0125, vx, vz, rate]

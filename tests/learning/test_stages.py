@@ -24,10 +24,15 @@ def config(folder: Path, **changes: object) -> DictConfig:
     """The defaults of conf/, with folders below ``folder`` and models that are fitted at once."""
     sections = {name: OmegaConf.load(CONF / name / "default.yaml") for name in ("chunk", "train", "evaluate")}
     places = {
-        "chunk.logs": folder / "logs", "chunk.out": folder / "windows", "train.windows": folder / "windows",
-        "train.out": folder / "models", "train.models": ["nominal", "nominal_fitted", "playback", "kernel"],
-        "evaluate.windows": folder / "windows", "evaluate.models": folder / "models",
-        "evaluate.metrics": folder / "metrics.json", "evaluate.out": folder / "predictions",
+        "chunk.logs": folder / "logs",
+        "chunk.out": folder / "windows",
+        "train.windows": folder / "windows",
+        "train.out": folder / "models",
+        "train.models": ["nominal", "nominal_fitted", "playback", "kernel"],
+        "evaluate.windows": folder / "windows",
+        "evaluate.models": folder / "models",
+        "evaluate.metrics": folder / "metrics.json",
+        "evaluate.out": folder / "predictions",
     }
     whole = OmegaConf.create({**sections, "robot": {"model": str(DEFAULT_MODEL)}})
     for key, value in {**places, **changes}.items():
@@ -54,7 +59,9 @@ def test_logs_become_metrics_and_predictions(jumps, tmp_path):
     assert (found["jumps"], found["windows"]) == (6, 162)
     assert found["cv_mse"]["nominal_fitted"] < 1e-12 < found["cv_mse"]["playback"]
     assert {path.name for path in (tmp_path / "predictions").iterdir()} == {
-        "error_by_step.csv", *(f"{jump.name}.parquet" for jump in jumps)}
+        "error_by_step.csv",
+        *(f"{jump.name}.parquet" for jump in jumps),
+    }
     models = set(pq.read_table(tmp_path / "predictions" / "jump_00.parquet")["model"].to_pylist())
     assert models == {"measured", "nominal", "nominal_fitted", "playback", "kernel"}
 

@@ -30,11 +30,25 @@ SHORT = replace(NETWORKS, fitting=replace(NETWORKS.fitting, steps=3))
 
 
 def config(**changes) -> TrainConfig:
-    small = PublishedRecipeConfig(hidden_h=[8, 8], hidden_G=[9, 9], fitting=Fitting(
-        steps=2, learning_rate=2e-4, cosine_decay=False, weight_decay=0.0, clip_norm=0.0, loss="sum"))
-    return replace(TrainConfig(
-        windows="", models=list(FITS), folds=2, kernel=KernelConfig(inputs=INPUTS), networks=SHORT,
-        published_recipe=small, steps_an_epoch=4, threads=1, trainer=dict(QUIET)), **changes)
+    small = PublishedRecipeConfig(
+        hidden_h=[8, 8],
+        hidden_G=[9, 9],
+        fitting=Fitting(steps=2, learning_rate=2e-4, cosine_decay=False, weight_decay=0.0, clip_norm=0.0, loss="sum"),
+    )
+    return replace(
+        TrainConfig(
+            windows="",
+            models=list(FITS),
+            folds=2,
+            kernel=KernelConfig(inputs=INPUTS),
+            networks=SHORT,
+            published_recipe=small,
+            steps_an_epoch=4,
+            threads=1,
+            trainer=dict(QUIET),
+        ),
+        **changes,
+    )
 
 
 def fit(train: Windows, validation: Windows | None, scratch: Path, fitting: Fitting = NETWORKS.fitting, seed: int = 0):
@@ -47,8 +61,12 @@ def same(a, b) -> bool:
 
 
 def published_model(windows: Windows):
-    return untrained.published(windows.grid, Nominal(RigidBody(12.0, 0.17)), PublishedRecipeConfig(
-        hidden_h=[8, 8], hidden_G=[9, 9], orthogonal_gain=1.0), np.random.default_rng(3))
+    return untrained.published(
+        windows.grid,
+        Nominal(RigidBody(12.0, 0.17)),
+        PublishedRecipeConfig(hidden_h=[8, 8], hidden_G=[9, 9], orthogonal_gain=1.0),
+        np.random.default_rng(3),
+    )
 
 
 def our_model(windows: Windows):
@@ -78,8 +96,9 @@ def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
 
 
 def test_the_roll_outs_agree_for_one_member(windows: Windows):
-    model = untrained.networks(windows, Nominal(RigidBody(), (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1),
-                               np.random.default_rng(0))
+    model = untrained.networks(
+        windows, Nominal(RigidBody(), (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
+    )
     batch = training.Batch.of(windows, torch.device("cpu"))
     states, _ = training.Residual(model, 0.0).roll_out(batch)
     order = np.argsort(windows.start, kind="stable")
@@ -89,8 +108,9 @@ def test_the_roll_outs_agree_for_one_member(windows: Windows):
 def test_gradients_of_the_loss_by_finite_differences(windows: Windows):
     learner = training.Residual(our_model(windows), 0.0).double()
     batch = training.Batch.of(windows.of_jumps(windows.jumps[:1]), torch.device("cpu"))
-    batch = training.Batch(*(getattr(batch, n).double() for n in ("state", "force", "foot", "time_s", "step_s")),
-                           batch.in_contact)
+    batch = training.Batch(
+        *(getattr(batch, n).double() for n in ("state", "force", "foot", "time_s", "step_s")), batch.in_contact
+    )
 
     def loss() -> torch.Tensor:
         states, penalty = learner.roll_out(batch)
@@ -195,17 +215,23 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     table = pq.read_table(tmp_path / "jump_04.parquet")
     assert table.column_names[:4] == ["model", "window", "step", "time"]
     assert table.num_rows == (len(models) + 1) * 27 * 11
-    rows = [i for i, (m, w) in enumerate(zip(table["model"].to_pylist(), table["window"].to_pylist(), strict=True))
-            if m == "measured" and w == 26]
+    rows = [
+        i
+        for i, (m, w) in enumerate(zip(table["model"].to_pylist(), table["window"].to_pylist(), strict=True))
+        if m == "measured" and w == 26
+    ]
     assert table["time"].take(rows).to_pylist()[0] == pytest.approx(0.65)
     assert table["time"].take(rows).to_pylist()[-1] == pytest.approx(1.2)
     assert table["x"].take(rows).to_pylist()[0] == pytest.approx(windows.start_x[4 * 27 + 26])
 
     unseen = evaluation.of_unseen(windows, tmp_path / "models")
     assert unseen["nominal_fitted"] == pytest.approx(
-        squared_errors(gained.predict(windows.inputs), windows).mean(), abs=1e-12)
-    for other, said in ((replace(windows, robot_sha256="other"), "a model for robot_sha256"),
-                        (replace(windows, grid=TimeGrid(flight_step_s=0.05)), "a model for grid")):
+        squared_errors(gained.predict(windows.inputs), windows).mean(), abs=1e-12
+    )
+    for other, said in (
+        (replace(windows, robot_sha256="other"), "a model for robot_sha256"),
+        (replace(windows, grid=TimeGrid(flight_step_s=0.05)), "a model for grid"),
+    ):
         with pytest.raises(InputError, match=said):
             evaluation.of_unseen(other, tmp_path / "models")
 
@@ -227,9 +253,14 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
     run = training.Run(0, 1, QUIET, tmp_path / "scratch", "test", 25)
     networks, _ = training.fit(start, train, None, replace(ours.fitting, steps=50), run)
     found = {
-        name: squared_errors(model.predict(held_out.inputs), held_out).mean() for name, model in {
-            "networks": networks, "playback": Playback.fit(train), "still": ConstantVelocity(),
-            "nominal": NominalModel(Nominal(RigidBody()))}.items()}
+        name: squared_errors(model.predict(held_out.inputs), held_out).mean()
+        for name, model in {
+            "networks": networks,
+            "playback": Playback.fit(train),
+            "still": ConstantVelocity(),
+            "nominal": NominalModel(Nominal(RigidBody())),
+        }.items()
+    }
     assert found["networks"] < 0.06 < found["playback"] < found["still"] < found["nominal"]
 
 

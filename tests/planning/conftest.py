@@ -8,8 +8,15 @@ from leapgap.recording.jump import Jump, Target
 
 # Optimal cost of the published references (their files' own cost, by the published weights).
 PUBLISHED_COST = {
-    "h00_d00": 3921.0, "h00_d10": 3890.3, "h00_d30": 3980.4, "h00_d40": 4145.8, "h00_d60": 4983.1,
-    "h00_d80": 7996.1, "h20_d60": 5980.6, "h00_d-10": 3999.2, "h00_d-30": 4308.4,
+    "h00_d00": 3921.0,
+    "h00_d10": 3890.3,
+    "h00_d30": 3980.4,
+    "h00_d40": 4145.8,
+    "h00_d60": 4983.1,
+    "h00_d80": 7996.1,
+    "h20_d60": 5980.6,
+    "h00_d-10": 3999.2,
+    "h00_d-30": 4308.4,
 }
 
 

@@ -13,7 +13,9 @@ def test_index_lists_the_references_in_order(solutions, tmp_path):
     write_references(chosen, tmp_path, Gains(kp_nm_per_rad=80.0))
     index = json.loads((tmp_path / "references.json").read_text())
     assert [(row["x_m"], row["z_m"], row["file"]) for row in index] == [
-        (0.6, 0.2, "h20_d60.parquet"), (0.4, 0.0, "h00_d40.parquet")]
+        (0.6, 0.2, "h20_d60.parquet"),
+        (0.4, 0.0, "h00_d40.parquet"),
+    ]
     assert all(set(row) == {"x_m", "z_m", "cost", "max_violation", "status", "file"} for row in index)
     jump = read(tmp_path / index[0]["file"])
     assert jump.info.target == Target(0.6, 0.2)
@@ -27,10 +29,21 @@ def test_metrics_and_timing_are_by_reference(solutions):
     assert timing(chosen)["seconds"]["h00_d60"] > 0
 
 
-@pytest.mark.parametrize("pairs", [
-    None, 5, "0.5,0", [], [0.5, 0.0], [[0.5]], [[0.5, "a"]], [[0.5, float("nan")]], [[0.5, True]],
-    [[0.5, 0.0, 0.0]],
-])
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        None,
+        5,
+        "0.5,0",
+        [],
+        [0.5, 0.0],
+        [[0.5]],
+        [[0.5, "a"]],
+        [[0.5, float("nan")]],
+        [[0.5, True]],
+        [[0.5, 0.0, 0.0]],
+    ],
+)
 def test_what_is_no_list_of_targets_is_refused(pairs):
     with pytest.raises(InputError, match=r"optimize\.targets"):
         read_targets(pairs, "optimize.targets")

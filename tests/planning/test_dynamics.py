@@ -6,9 +6,15 @@ from leapgap.planning.robot import PlanarRobot
 from tests.planning.lagrangian import residual
 
 # Link angles (trunk, front thigh, front calf, rear thigh, rear calf) by pitch and joints.
-LINK_ANGLES = np.array([
-    [1, 0, 0, 0, 0], [1, -1, 0, 0, 0], [1, -1, -1, 0, 0], [1, 0, 0, -1, 0], [1, 0, 0, -1, -1],
-])
+LINK_ANGLES = np.array(
+    [
+        [1, 0, 0, 0, 0],
+        [1, -1, 0, 0, 0],
+        [1, -1, -1, 0, 0],
+        [1, 0, 0, -1, 0],
+        [1, 0, 0, -1, -1],
+    ]
+)
 
 
 def test_newton_euler_balances_are_the_lagrangian_ones(rng):

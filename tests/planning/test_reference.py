@@ -38,7 +38,8 @@ def test_velocities_are_the_derivatives_of_the_positions(references, name):
     pairs += [(f"joint_pos/{joint}", f"joint_vel/{joint}") for joint in jump.joints]
     for position, velocity in pairs:
         trapezoid = jump[position][0] + np.concatenate(
-            [[0], np.cumsum(jump[velocity][:-1] + jump[velocity][1:]) * 0.0005])
+            [[0], np.cumsum(jump[velocity][:-1] + jump[velocity][1:]) * 0.0005]
+        )
         np.testing.assert_allclose(jump[position], trapezoid, atol=2e-3)
     pitch = np.cumsum(jump["base_angvel_y"][:-1] + jump["base_angvel_y"][1:]) * 0.0005
     np.testing.assert_allclose(jump.pitch[1:], pitch, atol=1e-3)
@@ -110,11 +111,19 @@ def test_box_is_touched_by_landing_feet_only():
     assert terrain(robot, Target(0.6, 0.0)) == ()
 
 
-@pytest.mark.parametrize(("x_m", "z_m", "name"), [
-    (0.6, 0.0, "h00_d60"), (0.6, 0.2, "h20_d60"), (-0.1, 0.0, "h00_d-10"), (0.555, 0.0, "h00_d55.5"),
-    (0.0, 0.0, "h00_d00"), (0.05, 0.075, "h07.5_d05"), (-0.055, 0.0, "h00_d-05.5"),
-    (0.1 + 0.2, 0.0, "h00_d30"),
-])
+@pytest.mark.parametrize(
+    ("x_m", "z_m", "name"),
+    [
+        (0.6, 0.0, "h00_d60"),
+        (0.6, 0.2, "h20_d60"),
+        (-0.1, 0.0, "h00_d-10"),
+        (0.555, 0.0, "h00_d55.5"),
+        (0.0, 0.0, "h00_d00"),
+        (0.05, 0.075, "h07.5_d05"),
+        (-0.055, 0.0, "h00_d-05.5"),
+        (0.1 + 0.2, 0.0, "h00_d30"),
+    ],
+)
 def test_names_are_as_published(x_m, z_m, name):
     assert name_of(Target(x_m, z_m)) == name
 

@@ -92,6 +92,7 @@ def test_flight_is_ballistic_and_keeps_angular_momentum(solutions, name):
 
 def angular_momentum(robot: PlanarRobot, q: np.ndarray, v: np.ndarray) -> float:
     """About the centre of mass, kg·m²/s; motors do not count, they turn with their joints only."""
+
     def parts(t: ca.SX) -> ca.SX:
         at = [q[i] + t * v[i] for i in range(7)]
         rows = [(robot.trunk_mass, robot.trunk_inertia, at[X], at[Z], at[2])]
@@ -125,7 +126,8 @@ def test_published_trajectories(solutions):
         pad = np.full((1, 4), 2.0)  # the published files keep the first guess in the last knot
         for key, ours, tolerance in (
             ("Q", np.hstack([plan.q, plan.v]), 3e-5),
-            ("tau", np.vstack([plan.torque, pad]), 3e-4), ("F", np.vstack([plan.force, 0 * pad]), 1e-3),
+            ("tau", np.vstack([plan.torque, pad]), 3e-4),
+            ("F", np.vstack([plan.force, 0 * pad]), 1e-3),
         ):
             # 120 knots were stretched linearly over 1200 samples.
             stretched = [np.interp(np.arange(1200) * 119 / 1199, np.arange(120), each) for each in ours.T]
@@ -185,9 +187,7 @@ def test_a_phase_that_is_no_whole_number_of_steps_is_refused():
     assert str(error.value) == message
 
 
-@pytest.mark.parametrize(
-    "target", [Target(float("nan")), Target(9.0), Target(0.5, -0.1), Target(0.5, float("inf"))]
-)
+@pytest.mark.parametrize("target", [Target(float("nan")), Target(9.0), Target(0.5, -0.1), Target(0.5, float("inf"))])
 def test_a_target_that_is_no_jump_is_refused(target):
     with pytest.raises(InputError, match="jump target"):
         Problem(target)

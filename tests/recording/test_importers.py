@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.recording.importers import formats, importer
 from leapgap.recording.importers import csv as csv_format
-from leapgap.recording.importers import published
+from leapgap.recording.importers import formats, importer, published
 from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
 from leapgap.robot.model import Robot
 from tests.conftest import standing
@@ -87,13 +86,16 @@ def test_target_and_block_are_inferred(folder: Path, robot: Robot) -> None:
     assert box.top_m == pytest.approx(0.04, abs=0.001)
 
 
-@pytest.mark.parametrize(("harm", "message"), [
-    (lambda f: (f / "torque.txt").unlink(), r"torque\.txt: found no such file"),
-    (lambda f: truncate(f / "pos.txt"), r"pos\.txt: found no whole table"),
-    (lambda f: np.savetxt(f / "data_pd.txt", np.zeros((1000, 4))), "found 1000 rows; expected 1201"),
-    (lambda f: np.savetxt(f / "joint_act.txt", np.zeros((1201, 20))), "20 columns; expected 24 columns"),
-    (lambda f: np.savetxt(f / "pos.txt", np.full((1201, 46), np.nan)), "no number, first in row 0, column 0"),
-])
+@pytest.mark.parametrize(
+    ("harm", "message"),
+    [
+        (lambda f: (f / "torque.txt").unlink(), r"torque\.txt: found no such file"),
+        (lambda f: truncate(f / "pos.txt"), r"pos\.txt: found no whole table"),
+        (lambda f: np.savetxt(f / "data_pd.txt", np.zeros((1000, 4))), "found 1000 rows; expected 1201"),
+        (lambda f: np.savetxt(f / "joint_act.txt", np.zeros((1201, 20))), "20 columns; expected 24 columns"),
+        (lambda f: np.savetxt(f / "pos.txt", np.full((1201, 46), np.nan)), "no number, first in row 0, column 0"),
+    ],
+)
 def test_a_damaged_jump_is_named(folder: Path, robot: Robot, harm, message: str) -> None:
     harm(folder / "7")
     with pytest.raises(InputError, match=message):

@@ -15,8 +15,9 @@ from tests.conftest import standing
 
 def test_a_log_comes_back_as_it_was_written_and_bytes_repeat(robot: Robot, tmp_path: Path) -> None:
     log = standing(robot, rows=50)
-    log = dataclasses.replace(log, info=dataclasses.replace(
-        log.info, terrain=(Box(0.2, 0.0, (0.2, 0.5, 0.03), 0.03, estimated=True),)))
+    log = dataclasses.replace(
+        log, info=dataclasses.replace(log.info, terrain=(Box(0.2, 0.0, (0.2, 0.5, 0.03), 0.03, estimated=True),))
+    )
     jump_log.write(log, tmp_path / "a.parquet")
     jump_log.write(log, tmp_path / "b.parquet")
     back = jump_log.read(tmp_path / "a.parquet")
@@ -47,12 +48,15 @@ def ridden(column: str) -> dict:
     return {column: values}
 
 
-@pytest.mark.parametrize(("changed", "message"), [
-    (ridden("base_pos_z"), "column base_pos_z: found 2 values that are no number, first in row 40"),
-    ({"time": np.arange(100)[::-1] / 1000}, "a step of -0.001 s after row 0; expected strictly increasing times"),
-    ({"time": np.arange(99) / 1000}, r"found shape \(100,\); expected \(99,\)"),
-    ({"base_quat_w": np.full(100, 2.0)}, "found length 2; expected unit quaternions"),
-])
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (ridden("base_pos_z"), "column base_pos_z: found 2 values that are no number, first in row 40"),
+        ({"time": np.arange(100)[::-1] / 1000}, "a step of -0.001 s after row 0; expected strictly increasing times"),
+        ({"time": np.arange(99) / 1000}, r"found shape \(100,\); expected \(99,\)"),
+        ({"base_quat_w": np.full(100, 2.0)}, "found length 2; expected unit quaternions"),
+    ],
+)
 def test_what_cannot_be_used_is_refused_by_name(robot: Robot, changed: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         standing(robot, 100, **changed)

@@ -28,8 +28,10 @@ def test_the_published_grid_samples_the_published_rows():
     np.testing.assert_array_equal(np.round(times * 1000), PUBLISHED_ROWS)
 
 
-@pytest.mark.parametrize("contact_s, flight_s, k, steps", [
-    (0.025, 0.1, 10, 36), (0.025, 0.08, 10, 37), (0.05, 0.05, 10, 24), (0.025, 0.025, 22, 48), (0.1, 0.1, 12, 12)])
+@pytest.mark.parametrize(
+    "contact_s, flight_s, k, steps",
+    [(0.025, 0.1, 10, 36), (0.025, 0.08, 10, 37), (0.05, 0.05, 10, 24), (0.025, 0.025, 22, 48), (0.1, 0.1, 12, 12)],
+)
 def test_a_jump_gives_n_minus_k_plus_one_windows(jumps, robot, contact_s, flight_s, k, steps):  # noqa: F811
     found = windows.cut(jumps[:2], TimeGrid(contact_s, flight_s, k), robot)
     assert len(found) == 2 * (steps - k + 1)
@@ -64,8 +66,9 @@ def test_states_forces_and_feet_are_those_of_the_rows(jump, robot):  # noqa: F81
 
 
 def test_forces_logged_in_flight_are_not_used(jump, robot):  # noqa: F811
-    noisy = replace(jump, columns={**jump.columns, **{
-        f"train_force/{axis}": np.full(len(jump), 7.0) for axis in PAIR_FORCE_AXES}})
+    noisy = replace(
+        jump, columns={**jump.columns, **{f"train_force/{axis}": np.full(len(jump), 7.0) for axis in PAIR_FORCE_AXES}}
+    )
     found = windows.cut([noisy], TimeGrid(), robot)
     assert (found.force[found.contact] == 7).all()  # and the source's own u comes first
     assert (found.force[~found.contact] == 0).all()
@@ -83,24 +86,44 @@ def test_rows_are_found_by_the_clock_not_by_their_number(jump, robot):  # noqa: 
     kept = np.sort(np.unique([*(np.array(PUBLISHED_ROWS) // 5), *range(3, 240, 7)]))
     thinned = replace(jump, columns={k: v[kept] for k, v in jump.columns.items()})
     np.testing.assert_array_equal(
-        windows.cut([thinned], TimeGrid(), robot).state, windows.cut([jump], TimeGrid(), robot).state)
+        windows.cut([thinned], TimeGrid(), robot).state, windows.cut([jump], TimeGrid(), robot).state
+    )
 
 
-@pytest.mark.parametrize("spoil, grid, said", [
-    (lambda j: j, TimeGrid(steps=40),
-     "jump_01: found windows of 40 steps; expected 36 steps or fewer: all that this jump's schedule has; "
-     "shorten the window (chunk.steps), or make the steps shorter"),
-    (lambda j: j, TimeGrid(flight_step_s=0.15),
-     "time grid, flight: found 0.4 s, which is not a whole number of 0.15 s steps; expected for instance 0.3 s or "
-     "0.45 s; choose a step that divides the phase, or another schedule"),
-    (lambda j: j.first_rows(200), TimeGrid(),
-     "jump_01: found a log that ends at 0.995 s; expected one that reaches 1.2 s"),
-    (lambda j: without(j, "pd_force"), TimeGrid(), "jump_01: found no forces (only mpc_force)"),
-    (lambda j: without(j, "mpc_force", "pd_force"), TimeGrid(), "jump_01: found no forces (no column of them)"),
-    (lambda j: without(j, "base_"), TimeGrid(), "jump_01: found no base state (no base_pos_x, base_pos_z, base_quat_w"),
-    (lambda j: replace(j, columns={k: v[abs(j.time - 0.625) > 0.004] for k, v in j.columns.items()}), TimeGrid(),
-     "jump_01, column time: found no row within 2.5 ms of 0.625 s"),
-])
+@pytest.mark.parametrize(
+    "spoil, grid, said",
+    [
+        (
+            lambda j: j,
+            TimeGrid(steps=40),
+            "jump_01: found windows of 40 steps; expected 36 steps or fewer: all that this jump's schedule has; "
+            "shorten the window (chunk.steps), or make the steps shorter",
+        ),
+        (
+            lambda j: j,
+            TimeGrid(flight_step_s=0.15),
+            "time grid, flight: found 0.4 s, which is not a whole number of 0.15 s steps; expected for instance 0.3 s "
+            "or 0.45 s; choose a step that divides the phase, or another schedule",
+        ),
+        (
+            lambda j: j.first_rows(200),
+            TimeGrid(),
+            "jump_01: found a log that ends at 0.995 s; expected one that reaches 1.2 s",
+        ),
+        (lambda j: without(j, "pd_force"), TimeGrid(), "jump_01: found no forces (only mpc_force)"),
+        (lambda j: without(j, "mpc_force", "pd_force"), TimeGrid(), "jump_01: found no forces (no column of them)"),
+        (
+            lambda j: without(j, "base_"),
+            TimeGrid(),
+            "jump_01: found no base state (no base_pos_x, base_pos_z, base_quat_w",
+        ),
+        (
+            lambda j: replace(j, columns={k: v[abs(j.time - 0.625) > 0.004] for k, v in j.columns.items()}),
+            TimeGrid(),
+            "jump_01, column time: found no row within 2.5 ms of 0.625 s",
+        ),
+    ],
+)
 def test_bad_input_is_named(jump, robot, spoil, grid, said):  # noqa: F811
     with pytest.raises(InputError) as raised:
         windows.cut([spoil(jump)], grid, robot)
@@ -121,7 +144,11 @@ def test_written_windows_read_back_and_repeat_byte_for_byte(jumps, robot, tmp_pa
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
     back = windows.read(tmp_path / "a")
     assert (back.grid, back.schedule, back.jumps, back.robot_sha256) == (
-        found.grid, found.schedule, found.jumps, robot.sha256)
+        found.grid,
+        found.schedule,
+        found.jumps,
+        robot.sha256,
+    )
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(back, name), getattr(found, name))
 

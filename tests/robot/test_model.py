@@ -37,10 +37,17 @@ def test_left_mirrors_right(robot: Robot) -> None:
     assert feet[0, 0] - feet[2, 0] == pytest.approx(2 * 0.183)
 
 
-@pytest.mark.parametrize(("location", "joints"), [
-    ("all", range(12)), ("front", range(6)), ("rear", range(6, 12)), ("calf", (2, 5, 8, 11)), ("RR", (6, 7, 8)),
-    ("RR_calf", (8,)),
-])
+@pytest.mark.parametrize(
+    ("location", "joints"),
+    [
+        ("all", range(12)),
+        ("front", range(6)),
+        ("rear", range(6, 12)),
+        ("calf", (2, 5, 8, 11)),
+        ("RR", (6, 7, 8)),
+        ("RR_calf", (8,)),
+    ],
+)
 def test_locations_of_joints(robot: Robot, location: str, joints: range) -> None:
     assert robot.joints_at(location).tolist() == list(joints)
 
@@ -61,8 +68,9 @@ def test_joint_torques_stand_for_the_forces_that_cause_them(robot: Robot) -> Non
     mujoco.mj_forward(robot.model, data)
     generalised = np.zeros(robot.model.nv)
     foot = robot.foot_geoms[3]
-    mujoco.mj_applyFT(robot.model, data, on_robot, np.zeros(3), data.geom_xpos[foot],
-                      robot.model.geom_bodyid[foot], generalised)
+    mujoco.mj_applyFT(
+        robot.model, data, on_robot, np.zeros(3), data.geom_xpos[foot], robot.model.geom_bodyid[foot], generalised
+    )
     force = robot.joint_torque_to_foot_force(quaternion, angles, -generalised[None, robot.joint_dofs])
     assert force[0, 3] == pytest.approx(on_robot)
     assert np.abs(force[0, :3]).max() < 1e-9
@@ -83,7 +91,8 @@ def test_models_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no valid MuJoCo model"):
         Robot.load(tmp_path / "broken.xml")
     (tmp_path / "idle.xml").write_text(
-        "<mujoco><worldbody><body><joint name='a_b'/><geom size='0.1'/></body></worldbody></mujoco>")
+        "<mujoco><worldbody><body><joint name='a_b'/><geom size='0.1'/></body></worldbody></mujoco>"
+    )
     with pytest.raises(InputError, match="no actuator at a_b"):
         Robot.load(tmp_path / "idle.xml")
 
@@ -91,6 +100,12 @@ def test_models_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
 def test_a_phase_holds_its_first_instant_and_not_its_last() -> None:
     schedule = ContactSchedule()
     planned = schedule.in_contact(np.array([0.0, 0.499, 8 * 0.0625, 0.799, 8 * 0.1, 1.0]))
-    assert planned.tolist() == [[True, True], [True, True], [False, True], [False, True], [False, False],
-                                [False, False]]
+    assert planned.tolist() == [
+        [True, True],
+        [True, True],
+        [False, True],
+        [False, True],
+        [False, False],
+        [False, False],
+    ]
     assert schedule.landing_s == pytest.approx(1.2)

@@ -12,8 +12,14 @@ def test_a_step_computed_by_hand():
     foot = np.array([0.2, -0.3, -0.2, -0.25])
     force = np.array([5.0, 60.0, -10.0, 80.0])
     moment = (-0.3 * 5 - 0.2 * 60) + (-0.25 * -10 - -0.2 * 80)  # -13.5 + 18.5 = 5
-    expected = [1.0 + 0.025 * 0.5, 0.3 - 0.025 * 0.2, 0.1 + 0.025 * 0.4,
-                0.5 + 0.025 * -5 / 10, -0.2 + 0.025 * (140 / 10 - 9.81), 0.4 + 0.025 * moment / 0.5]
+    expected = [
+        1.0 + 0.025 * 0.5,
+        0.3 - 0.025 * 0.2,
+        0.1 + 0.025 * 0.4,
+        0.5 + 0.025 * -5 / 10,
+        -0.2 + 0.025 * (140 / 10 - 9.81),
+        0.4 + 0.025 * moment / 0.5,
+    ]
     np.testing.assert_allclose(BODY.step(state, foot, force, 0.025), expected, rtol=1e-12)
 
 
@@ -27,8 +33,15 @@ def test_acceleration_agrees_with_mujoco(force):
     data = mujoco.MjData(model)
     foot = np.array([0.2, -0.3])
     mujoco.mj_forward(model, data)
-    mujoco.mj_applyFT(model, data, np.array([force[0], 0, force[1]]), np.zeros(3), np.array([foot[0], 0, foot[1]]),
-                      1, data.qfrc_applied)
+    mujoco.mj_applyFT(
+        model,
+        data,
+        np.array([force[0], 0, force[1]]),
+        np.zeros(3),
+        np.array([foot[0], 0, foot[1]]),
+        1,
+        data.qfrc_applied,
+    )
     mujoco.mj_forward(model, data)
     ours = BODY.acceleration(np.array([*foot, 0.0, 0.0]), np.array([*force, 0.0, 0.0]))
     np.testing.assert_allclose(ours, data.qacc[[0, 2, 4]], atol=1e-9)

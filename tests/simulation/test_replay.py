@@ -13,8 +13,10 @@ from tests.conftest import standing
 def moving(robot: Robot, rows: int = 200, kp: float = 300.0) -> Jump:
     """Standing, with commands that move every joint its own way."""
     jump = standing(robot, rows, kp=kp)
-    wave = {f"cmd_pos/{joint}": jump[f"cmd_pos/{joint}"] + 0.05 * np.sin(np.arange(rows) / 20 + i)
-            for i, joint in enumerate(robot.joints)}
+    wave = {
+        f"cmd_pos/{joint}": jump[f"cmd_pos/{joint}"] + 0.05 * np.sin(np.arange(rows) / 20 + i)
+        for i, joint in enumerate(robot.joints)
+    }
     push = {f"cmd_tau/{joint}": np.full(rows, 2.0 - i) for i, joint in enumerate(robot.joints)}
     return standing(robot, rows, kp=kp, **wave, **push)
 

@@ -15,7 +15,7 @@ def folders(tmp_path):
         "references", "simulated", "real", "replays_simulated", "replays_real", "predictions_simulated",
         "predictions_real",
     )  # fmt: skip
-    return View(**{name: str(tmp_path / name) for name in names}, most=1, most_predictions=1)
+    return View(**{name: str(tmp_path / name) for name in names}, most=1, most_predictions=1, models=[])
 
 
 def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, folders):

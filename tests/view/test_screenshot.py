@@ -22,9 +22,7 @@ def test_picture_shows_the_robot_at_the_asked_time(tmp_path, robot, hop):
         with Image.open(tmp_path / "hop.png") as picture:
             assert picture.size == (900, 600)
             pictures.append(np.asarray(picture.convert("RGB"), dtype=int))
-    blue = [
-        (p[:, :400, 2] > 90) & (p[:, :400, 0] < 110) & (p[:, :400, 2] - p[:, :400, 0] > 40) for p in pictures
-    ]
+    blue = [(p[:, :400, 2] > 90) & (p[:, :400, 0] < 110) & (p[:, :400, 2] - p[:, :400, 0] > 40) for p in pictures]
     heights = [np.nonzero(mask)[0].mean() for mask in blue]
     assert heights[1] < heights[0] - 15  # pixels count downwards: the robot is higher in mid-air
     assert {path.name for path in tmp_path.iterdir()} == {"hop.rrd", "hop.png"}

@@ -62,8 +62,11 @@ class Hypothesis:
         lower, upper = self.bounds
         above = self.nominal + (upper - self.nominal) * np.linspace(0, 1, points) ** 2
         below = self.nominal - (self.nominal - lower) * np.linspace(0, 1, points) ** 2
-        return np.unique(np.concatenate([above if upper > self.nominal else [], below[::-1] if lower < self.nominal
-                                         else [], [self.nominal]]))
+        return np.unique(
+            np.concatenate(
+                [above if upper > self.nominal else [], below[::-1] if lower < self.nominal else [], [self.nominal]]
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -90,9 +93,7 @@ class Fit:
         """Whether the fit ran to the end of its range, away from the nominal value: no sensible value fits."""
         lower, upper = self.hypothesis.bounds
         margin = 0.02 * (upper - lower)
-        return any(
-            abs(self.number - bound) < margin for bound in (lower, upper) if bound != self.hypothesis.nominal
-        )
+        return any(abs(self.number - bound) < margin for bound in (lower, upper) if bound != self.hypothesis.nominal)
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,9 @@ class Search:
         self.fold_of = np.arange(number) % min(self.folds, number)
         if number < 2:
             raise InputError(
-                "diagnose.logs", f"{number} jump", "two or more: a cause is judged on jumps it was not fitted on",
+                "diagnose.logs",
+                f"{number} jump",
+                "two or more: a cause is judged on jumps it was not fitted on",
                 "log another jump",
             )
 
@@ -137,11 +140,11 @@ class Search:
             order = np.argsort(np.concatenate([coarse, fine]))
             by_fold = [np.concatenate([a, b])[order] for a, b in zip(by_fold, extra, strict=True)]
             coarse = np.concatenate([coarse, fine])[order]
-        fold_numbers = np.array([
-            lowest(coarse, self._training(curve, f).sum(axis=1)) for f, curve in enumerate(by_fold[:-1])
-        ])
+        fold_numbers = np.array(
+            [lowest(coarse, self._training(curve, f).sum(axis=1)) for f, curve in enumerate(by_fold[:-1])]
+        )
         judge = [
-            belief.effects(jump.name, f) + (hypothesis.on(jump.name, float(fold_numbers[f])),)
+            (*belief.effects(jump.name, int(f)), hypothesis.on(jump.name, float(fold_numbers[f])))
             for jump, f in zip(self.judged.jumps, self.fold_of, strict=True)
         ]
         heldout = squares(self.judged, self.replayer, [judge])[0]
@@ -156,8 +159,9 @@ class Search:
         if not belief.fits:  # the same replays serve all folds
             beliefs = [None]
         candidates = [
-            [belief.effects(log, fold) + (hypothesis.on(log, float(number)),) for log in logs]
-            for fold in beliefs for number in numbers
+            [(*belief.effects(log, fold), hypothesis.on(log, float(number))) for log in logs]
+            for fold in beliefs
+            for number in numbers
         ]
         values = squares(self.judged, self.replayer, candidates).reshape(len(beliefs), len(numbers), len(logs))
         return list(values) if belief.fits else [values[0]] * (self.fold_of.max() + 2)
@@ -200,8 +204,9 @@ def resamples(jumps: int, draws: int, rng: np.random.Generator) -> np.ndarray:
     return rng.integers(0, jumps, size=(draws, jumps))
 
 
-def closure(nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: Judged,
-            draws: np.ndarray) -> Interval:
+def closure(
+    nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: Judged, draws: np.ndarray
+) -> Interval:
     """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a jump."""
     number = counts(judged)
 
@@ -226,11 +231,13 @@ def first_shares(fits: Sequence[Fit], draws: np.ndarray) -> np.ndarray:
     return np.bincount(totals.argmin(axis=0), minlength=len(fits)) / len(draws)
 
 
-def search_forward(search: Search, hypotheses: Sequence[Hypothesis], nominal: np.ndarray, least_gain: float,
-                   most: int) -> tuple[Belief, list[list[Fit]]]:
+def search_forward(
+    search: Search, hypotheses: Sequence[Hypothesis], nominal: np.ndarray, least_gain: float, most: int
+) -> tuple[Belief, list[list[Fit]]]:
     """Add the best hypothesis while the next one buys a share of the headline gap on held-out jumps.
 
-    A fit that ran into the bound of its range is shown and never believed. Returns what is believed and the fits of every round, the first round being each hypothesis alone.
+    A fit that ran into the bound of its range is shown and never believed. Returns what is believed and the fits of
+    every round, the first round being each hypothesis alone.
     """
     belief, rounds, before = Belief(), [], nominal
     while len(belief.fits) < most:

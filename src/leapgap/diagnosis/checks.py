@@ -51,7 +51,8 @@ def joint_clock(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check 
         return None
     scales = {
         jump.name: clock_scale(
-            jump.per_joint("joint_pos", robot.joints), jump.per_joint("joint_vel", robot.joints),
+            jump.per_joint("joint_pos", robot.joints),
+            jump.per_joint("joint_vel", robot.joints),
             jump.info.sample_period_s,
         )
         for jump in jumps
@@ -105,10 +106,11 @@ def free_fall(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | 
         return None
     statistic = float(np.median(list(falls.values()))) - 1
     passed = abs(statistic) <= threshold
-    says = (
-        f"in flight the centre of mass falls with {1 + statistic:.2f} g"
-        + ("" if passed else f" by the log's clock, which would be right if a row took {np.sqrt(1 + statistic):.2f} "
-           "times the claimed period")
+    says = f"in flight the centre of mass falls with {1 + statistic:.2f} g" + (
+        ""
+        if passed
+        else f" by the log's clock, which would be right if a row took {np.sqrt(1 + statistic):.2f} "
+        "times the claimed period"
     )
     return Check("free_fall", passed, abs(statistic), threshold, says, falls)
 
@@ -135,7 +137,8 @@ def planted_feet(jumps: Sequence[Jump], robot: Robot, threshold_m: float) -> Che
     for jump in jumps:
         end = int(np.searchsorted(jump.time, 0.8 * jump.info.schedule.double_contact_s))
         feet = robot.feet_in_world(
-            jump.stack(BASE_POSITION)[:end:5], jump.stack(BASE_QUATERNION)[:end:5],
+            jump.stack(BASE_POSITION)[:end:5],
+            jump.stack(BASE_QUATERNION)[:end:5],
             jump.per_joint("joint_pos", robot.joints)[:end:5],
         )
         drift[jump.name] = float(np.linalg.norm(feet - feet[0], axis=2).max())

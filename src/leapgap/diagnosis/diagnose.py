@@ -70,7 +70,10 @@ class Diagnosis:
 
 
 def diagnose(
-    jumps: Sequence[Jump], robot: Robot, settings: Settings, provenance: Mapping[str, Any],
+    jumps: Sequence[Jump],
+    robot: Robot,
+    settings: Settings,
+    provenance: Mapping[str, Any],
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on."""
@@ -157,29 +160,38 @@ def hypotheses_of(names: Sequence[str], checks: Sequence[Check]) -> list[Hypothe
 
 
 def judge(
-    belief: Belief, rounds: Sequence[Sequence[Fit]], nominal: np.ndarray, floor: np.ndarray, judged: Judged,
-    draws: np.ndarray, settings: Settings,
+    belief: Belief,
+    rounds: Sequence[Sequence[Fit]],
+    nominal: np.ndarray,
+    floor: np.ndarray,
+    judged: Judged,
+    draws: np.ndarray,
+    settings: Settings,
 ) -> tuple[str, tuple[tuple[str, ...], ...]]:
     """Verdict and answer from held-out errors: each believed cause with the rivals it cannot be told apart from."""
     if pooled(nominal, judged) <= settings.none_below_floors * pooled(floor, judged):
         return "none", ()
-    believed = [
-        fit for fit in belief.fits if closure(nominal, fit.heldout, floor, judged, draws).low > 0
-    ]
+    believed = [fit for fit in belief.fits if closure(nominal, fit.heldout, floor, judged, draws).low > 0]
     if not believed:
         return "unknown", ()
     answer = []
     for fit, fits in zip(belief.fits, rounds, strict=False):
         shares = dict(zip((f.hypothesis.name for f in fits), first_shares(fits, draws), strict=True))
-        rivals = [name for name, share in shares.items()
-                  if name != fit.hypothesis.name and share >= settings.rival_share]
+        rivals = [
+            name for name, share in shares.items() if name != fit.hypothesis.name and share >= settings.rival_share
+        ]
         answer.append((fit.hypothesis.name, *sorted(rivals)))
     return ("named" if all(len(names) == 1 for names in answer) else "ambiguous"), tuple(answer)
 
 
 def causes_of(
-    rounds: Sequence[Sequence[Fit]], belief: Belief, nominal: np.ndarray, floor: np.ndarray, judged: Judged,
-    draws: np.ndarray, settings: Settings,
+    rounds: Sequence[Sequence[Fit]],
+    belief: Belief,
+    nominal: np.ndarray,
+    floor: np.ndarray,
+    judged: Judged,
+    draws: np.ndarray,
+    settings: Settings,
 ) -> list[Cause]:
     """Every hypothesis, in the round that decided on it: believed ones first, then as single causes."""
     causes = []
@@ -190,7 +202,8 @@ def causes_of(
             if not chosen and (number > 0 or fit.hypothesis.name in (f.hypothesis.name for f in belief.fits)):
                 continue
             rivals = tuple(
-                other.hypothesis.name for other, s in zip(fits, shares, strict=True)
+                other.hypothesis.name
+                for other, s in zip(fits, shares, strict=True)
                 if other is not fit and (s >= settings.rival_share if chosen else False)
             )
             causes.append((not chosen, number, cause_of(fit, float(share), rivals, nominal, floor, judged, draws)))
@@ -198,7 +211,12 @@ def causes_of(
 
 
 def cause_of(
-    fit: Fit, probability: float, rivals: tuple[str, ...], nominal: np.ndarray, floor: np.ndarray, judged: Judged,
+    fit: Fit,
+    probability: float,
+    rivals: tuple[str, ...],
+    nominal: np.ndarray,
+    floor: np.ndarray,
+    judged: Judged,
     draws: np.ndarray,
 ) -> Cause:
     """One fitted hypothesis in words of the report."""
@@ -210,16 +228,24 @@ def cause_of(
         return float(np.median([hypothesis.value(log, number) for log in logs]))
 
     estimate = Estimate(
-        typical_value(interval.value), (typical_value(interval.low), typical_value(interval.high)),
-        parameter.nominal, parameter.unit, fit.at_bound,
+        typical_value(interval.value),
+        (typical_value(interval.low), typical_value(interval.high)),
+        parameter.nominal,
+        parameter.unit,
+        fit.at_bound,
     )
     per_log = (
-        {} if hypothesis.per_log is None
-        else {log: {parameter.name: hypothesis.value(log, fit.number)} for log in logs}
+        {} if hypothesis.per_log is None else {log: {parameter.name: hypothesis.value(log, fit.number)} for log in logs}
     )
     return Cause(
-        hypothesis.name, hypothesis.location, probability, {parameter.name: estimate}, per_log,
-        closure(nominal, fit.heldout, floor, judged, draws), pooled(fit.heldout, judged), rivals,
+        hypothesis.name,
+        hypothesis.location,
+        probability,
+        {parameter.name: estimate},
+        per_log,
+        closure(nominal, fit.heldout, floor, judged, draws),
+        pooled(fit.heldout, judged),
+        rivals,
     )
 
 
@@ -246,7 +272,8 @@ def typical(fit: Fit, logs: Sequence[str]) -> Effect:
 def profile(fit: Fit, judged: Judged) -> Profile:
     """The headline gap over a hypothesis's fitted number, on all logs."""
     label = (
-        f"{fit.hypothesis.parameter.name} ({fit.hypothesis.parameter.unit})" if fit.hypothesis.per_log is None
+        f"{fit.hypothesis.parameter.name} ({fit.hypothesis.parameter.unit})"
+        if fit.hypothesis.per_log is None
         else "share of the clocks' own estimate"
     )
     gap = np.sqrt(fit.curve.sum(axis=1) / counts(judged).sum())
@@ -254,8 +281,13 @@ def profile(fit: Fit, judged: Judged) -> Profile:
 
 
 def sentence(
-    verdict: str, answer: tuple[tuple[str, ...], ...], belief: Belief, nominal: float, corrected: float,
-    closes: Interval | None, judged: Judged,
+    verdict: str,
+    answer: tuple[tuple[str, ...], ...],
+    belief: Belief,
+    nominal: float,
+    corrected: float,
+    closes: Interval | None,
+    judged: Judged,
 ) -> str:
     """The report in one sentence, with numbers."""
     if verdict == "none":
@@ -271,7 +303,8 @@ def sentence(
         parameter = fit.hypothesis.parameter
         values = [fit.hypothesis.value(log, fit.number) for log in logs]
         size = f"{parameter.name} {np.median(values):.3g}" + (
-            f", {min(values):.3g} to {max(values):.3g} by jump" if fit.hypothesis.per_log else "")
+            f", {min(values):.3g} to {max(values):.3g} by jump" if fit.hypothesis.per_log else ""
+        )
         rivals = f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else ""
         parts.append(f"{effects.describe(fit.hypothesis.name)} ({fit.hypothesis.name}: {size}){rivals}")
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
@@ -301,9 +334,10 @@ def not_judged(jumps: Sequence[Jump], robot: Robot) -> list[str]:
     wanted += ["imu_acc_z", "supply_voltage"]
     lacking = [name for name in wanted if not all(is_logged(jump, name) for jump in jumps)]
     meaning = {
-        "tau": "the torque the motors delivered", "base_angvel_x": "roll rate (taken as zero at the start)",
-        "base_angvel_z": "yaw rate (taken as zero at the start)", "imu_acc_z": "the IMU's accelerations",
+        "tau": "the torque the motors delivered",
+        "base_angvel_x": "roll rate (taken as zero at the start)",
+        "base_angvel_z": "yaw rate (taken as zero at the start)",
+        "imu_acc_z": "the IMU's accelerations",
         "supply_voltage": "sag of the supply",
     }
     return [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking]
-

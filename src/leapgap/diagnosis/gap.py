@@ -70,7 +70,10 @@ class Judged:
         headline = tuple(c for c in available(jumps, robot) if c.name in HEADLINE)
         if not headline:
             raise InputError(
-                jumps[0].name, "no base state in every log", f"some of {', '.join(BASE_UNITS)}", "log the base state",
+                jumps[0].name,
+                "no base state in every log",
+                f"some of {', '.join(BASE_UNITS)}",
+                "log the base state",
             )
         return Judged(tuple(jump.first_rows(headline_rows(jump, robot)) for jump in jumps), headline)
 
@@ -113,8 +116,9 @@ def scaled_errors(
 
 def squares(judged: Judged, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]) -> np.ndarray:
     """Sum of squared scaled errors of each candidate on each jump, (candidates, jumps)."""
-    return np.array([[float((e**2).sum()) for e in of_jumps]
-                     for of_jumps in scaled_errors(judged, replayer, candidates)])
+    return np.array(
+        [[float((e**2).sum()) for e in of_jumps] for of_jumps in scaled_errors(judged, replayer, candidates)]
+    )
 
 
 def counts(judged: Judged) -> np.ndarray:
@@ -156,9 +160,7 @@ def state_noise(sigma: dict[str, float], robot: Robot) -> np.ndarray:
     noise_of = np.zeros(nq + robot.model.nv)
     if robot.has_free_base:
         noise_of[[0, 2, 5]] = [sigma.get("base_pos_x", 0), sigma.get("base_pos_z", 0), sigma.get("base_pitch", 0) / 2]
-        noise_of[[nq, nq + 2, nq + 4]] = [
-            sigma.get(c, 0) for c in ("base_linvel_x", "base_linvel_z", "base_angvel_y")
-        ]
+        noise_of[[nq, nq + 2, nq + 4]] = [sigma.get(c, 0) for c in ("base_linvel_x", "base_linvel_z", "base_angvel_y")]
     noise_of[robot.joint_qpos] = [sigma.get(f"joint_pos/{joint}", 0) for joint in robot.joints]
     noise_of[nq + robot.joint_dofs] = [sigma.get(f"joint_vel/{joint}", 0) for joint in robot.joints]
     return noise_of
@@ -215,7 +217,9 @@ def where(judged: Judged, replayer: Replayer, horizon_s: float) -> list[Place]:
     shares = scaled / scaled.sum()
     places = [
         Place(PHASES[p], c.name, float(shares[p, k]), float(np.sqrt(square[p, k] / number[p])), c.unit)
-        for p in range(len(PHASES)) for k, c in enumerate(channels) if number[p]
+        for p in range(len(PHASES))
+        for k, c in enumerate(channels)
+        if number[p]
     ]
     return sorted(places, key=lambda place: -place.share)
 

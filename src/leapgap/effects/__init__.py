@@ -32,9 +32,7 @@ def effect(name: str, location: str = "all", **values: float) -> Effect:
     ranges = {p.name: p for p in kind.parameters()}
     for key, value in values.items():
         if key not in ranges:
-            raise InputError(
-                f"effect {name}", f"parameter {key}", f"one of {', '.join(ranges)}", "correct it"
-            )
+            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(ranges)}", "correct it")
         if not ranges[key].lower <= value <= ranges[key].upper:
             expected = f"{ranges[key].lower:g} to {ranges[key].upper:g} {ranges[key].unit}"
             raise InputError(f"effect {name}, {key}", f"{value:g}", expected, "choose a physical value")

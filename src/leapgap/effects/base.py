@@ -1,8 +1,8 @@
 """What an effect is: something the nominal robot leaves out, with a place, parameters and a way into the simulation."""
 
 from abc import ABC
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -74,14 +74,10 @@ class Effect(ABC):
         """Whether every parameter has the value at which the effect is absent."""
         return all(getattr(self, p.name) == p.nominal for p in self.parameters())
 
-    def with_values(self, **values: float) -> Self:
-        """The same effect at other parameter values."""
-        return replace(self, **values)
-
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:  # noqa: B027
         """Put the effect into a model that is the caller's own; gains and the control period are already in it."""
 
-    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:  # noqa: ARG002
+    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """What reaches the joints of what was sent, one row a control period."""
         return commands
 

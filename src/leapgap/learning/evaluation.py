@@ -50,19 +50,23 @@ def held_out(windows: Windows, folder: Path, prefix: str) -> HeldOut | None:
     for name, split in splits.items():
         missing = sorted(set(split["held_out"]) - set(windows.jumps))
         if missing:
-            raise InputError(folder, f"models of {name} for {', '.join(missing)}", "models of these windows",
-                             "run stages.train anew")
+            raise InputError(
+                folder, f"models of {name} for {', '.join(missing)}", "models of these windows", "run stages.train anew"
+            )
         which = np.isin(windows.jump, [windows.jumps.index(jump) for jump in split["held_out"]])
         mine = windows.of_jumps(split["held_out"])
         for model in states:
             stored = load(folder / name, model)
             stored.purpose.require(Purpose.of(windows), folder / name / f"{model}.json")
             if set(stored.trained_on) & set(split["held_out"]):
-                raise InputError(folder / name / f"{model}.json", "a held-out jump among those trained on",
-                                 "none", "run stages.train anew")
+                raise InputError(
+                    folder / name / f"{model}.json",
+                    "a held-out jump among those trained on",
+                    "none",
+                    "run stages.train anew",
+                )
             inputs = mine.inputs
-            states[model][which] = stored.model.predict(
-                inputs.without_measured_future if model == FORECAST else inputs)
+            states[model][which] = stored.model.predict(inputs.without_measured_future if model == FORECAST else inputs)
     return HeldOut(windows, states)
 
 
@@ -73,13 +77,14 @@ def metrics(folds: HeldOut | None, sessions: HeldOut | None, windows: Windows) -
         errors = {model: folds.error_by_jump(model) for model in folds.states}
         shown = {model: error for model, error in errors.items() if model != FORECAST}
         found["cv_mse"] = {model: rounded(error.mean()) for model, error in shown.items()}
-        found["cv_mse_se"] = {
-            model: rounded(error.std(ddof=1) / np.sqrt(len(error))) for model, error in shown.items()}
+        found["cv_mse_se"] = {model: rounded(error.std(ddof=1) / np.sqrt(len(error))) for model, error in shown.items()}
         found["forecast_cv_mse"] = {
-            name: rounded(errors[model].mean()) for model, name in WITHOUT_FUTURE.items() if model in errors}
+            name: rounded(errors[model].mean()) for model, name in WITHOUT_FUTURE.items() if model in errors
+        }
     if sessions is not None:
         found["cv_mse_sessions"] = {
-            model: rounded(sessions.error_by_jump(model).mean()) for model in sessions.states if model != FORECAST}
+            model: rounded(sessions.error_by_jump(model).mean()) for model in sessions.states if model != FORECAST
+        }
     return found
 
 

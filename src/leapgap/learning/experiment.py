@@ -83,8 +83,10 @@ class Task:
         """Inputs of the learned models, without the phase where the model's name says so."""
         given = {"kernel": self.config.kernel.inputs, "networks": self.config.networks.inputs}
         without = self.name.endswith(NO_PHASE)
-        return {kind: {name: weight for name, weight in inputs.items() if not (without and name == "phase")}
-                for kind, inputs in given.items()}
+        return {
+            kind: {name: weight for name, weight in inputs.items() if not (without and name == "phase")}
+            for kind, inputs in given.items()
+        }
 
 
 Curve = list[list[float | None]]
@@ -122,8 +124,14 @@ def descend(start: NetworkModel, task: Task, fitting: Fitting) -> tuple[Model, C
     from leapgap.learning import training
 
     held_out = task.held_out if len(task.held_out) else None
-    run = training.Run(task.config.seed, task.config.threads, task.config.trainer, task.scratch,
-                       f"{task.split.name} {task.name}", task.config.steps_an_epoch)
+    run = training.Run(
+        task.config.seed,
+        task.config.threads,
+        task.config.trainer,
+        task.scratch,
+        f"{task.split.name} {task.name}",
+        task.config.steps_an_epoch,
+    )
     return training.fit(start, task.train, held_out, fitting, run)
 
 
@@ -143,7 +151,9 @@ FITS: dict[str, Callable[[Task], tuple[Model, Curve]]] = {
 """Every model, by the name its figures go under."""
 
 
-def train(windows: Windows, config: TrainConfig, out: Path) -> list[str]:
+def train(
+    windows: Windows, config: TrainConfig, out: Path, progress: Callable[[str], None] = lambda _: None
+) -> list[str]:
     """Fit every model on every split into ``<out>/<split>/<model>``; the names of what had to be fitted.
 
     A model whose data, settings and code are unchanged is kept; files of models nobody asked for are removed.
@@ -157,13 +167,18 @@ def train(windows: Windows, config: TrainConfig, out: Path) -> list[str]:
         forget(out, set())
         write_json(out / "note.json", {"note": "no logs: nothing was trained"})
         return []
-    splits = [*folds(windows.jumps, config.folds), *sessions(windows.jumps, config.sessions or []),
-              everything(windows.jumps)]
-    keys = {(split.name, name): key_of(windows, split, name, config) for split in splits
-            for name in config.models_of(split)}
+    splits = [
+        *folds(windows.jumps, config.folds),
+        *sessions(windows.jumps, config.sessions or []),
+        everything(windows.jumps),
+    ]
+    keys = {
+        (split.name, name): key_of(windows, split, name, config) for split in splits for name in config.models_of(split)
+    }
     forget(out, {f"{split}/{name}" for split, name in keys}, {f"{name}-{key[:12]}" for (_, name), key in keys.items()})
     fitted = []
-    for split in splits:
+    for number, split in enumerate(splits):
+        progress(f"{split.name} ({number + 1} of {len(splits)}): {', '.join(config.models_of(split))}")
         for name in config.models_of(split):
             key = keys[split.name, name]
             if stored_key(out / split.name, name) != key:
@@ -173,9 +188,13 @@ def train(windows: Windows, config: TrainConfig, out: Path) -> list[str]:
                 write_json(out / split.name / f"{name}.curve.json", {"rows": curve})
                 save(Stored(model, Purpose.of(windows), split.train, key), out / split.name, name)
                 fitted.append(f"{split.name}/{name}")
-    write_json(out / "splits.json", {
-        split.name: {"models": config.models_of(split), "train": split.train, "held_out": split.held_out}
-        for split in splits})
+    write_json(
+        out / "splits.json",
+        {
+            split.name: {"models": config.models_of(split), "train": split.train, "held_out": split.held_out}
+            for split in splits
+        },
+    )
     write_all_curves(out, {split.name: config.models_of(split) for split in splits})
     return fitted
 

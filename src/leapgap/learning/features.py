@@ -54,8 +54,12 @@ def check_names(names: Sequence[str], where: str) -> None:
     """Refuse inputs nobody knows."""
     unknown = [name for name in names if name not in FEATURES]
     if unknown or not names:
-        raise InputError(where, f"inputs {', '.join(unknown) or 'none'}", f"some of {', '.join(FEATURES)}",
-                         "correct them in conf/train")
+        raise InputError(
+            where,
+            f"inputs {', '.join(unknown) or 'none'}",
+            f"some of {', '.join(FEATURES)}",
+            "correct them in conf/train",
+        )
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,14 @@ class Transitions:
 
     def at(self, which: np.ndarray) -> "Transitions":
         """Some of them, by mask."""
-        return Transitions(self.situation.at(which), self.force[which], self.contact[which], self.step_s[which],
-                           self.step[which], self.increment[which])
+        return Transitions(
+            self.situation.at(which),
+            self.force[which],
+            self.contact[which],
+            self.step_s[which],
+            self.step[which],
+            self.increment[which],
+        )
 
 
 def transitions(windows: Windows) -> Transitions:
@@ -92,5 +102,10 @@ def transitions(windows: Windows) -> Transitions:
     w, k = np.nonzero((np.arange(windows.grid.steps) == 0) | (windows.start == last)[:, None])
     state = windows.state[w, k]
     return Transitions(
-        Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0]), inputs.force[w, k],
-        inputs.contact[w, k], inputs.step_s[w, k], windows.start[w] + k, windows.state[w, k + 1] - state)
+        Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0]),
+        inputs.force[w, k],
+        inputs.contact[w, k],
+        inputs.step_s[w, k],
+        windows.start[w] + k,
+        windows.state[w, k + 1] - state,
+    )

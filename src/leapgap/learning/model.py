@@ -63,15 +63,18 @@ class Nominal:
 
     def to_json(self) -> dict[str, Any]:
         """As stored in a model's settings."""
-        return {"inverse_mass_per_kg": 1 / self.body.mass_kg,  # JSON has no infinity
-                "inverse_pitch_inertia_per_kgm2": 1 / self.body.pitch_inertia_kgm2,
-                "gains": [float(gain) for gain in self.gains]}
+        return {
+            "inverse_mass_per_kg": 1 / self.body.mass_kg,  # JSON has no infinity
+            "inverse_pitch_inertia_per_kgm2": 1 / self.body.pitch_inertia_kgm2,
+            "gains": [float(gain) for gain in self.gains],
+        }
 
     @staticmethod
     def from_json(raw: dict[str, Any]) -> "Nominal":
         """Read it back."""
-        mass, inertia = (1 / raw[key] if raw[key] else np.inf for key in (
-            "inverse_mass_per_kg", "inverse_pitch_inertia_per_kgm2"))
+        mass, inertia = (
+            1 / raw[key] if raw[key] else np.inf for key in ("inverse_mass_per_kg", "inverse_pitch_inertia_per_kgm2")
+        )
         return Nominal(RigidBody(mass, inertia), tuple(raw["gains"]))
 
 

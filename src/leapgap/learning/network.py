@@ -83,8 +83,11 @@ class NetworkModel(ResidualModel):
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Scalings and weights, as ``contact/input_mean`` and ``contact/G/weight_0``."""
-        found = {f"{phase}/{name}": value for phase, part in (("contact", self.contact), ("flight", self.flight))
-                 for name, value in vars(part).items()}
+        found = {
+            f"{phase}/{name}": value
+            for phase, part in (("contact", self.contact), ("flight", self.flight))
+            for name, value in vars(part).items()
+        }
         for name, network in self.networks.items():
             found |= {f"{name}/weight_{i}": weight for i, weight in enumerate(network.weights)}
             found |= {f"{name}/bias_{i}": bias for i, bias in enumerate(network.biases)}
@@ -99,17 +102,20 @@ class NetworkModel(ResidualModel):
         """Read back."""
         contact, flight = (
             Scaling(**{name: arrays[f"{phase}/{name}"] for name in Scaling.__dataclass_fields__})
-            for phase in ("contact", "flight"))
+            for phase in ("contact", "flight")
+        )
         networks = {}
         for name in NETWORKS:
             layers = range(sum(key.startswith(f"{name}/weight_") for key in arrays))
-            networks[name] = Mlp(tuple(arrays[f"{name}/weight_{i}"] for i in layers),
-                                 tuple(arrays[f"{name}/bias_{i}"] for i in layers))
+            networks[name] = Mlp(
+                tuple(arrays[f"{name}/weight_{i}"] for i in layers), tuple(arrays[f"{name}/bias_{i}"] for i in layers)
+            )
         return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), contact, flight, networks)
 
 
-def random_mlp(sizes: Sequence[int], members: int, output_gain: float, bias_spread: float,
-               random: np.random.Generator) -> Mlp:
+def random_mlp(
+    sizes: Sequence[int], members: int, output_gain: float, bias_spread: float, random: np.random.Generator
+) -> Mlp:
     """Weights of unit gain a layer; first biases spread, so that the units bend at different inputs."""
     last = len(sizes) - 2
     weights, biases = [], []

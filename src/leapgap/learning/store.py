@@ -15,7 +15,8 @@ from leapgap.robot.schedule import ContactSchedule
 
 FORMAT_VERSION = 1
 KINDS: dict[str, type[Model]] = {
-    kind.kind: kind for kind in (NominalModel, ConstantVelocity, Playback, KernelModel, KernelForecast, NetworkModel)}
+    kind.kind: kind for kind in (NominalModel, ConstantVelocity, Playback, KernelModel, KernelForecast, NetworkModel)
+}
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,12 @@ class Purpose:
         for name, mine in asdict(self).items():
             wanted = asdict(needed)[name]
             if mine != wanted and name != "robot":
-                raise InputError(where, f"a model for {name} {mine}", f"{name} {wanted}, as is needed here",
-                                 "train models for it (stages.chunk, stages.train), or use what they were trained for")
+                raise InputError(
+                    where,
+                    f"a model for {name} {mine}",
+                    f"{name} {wanted}, as is needed here",
+                    "train models for it (stages.chunk, stages.train), or use what they were trained for",
+                )
 
 
 @dataclass(frozen=True)
@@ -58,10 +63,17 @@ def save(stored: Stored, folder: Path, name: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with whole_file(folder / f"{name}.npz") as beside:
         write_npz(beside, stored.model.arrays())
-    write_json(folder / f"{name}.json", {
-        "format_version": FORMAT_VERSION, "kind": stored.model.kind, "key": stored.key,
-        "trained_on": list(stored.trained_on), **asdict(stored.purpose), "settings": stored.model.settings(),
-    })
+    write_json(
+        folder / f"{name}.json",
+        {
+            "format_version": FORMAT_VERSION,
+            "kind": stored.model.kind,
+            "key": stored.key,
+            "trained_on": list(stored.trained_on),
+            **asdict(stored.purpose),
+            "settings": stored.model.settings(),
+        },
+    )
 
 
 def load(folder: Path, name: str) -> Stored:
@@ -69,19 +81,24 @@ def load(folder: Path, name: str) -> Stored:
     path = folder / f"{name}.json"
     about = read_json(path)
     if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(path, f"format_version {about.get('format_version')}", str(FORMAT_VERSION),
-                         "run stages.train anew")
+        raise InputError(
+            path, f"format_version {about.get('format_version')}", str(FORMAT_VERSION), "run stages.train anew"
+        )
     arrays = read_npz(folder / f"{name}.npz")
     try:
         settings: dict[str, Any] = about["settings"]
         return Stored(
             KINDS[about["kind"]].from_parts(arrays, settings),
-            Purpose(TimeGrid(**about["grid"]), ContactSchedule(**about["schedule"]), about["robot"],
-                    about["robot_sha256"]),
-            tuple(about["trained_on"]), about["key"])
+            Purpose(
+                TimeGrid(**about["grid"]), ContactSchedule(**about["schedule"]), about["robot"], about["robot_sha256"]
+            ),
+            tuple(about["trained_on"]),
+            about["key"],
+        )
     except (KeyError, TypeError) as error:
-        raise InputError(path, f"a model that does not fit ({error!r})", "a model of this version",
-                         "run stages.train anew") from None
+        raise InputError(
+            path, f"a model that does not fit ({error!r})", "a model of this version", "run stages.train anew"
+        ) from None
 
 
 def stored_key(folder: Path, name: str) -> str | None:

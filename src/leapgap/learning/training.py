@@ -5,6 +5,7 @@ The only module that imports torch. It moves the weights of a ``NetworkModel`` a
 
 import logging
 import shutil
+import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -47,8 +48,14 @@ class Batch:
         def tensor(array: np.ndarray) -> torch.Tensor:
             return torch.tensor(array[order], dtype=torch.float32, device=device)
 
-        return Batch(tensor(windows.state), tensor(inputs.force), tensor(inputs.foot), tensor(inputs.time_s),
-                     tensor(inputs.step_s), inputs.contact[order].sum(axis=0).tolist())
+        return Batch(
+            tensor(windows.state),
+            tensor(inputs.force),
+            tensor(inputs.foot),
+            tensor(inputs.time_s),
+            tensor(inputs.step_s),
+            inputs.contact[order].sum(axis=0).tolist(),
+        )
 
 
 def selection(names: tuple[str, ...]) -> np.ndarray:
@@ -84,10 +91,17 @@ class Residual(torch.nn.Module):
 
     def nominal(self, foot: torch.Tensor, force: torch.Tensor) -> torch.Tensor:
         """Accelerations of the nominal body with its gains, (n, 3)."""
-        pushed = torch.stack([
-            force[:, 0] + force[:, 2], force[:, 1] + force[:, 3],
-            foot[:, 1] * force[:, 0] - foot[:, 0] * force[:, 1] + foot[:, 3] * force[:, 2] - foot[:, 2] * force[:, 3],
-        ], dim=-1)
+        pushed = torch.stack(
+            [
+                force[:, 0] + force[:, 2],
+                force[:, 1] + force[:, 3],
+                foot[:, 1] * force[:, 0]
+                - foot[:, 0] * force[:, 1]
+                + foot[:, 3] * force[:, 2]
+                - foot[:, 2] * force[:, 3],
+            ],
+            dim=-1,
+        )
         return pushed * self.by_force + self.gravity
 
     def forward(self, situation: Situation, force: torch.Tensor, pushing: bool) -> tuple[torch.Tensor, torch.Tensor]:
@@ -139,7 +153,8 @@ class Residual(torch.nn.Module):
                     penalty = penalty + outputs * (state[0, part].shape[0] / len(batch.state))
             dt = batch.step_s[:, k, None]
             state = torch.cat(
-                [state[..., :3] + dt * state[..., 3:], state[..., 3:] + dt * torch.cat(accelerations, dim=1)], dim=-1)
+                [state[..., :3] + dt * state[..., 3:], state[..., 3:] + dt * torch.cat(accelerations, dim=1)], dim=-1
+            )
             states.append(state)
         return torch.stack(states, dim=2), penalty / len(batch.in_contact)
 
@@ -155,8 +170,9 @@ class Residual(torch.nn.Module):
 class Learner(lightning.LightningModule):
     """The residual, its loss and its optimiser, as Lightning drives them."""
 
-    def __init__(self, residual: Residual, train: Windows, validation: Windows | None, fitting: Fitting,
-                 seed: int) -> None:
+    def __init__(
+        self, residual: Residual, train: Windows, validation: Windows | None, fitting: Fitting, seed: int
+    ) -> None:
         super().__init__()
         self.residual, self.fitting, self.seed = residual, fitting, seed
         self.windows = {"train": train} | ({"validation": validation} if validation is not None else {})
@@ -196,7 +212,8 @@ class Learner(lightning.LightningModule):
     def configure_optimizers(self) -> Any:
         """AdamW, maybe along a cosine."""
         optimiser = torch.optim.AdamW(
-            self.parameters(), lr=self.fitting.learning_rate, weight_decay=self.fitting.weight_decay)
+            self.parameters(), lr=self.fitting.learning_rate, weight_decay=self.fitting.weight_decay
+        )
         if not self.fitting.cosine_decay:
             return optimiser
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.fitting.steps)
@@ -273,8 +290,9 @@ class Run:
     """Steps between checkpoints, and between points of the curve."""
 
 
-def fit(model: NetworkModel, train: Windows, validation: Windows | None, fitting: Fitting,
-        run: Run) -> tuple[NetworkModel, list[list[float | None]]]:
+def fit(
+    model: NetworkModel, train: Windows, validation: Windows | None, fitting: Fitting, run: Run
+) -> tuple[NetworkModel, list[list[float | None]]]:
     """Train from a model's weights; the trained one and its curve (rows of ``CURVE``).
 
     A killed run goes on from its last checkpoint. Validation windows are only looked at for the curve.
@@ -298,21 +316,36 @@ def fit(model: NetworkModel, train: Windows, validation: Windows | None, fitting
 def trainer_of(fitting: Fitting, run: Run, every: int, curve: Curve) -> lightning.Trainer:
     """Lightning's trainer with the configured options; ``InputError`` where it refuses them."""
     options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
-    bars = [Bar(run.title)] if options.get("enable_progress_bar", True) else []
+    shown = options.get("enable_progress_bar", True) and sys.stderr.isatty()  # a log file wants no bars
+    options["enable_progress_bar"] = shown
+    bars = [Bar(run.title)] if shown else []
     checkpoint = ModelCheckpoint(run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)
     try:
         return lightning.Trainer(
-            max_steps=fitting.steps, gradient_clip_val=fitting.clip_norm or None, default_root_dir=run.scratch,
-            logger=False, log_every_n_steps=every, use_distributed_sampler=False, enable_model_summary=False,
-            callbacks=[curve, *bars, checkpoint], **options)
+            max_steps=fitting.steps,
+            gradient_clip_val=fitting.clip_norm or None,
+            default_root_dir=run.scratch,
+            logger=False,
+            log_every_n_steps=every,
+            use_distributed_sampler=False,
+            enable_model_summary=False,
+            callbacks=[curve, *bars, checkpoint],
+            **options,
+        )
     except (TypeError, ValueError, MisconfigurationException) as error:
-        raise InputError("train.trainer", str(error), "options of lightning.Trainer this machine can serve",
-                         "correct conf/train") from None
+        raise InputError(
+            "train.trainer", str(error), "options of lightning.Trainer this machine can serve", "correct conf/train"
+        ) from None
 
 
 def quiet() -> None:
     """Silence advice of Lightning that does not fit full batches in memory."""
     logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
-    for about in (".*does not have many workers.*", ".*exists and is not empty.*", ".*IterableDataset.*",
-                  ".*isinstance.*LeafSpec.*", ".*number of training batches.*"):
+    for about in (
+        ".*does not have many workers.*",
+        ".*exists and is not empty.*",
+        ".*IterableDataset.*",
+        ".*isinstance.*LeafSpec.*",
+        ".*number of training batches.*",
+    ):
         warnings.filterwarnings("ignore", about)

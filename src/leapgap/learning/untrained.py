@@ -9,8 +9,15 @@ from leapgap.learning.model import Nominal
 from leapgap.learning.network import NetworkModel, Scaling, orthogonal_mlp, random_mlp
 from leapgap.recording.windows import TimeGrid, Windows
 
-PUBLISHED_INPUTS = ("x_from_start", "z_from_start", "pitch",
-                    "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
+PUBLISHED_INPUTS = (
+    "x_from_start",
+    "z_from_start",
+    "pitch",
+    "front_foot_x",
+    "front_foot_z",
+    "rear_foot_x",
+    "rear_foot_z",
+)
 """q, with positions from the window's start, and r (paper, residual)."""
 
 
@@ -72,22 +79,30 @@ def networks(windows: Windows, nominal: Nominal, config: NetworksConfig, random:
     flight = scaling(steps.at(~steps.contact), names, weight, nominal, config.force_scale)
     outputs = {"contact/h": 3, "contact/G": 12, "flight/h": 3}
     found = {
-        name: random_mlp([len(names), *config.hidden, size], config.seeds, config.output_gain, config.bias_spread,
-                         random) for name, size in outputs.items()}
+        name: random_mlp(
+            [len(names), *config.hidden, size], config.seeds, config.output_gain, config.bias_spread, random
+        )
+        for name, size in outputs.items()
+    }
     return NetworkModel(nominal, names, contact, flight, found)
 
 
-def scaling(steps: Transitions, names: tuple[str, ...], weight: np.ndarray, nominal: Nominal,
-            force_scale: float) -> Scaling:
+def scaling(
+    steps: Transitions, names: tuple[str, ...], weight: np.ndarray, nominal: Nominal, force_scale: float
+) -> Scaling:
     """Means and spreads of the steps of one phase; units where it has no step."""
     if not len(steps.step):
         return unscaled(len(names), 1.0)
     raw = np.stack(columns(names, steps.situation), axis=-1)
     residual = steps.acceleration - nominal.at(steps.situation.foot).acceleration(steps.force)
     return Scaling(
-        input_mean=raw.mean(axis=0), input_scale=(raw.std(axis=0) + 1e-6) / weight, force_mean=steps.force.mean(axis=0),
-        force_scale=(steps.force.std(axis=0) + 1e-6) * force_scale, mean=residual.mean(axis=0),
-        scale=residual.std(axis=0) + 1e-6)
+        input_mean=raw.mean(axis=0),
+        input_scale=(raw.std(axis=0) + 1e-6) / weight,
+        force_mean=steps.force.mean(axis=0),
+        force_scale=(steps.force.std(axis=0) + 1e-6) * force_scale,
+        mean=residual.mean(axis=0),
+        scale=residual.std(axis=0) + 1e-6,
+    )
 
 
 def unscaled(inputs: int, output: float) -> Scaling:
@@ -95,11 +110,19 @@ def unscaled(inputs: int, output: float) -> Scaling:
     return Scaling(np.zeros(inputs), np.ones(inputs), np.zeros(4), np.ones(4), np.zeros(3), np.full(3, output))
 
 
-def published(grid: TimeGrid, nominal: Nominal, config: PublishedRecipeConfig,
-              random: np.random.Generator) -> NetworkModel:
+def published(
+    grid: TimeGrid, nominal: Nominal, config: PublishedRecipeConfig, random: np.random.Generator
+) -> NetworkModel:
     """The paper's: raw inputs; outputs are velocity changes a step (the released code's Δt-free residual)."""
-    sizes = {"contact/h": [7, *config.hidden_h, 3], "contact/G": [7, *config.hidden_G, 12],
-             "flight/h": [7, *config.hidden_h, 3]}
+    sizes = {
+        "contact/h": [7, *config.hidden_h, 3],
+        "contact/G": [7, *config.hidden_G, 12],
+        "flight/h": [7, *config.hidden_h, 3],
+    }
     return NetworkModel(
-        nominal, PUBLISHED_INPUTS, unscaled(7, 1 / grid.contact_step_s), unscaled(7, 1 / grid.flight_step_s),
-        {name: orthogonal_mlp(size, config.orthogonal_gain, random) for name, size in sizes.items()})
+        nominal,
+        PUBLISHED_INPUTS,
+        unscaled(7, 1 / grid.contact_step_s),
+        unscaled(7, 1 / grid.flight_step_s),
+        {name: orthogonal_mlp(size, config.orthogonal_gain, random) for name, size in sizes.items()},
+    )

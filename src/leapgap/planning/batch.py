@@ -24,7 +24,9 @@ def read_targets(pairs: Any, where: str) -> list[Target]:
         is_pair = isinstance(pair, Sequence) and not isinstance(pair, str) and len(pair) == 2
         if not (is_pair and all(is_number(value) for value in pair)):
             raise InputError(
-                f"{where}[{i}]", repr(pair), "two finite numbers [x_m, z_m]",
+                f"{where}[{i}]",
+                repr(pair),
+                "two finite numbers [x_m, z_m]",
                 "give distance and height in metres",
             )
         targets.append(Target(float(pair[0]), float(pair[1])))
@@ -43,10 +45,16 @@ def write_references(solutions: Iterable[Solution], folder: Path, gains: Gains) 
         jump = to_jump(solution, gains)
         file = f"{jump.name}.parquet"
         write(jump, folder / file)
-        index.append({
-            "x_m": solution.problem.target.x_m, "z_m": solution.problem.target.z_m, "cost": solution.cost,
-            "max_violation": solution.max_violation, "status": solution.status, "file": file,
-        })
+        index.append(
+            {
+                "x_m": solution.problem.target.x_m,
+                "z_m": solution.problem.target.z_m,
+                "cost": solution.cost,
+                "max_violation": solution.max_violation,
+                "status": solution.status,
+                "file": file,
+            }
+        )
     write_json(folder / INDEX, index)
 
 

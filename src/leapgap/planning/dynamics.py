@@ -81,9 +81,7 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
     return made[0], made[1]
 
 
-def inverse_dynamics_residual(
-    robot: PlanarRobot, q: Any, v: Any, a: Any, torque: Any, force: Any
-) -> list[Scalar]:
+def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque: Any, force: Any) -> list[Scalar]:
     """Newton–Euler balances, zero where the robot moves by its dynamics.
 
     Shapes: q, v, a (7,); ``torque`` (4,) N·m of the joint pairs, positive with the planner's joint angles;
@@ -113,12 +111,17 @@ def inverse_dynamics_residual(
         knee_force = calf_inertial + on_ground
         hip_force = thigh_inertial + knee_force
         calf_moment = (
-            inertias[1] * alphas[calf] + knee_drive
-            + (0.5 * leg.knee_to_foot).moment_of(calf_inertial) + leg.knee_to_foot.moment_of(on_ground)
+            inertias[1] * alphas[calf]
+            + knee_drive
+            + (0.5 * leg.knee_to_foot).moment_of(calf_inertial)
+            + leg.knee_to_foot.moment_of(on_ground)
         )
         thigh_moment = (
-            inertias[0] * alphas[thigh] + hip_drive - knee_drive
-            + (0.5 * leg.hip_to_knee).moment_of(thigh_inertial) + leg.hip_to_knee.moment_of(knee_force)
+            inertias[0] * alphas[thigh]
+            + hip_drive
+            - knee_drive
+            + (0.5 * leg.hip_to_knee).moment_of(thigh_inertial)
+            + leg.hip_to_knee.moment_of(knee_force)
         )
         leg_moments += [thigh_moment, calf_moment]
         trunk_moment = trunk_moment - hip_drive + leg.trunk_to_hip.moment_of(hip_force)

@@ -48,8 +48,12 @@ class Weights:
     """1/rad²"""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite([self.pose, self.torque, self.landing_pose]).all() and self.torque > 0
-                and self.pose >= 0 and self.landing_pose >= 0):
+        if not (
+            np.isfinite([self.pose, self.torque, self.landing_pose]).all()
+            and self.torque > 0
+            and self.pose >= 0
+            and self.landing_pose >= 0
+        ):
             raise ValueError(f"{self}: weights must be finite and not negative, that of torque positive")
 
 
@@ -94,7 +98,8 @@ class Grid:
             if whole < 1 or abs(whole * self.step_s - length) > 1e-9:
                 shorter = max(1, int(length / self.step_s) if whole else 1) * self.step_s
                 raise InputError(
-                    f"contact schedule, {name}", f"{length:g} s",
+                    f"contact schedule, {name}",
+                    f"{length:g} s",
                     f"a whole number of {self.step_s:g} s steps, one or more",
                     f"the nearest lengths are {shorter:g} s and {shorter + self.step_s:g} s",
                 )
@@ -145,7 +150,8 @@ class Problem:
         x, z = self.target.x_m, self.target.z_m
         if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and 0 <= z <= HIGHEST_JUMP_M):
             raise InputError(
-                "jump target", f"x {x:g} m, z {z:g} m",
+                "jump target",
+                f"x {x:g} m, z {z:g} m",
                 f"x within ±{LONGEST_JUMP_M:g} m, z from 0 (the floor) to {HIGHEST_JUMP_M:g} m",
                 "give targets in metres; the A1 is known to reach -0.3 to 0.8 m and boxes up to 0.2 m",
             )
@@ -238,7 +244,8 @@ class Programme:
                 self.torque.append(self._variable(k, "torque bounds", JOINTS))
                 pairs = [
                     self._variable(k, "force bounds", FORCES[2 * pair : 2 * pair + 2])
-                    if self.grid.loaded(pair, k) else ca.SX.zeros(2)
+                    if self.grid.loaded(pair, k)
+                    else ca.SX.zeros(2)
                     for pair in (0, 1)
                 ]
                 self.force.append(ca.vertcat(*pairs))
@@ -271,7 +278,8 @@ class Programme:
         q, v, a = (ca.SX.sym(name, COORDINATES) for name in "qva")
         torque, force = ca.SX.sym("torque", 4), ca.SX.sym("force", 4)
         residual = ca.Function(
-            "residual", [q, v, a, torque, force],
+            "residual",
+            [q, v, a, torque, force],
             [ca.vertcat(*inverse_dynamics_residual(self.robot, q, v, a, torque, force))],
         )
         for k in range(self.grid.steps):

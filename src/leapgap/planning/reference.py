@@ -45,6 +45,7 @@ class Gains:
 
 def name_of(target: Target) -> str:
     """Name of a reference as published, height and distance in cm: h00_d60, h20_d60, h00_d-10, h00_d55.5."""
+
     def centimetres(metres: float) -> str:
         value = round(100 * metres, 6) + 0.0
         whole = f"{abs(int(value)):02d}"
@@ -68,8 +69,12 @@ def to_jump(solution: Solution, gains: Gains) -> Jump:
     stands = grid.schedule.in_contact(time).astype(float)
     columns |= {f"contact/{leg}": stands[:, PAIRS.index(PAIR_OF_LEG[leg])] for leg in LEGS}
     info = JumpInfo(
-        robot=ROBOT, sample_period_s=1 / SAMPLES_PER_SECOND, schedule=grid.schedule, target=problem.target,
-        source="planned", terrain=terrain(problem.robot, problem.target),
+        robot=ROBOT,
+        sample_period_s=1 / SAMPLES_PER_SECOND,
+        schedule=grid.schedule,
+        target=problem.target,
+        source="planned",
+        terrain=terrain(problem.robot, problem.target),
     )
     return Jump(name_of(problem.target), columns, info)
 
@@ -82,7 +87,9 @@ def motion(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray
     slope[-1] = plan.v[-1] + (plan.v[-1] - plan.v[-2]) / 2
     stand = plan.q[:1]
     curve = CubicHermiteSpline(
-        np.concatenate([[0.0], knots]), np.concatenate([stand, plan.q]), np.concatenate([0 * stand, slope]),
+        np.concatenate([[0.0], knots]),
+        np.concatenate([stand, plan.q]),
+        np.concatenate([0 * stand, slope]),
     )
     return curve(time), curve(time, 1)
 
@@ -100,12 +107,19 @@ def base_columns(robot: PlanarRobot, q: np.ndarray, v: np.ndarray) -> dict[str, 
     still = np.zeros(len(q))
     height = FOOT_RADIUS - start_feet(robot)[0][1]
     return {
-        "base_pos_x": positive_zero(q[:, X]), "base_pos_y": still, "base_pos_z": q[:, Z] + height,
-        "base_quat_w": np.cos(q[:, PITCH] / 2), "base_quat_x": still,
-        "base_quat_y": positive_zero(np.sin(q[:, PITCH] / 2)), "base_quat_z": still,
-        "base_linvel_x": positive_zero(v[:, X]), "base_linvel_y": still,
+        "base_pos_x": positive_zero(q[:, X]),
+        "base_pos_y": still,
+        "base_pos_z": q[:, Z] + height,
+        "base_quat_w": np.cos(q[:, PITCH] / 2),
+        "base_quat_x": still,
+        "base_quat_y": positive_zero(np.sin(q[:, PITCH] / 2)),
+        "base_quat_z": still,
+        "base_linvel_x": positive_zero(v[:, X]),
+        "base_linvel_y": still,
         "base_linvel_z": positive_zero(v[:, Z]),
-        "base_angvel_x": still, "base_angvel_y": positive_zero(v[:, PITCH]), "base_angvel_z": still,
+        "base_angvel_x": still,
+        "base_angvel_y": positive_zero(v[:, PITCH]),
+        "base_angvel_z": still,
     }
 
 
@@ -124,9 +138,11 @@ def joint_columns(q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: Gains
                     positive_zero(-each) for each in (q[:, JOINT][:, j], v[:, JOINT][:, j], torque[:, j] / 2)
                 )
             columns |= {
-                f"joint_pos/{joint}": position, f"joint_vel/{joint}": velocity,
+                f"joint_pos/{joint}": position,
+                f"joint_vel/{joint}": velocity,
                 f"cmd_tau/{joint}": feed_forward,
-                f"cmd_pos/{joint}": position, f"cmd_vel/{joint}": velocity,
+                f"cmd_pos/{joint}": position,
+                f"cmd_vel/{joint}": velocity,
                 f"cmd_kp/{joint}": still + gains.kp_nm_per_rad,
                 f"cmd_kd/{joint}": still + gains.kd_nms_per_rad,
             }
@@ -160,5 +176,3 @@ def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:
 def positive_zero(values: np.ndarray) -> np.ndarray:
     """The same values with −0 turned to 0, which reads better in a file."""
     return values + 0.0
-
-

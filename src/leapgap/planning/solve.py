@@ -32,22 +32,28 @@ COLD: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
     "tol": 1e-8,
-    "max_iter": 200,                # solvable jumps take 17 to 66, one at the edge of the possible 158
-    "mu_strategy": "adaptive",      # a third to half of the iterations of the monotone strategy
-    "bound_relax_factor": 1e-9,     # bounds may give by this much, relative to them
+    "max_iter": 200,  # solvable jumps take 17 to 66, one at the edge of the possible 158
+    "mu_strategy": "adaptive",  # a third to half of the iterations of the monotone strategy
+    "bound_relax_factor": 1e-9,  # bounds may give by this much, relative to them
     "linear_solver": "mumps",
-    "mumps_permuting_scaling": 0,   # cheaper analysis; the KKT matrix is well scaled already
-    "mumps_pivot_order": 2,         # AMF: least fill on these banded matrices
+    "mumps_permuting_scaling": 0,  # cheaper analysis; the KKT matrix is well scaled already
+    "mumps_pivot_order": 2,  # AMF: least fill on these banded matrices
 }
 WARM: dict[str, Any] = {
     **COLD,
     "warm_start_init_point": "yes",
     "mu_strategy": "monotone",
     "mu_init": 1e-4,
-    "max_iter": 45,                 # usually 5 to 20; beyond, a cold start is the better use of time
+    "max_iter": 45,  # usually 5 to 20; beyond, a cold start is the better use of time
     **dict.fromkeys(
-        ("warm_start_bound_push", "warm_start_bound_frac", "warm_start_slack_bound_push",
-         "warm_start_slack_bound_frac", "warm_start_mult_bound_push"), 1e-6,
+        (
+            "warm_start_bound_push",
+            "warm_start_bound_frac",
+            "warm_start_slack_bound_push",
+            "warm_start_slack_bound_frac",
+            "warm_start_mult_bound_push",
+        ),
+        1e-6,
     ),
 }
 
@@ -164,8 +170,13 @@ class Planner:
 
     def _minimise(self, solver: ca.Function, start: Iterate, w_bounds: Bounds, g_bounds: Bounds) -> Iterate:
         found = solver(
-            x0=start.w, lam_x0=start.multipliers_w, lam_g0=start.multipliers_g,
-            lbx=w_bounds[0], ubx=w_bounds[1], lbg=g_bounds[0], ubg=g_bounds[1],
+            x0=start.w,
+            lam_x0=start.multipliers_w,
+            lam_g0=start.multipliers_g,
+            lbx=w_bounds[0],
+            ubx=w_bounds[1],
+            lbg=g_bounds[0],
+            ubg=g_bounds[1],
         )
         return Iterate(*(np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g")))
 
@@ -233,12 +244,14 @@ def solve_all(problems: Sequence[Problem]) -> Iterator[Solution]:
 
 def nearest(problem: Problem, solutions: Sequence[Solution]) -> Solution | None:
     """The solution whose target is closest, if within ``NEAR_M`` and of the same settings."""
+
     def distance(solution: Solution) -> float:
         other = solution.problem.target
         return float(np.hypot(other.x_m - problem.target.x_m, other.z_m - problem.target.z_m))
 
     near = [
-        s for s in solutions
+        s
+        for s in solutions
         if distance(s) <= NEAR_M
         and (s.problem.grid, s.problem.robot, s.problem.weights, s.problem.limits)
         == (problem.grid, problem.robot, problem.weights, problem.limits)

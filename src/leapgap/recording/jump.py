@@ -62,9 +62,7 @@ class JumpInfo:
             raw: dict[str, Any] = json.loads(text)
             version = raw.pop("format_version")
             if version != FORMAT_VERSION:
-                raise InputError(
-                    where, f"format_version {version}", str(FORMAT_VERSION), "import the logs anew"
-                )
+                raise InputError(where, f"format_version {version}", str(FORMAT_VERSION), "import the logs anew")
             return JumpInfo(
                 robot=raw["robot"],
                 sample_period_s=float(raw["sample_period_s"]),
@@ -168,9 +166,7 @@ def check(jump: Jump) -> None:
         raise InputError(where, f"{rows} rows", "two or more", "log the whole jump")
     for name, values in jump.columns.items():
         if values.shape != (rows,):
-            raise InputError(
-                f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew"
-            )
+            raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise InputError(
@@ -201,9 +197,7 @@ def check(jump: Jump) -> None:
     for group in (BASE_POSITION, BASE_QUATERNION):
         present = [name for name in group if name in jump.columns]
         if present and len(present) != len(group):
-            raise InputError(
-                where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all"
-            )
+            raise InputError(where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all")
     if BASE_QUATERNION[0] in jump.columns:
         length = np.linalg.norm(jump.stack(BASE_QUATERNION), axis=1)
         worst = int(np.argmax(np.abs(length - 1)))
@@ -231,18 +225,14 @@ def read(path: Path) -> Jump:
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(
-            path, f"no readable Parquet ({error})", "a whole jump log", "import the log anew"
-        ) from None
+        raise InputError(path, f"no readable Parquet ({error})", "a whole jump log", "import the log anew") from None
     metadata = table.schema.metadata or {}
     if METADATA_KEY not in metadata:
         raise InputError(path, "no metadata 'leapgap'", "a jump log", "import it with stages.import_logs")
     try:
         columns = {name: table[name].to_numpy().astype(np.float64) for name in table.column_names}
     except (ValueError, TypeError) as error:
-        raise InputError(
-            path, f"a column that is not numeric ({error})", "float64 columns", "import it anew"
-        ) from None
+        raise InputError(path, f"a column that is not numeric ({error})", "float64 columns", "import it anew") from None
     info = JumpInfo.from_json(metadata[METADATA_KEY], path)
     return Jump(path.stem, columns, info)
 

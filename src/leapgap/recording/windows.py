@@ -62,8 +62,10 @@ def whole_steps(phase: str, length_s: float, step_s: float) -> int:
     if abs(steps - round(steps)) > 1e-6:
         shorter, longer = np.floor(steps) * step_s, np.ceil(steps) * step_s
         raise InputError(
-            f"time grid, {phase}", f"{length_s:g} s, which is not a whole number of {step_s:g} s steps",
-            f"for instance {shorter:g} s or {longer:g} s", "choose a step that divides the phase, or another schedule",
+            f"time grid, {phase}",
+            f"{length_s:g} s, which is not a whole number of {step_s:g} s steps",
+            f"for instance {shorter:g} s or {longer:g} s",
+            "choose a step that divides the phase, or another schedule",
         )
     return round(steps)
 
@@ -94,8 +96,9 @@ class RolloutInputs:
     def without_measured_future(self) -> "RolloutInputs":
         """For forecasts: forces and feet measured after the first step, which leak the future state, are withheld."""
         known = np.arange(self.force.shape[1]) == 0
-        return replace(self, force=np.where(known[:, None], self.force, np.nan),
-                       foot=np.where(known[:, None], self.foot, np.nan))
+        return replace(
+            self, force=np.where(known[:, None], self.force, np.nan), foot=np.where(known[:, None], self.foot, np.nan)
+        )
 
 
 @dataclass(frozen=True)
@@ -132,8 +135,14 @@ class Windows:
     def inputs(self) -> RolloutInputs:
         """What a model may know of them: everything but the states after the first."""
         return RolloutInputs(
-            state=self.state[:, 0], force=self.force, foot=self.foot, contact=self.contact,
-            time_s=self.time_s[:, :-1], step_s=np.diff(self.time_s, axis=1), start=self.start)
+            state=self.state[:, 0],
+            force=self.force,
+            foot=self.foot,
+            contact=self.contact,
+            time_s=self.time_s[:, :-1],
+            step_s=np.diff(self.time_s, axis=1),
+            start=self.start,
+        )
 
     def of_jumps(self, names: Sequence[str]) -> "Windows":
         """The windows of some of the jumps only, in their order here."""
@@ -153,8 +162,11 @@ def cut(jumps: Sequence[Jump], grid: TimeGrid, robot: Robot) -> Windows:
     for jump in jumps[1:]:
         if jump.info.schedule != jumps[0].info.schedule:
             raise InputError(
-                jump.name, str(jump.info.schedule), f"{jumps[0].info.schedule}, as in {jumps[0].name}",
-                "keep jumps of different schedules in different folders")
+                jump.name,
+                str(jump.info.schedule),
+                f"{jumps[0].info.schedule}, as in {jumps[0].name}",
+                "keep jumps of different schedules in different folders",
+            )
     schedule = jumps[0].info.schedule if jumps else None
     pieces = [cut_jump(jump, grid, robot) for jump in jumps] or [no_windows(grid)]
     arrays = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
@@ -166,8 +178,12 @@ def no_windows(grid: TimeGrid) -> dict[str, np.ndarray]:
     """The arrays of no jump at all."""
     k = grid.steps
     return {
-        "start": np.zeros(0, int), "start_x": np.zeros(0), "state": np.zeros((0, k + 1, 6)),
-        "force": np.zeros((0, k, 4)), "foot": np.zeros((0, k, 4)), "time_s": np.zeros((0, k + 1)),
+        "start": np.zeros(0, int),
+        "start_x": np.zeros(0),
+        "state": np.zeros((0, k + 1, 6)),
+        "force": np.zeros((0, k, 4)),
+        "foot": np.zeros((0, k, 4)),
+        "time_s": np.zeros((0, k + 1)),
         "contact": np.zeros((0, k), bool),
     }
 
@@ -178,8 +194,11 @@ def cut_jump(jump: Jump, grid: TimeGrid, robot: Robot) -> dict[str, np.ndarray]:
     total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
     if grid.steps > total:
         raise InputError(
-            jump.name, f"windows of {grid.steps} steps", f"{total} steps or fewer: all that this jump's schedule has",
-            "shorten the window (chunk.steps), or make the steps shorter")
+            jump.name,
+            f"windows of {grid.steps} steps",
+            f"{total} steps or fewer: all that this jump's schedule has",
+            "shorten the window (chunk.steps), or make the steps shorter",
+        )
     times = grid.sample_times(schedule)
     rows = rows_at(jump, times)
     state = states(jump)[rows]
@@ -190,8 +209,13 @@ def cut_jump(jump: Jump, grid: TimeGrid, robot: Robot) -> dict[str, np.ndarray]:
     window_state = state[sample]
     window_state[:, :, 0] -= state[start, 0][:, None]
     return {
-        "start": start, "start_x": state[start, 0], "state": window_state, "force": force[step],
-        "foot": foot[step], "time_s": times[sample], "contact": step < contact,
+        "start": start,
+        "start_x": state[start, 0],
+        "state": window_state,
+        "force": force[step],
+        "foot": foot[step],
+        "time_s": times[sample],
+        "contact": step < contact,
     }
 
 
@@ -200,16 +224,21 @@ def rows_at(jump: Jump, times_s: np.ndarray) -> np.ndarray:
     clock, half = jump.time, jump.info.sample_period_s / 2 + 1e-6
     if times_s[-1] > clock[-1] + half:
         raise InputError(
-            jump.name, f"a log that ends at {clock[-1]:g} s", f"one that reaches {times_s[-1]:g} s, the end of its "
-            "scheduled flight", "log the whole jump, or correct the schedule in its metadata")
+            jump.name,
+            f"a log that ends at {clock[-1]:g} s",
+            f"one that reaches {times_s[-1]:g} s, the end of its scheduled flight",
+            "log the whole jump, or correct the schedule in its metadata",
+        )
     right = np.clip(np.searchsorted(clock, times_s), 1, len(clock) - 1)
     rows = np.where(times_s - clock[right - 1] < clock[right] - times_s, right - 1, right)
     far = np.flatnonzero(np.abs(clock[rows] - times_s) > half)
     if len(far):
         raise InputError(
-            f"{jump.name}, column time", f"no row within {half * 1e3:.3g} ms of {times_s[far[0]]:g} s",
+            f"{jump.name}, column time",
+            f"no row within {half * 1e3:.3g} ms of {times_s[far[0]]:g} s",
             f"a row every {jump.info.sample_period_s * 1e3:g} ms, the sample period of its metadata",
-            "repair the log, or correct its sample_period_s")
+            "repair the log, or correct its sample_period_s",
+        )
     return rows
 
 
@@ -218,8 +247,11 @@ def states(jump: Jump) -> np.ndarray:
     missing = [column for column in STATE_COLUMNS if column not in jump]
     if missing:
         raise InputError(
-            jump.name, f"no base state (no {', '.join(missing)})", "position, orientation and velocity of the base",
-            "leave this log out: a model of the base cannot learn without")
+            jump.name,
+            f"no base state (no {', '.join(missing)})",
+            "position, orientation and velocity of the base",
+            "leave this log out: a model of the base cannot learn without",
+        )
     columns = ("base_pos_x", "base_pos_z", "base_linvel_x", "base_linvel_z", "base_angvel_y")
     x, z, vx, vz, pitch_rate = jump.stack(columns).T
     return np.stack([x, z, jump.pitch, vx, vz, pitch_rate], axis=-1)
@@ -237,8 +269,11 @@ def forces(jump: Jump) -> np.ndarray:
         return jump.pair_force("mpc_force") + jump.pair_force("pd_force")
     found = f"only {', '.join(sources)}" if sources else "no column of them"
     raise InputError(
-        jump.name, f"no forces ({found})",
-        "train_force, or mpc_force and pd_force, of both pairs", "log them, or leave this log out")
+        jump.name,
+        f"no forces ({found})",
+        "train_force, or mpc_force and pd_force, of both pairs",
+        "log them, or leave this log out",
+    )
 
 
 def feet(jump: Jump, robot: Robot, rows: np.ndarray) -> np.ndarray:
@@ -254,29 +289,45 @@ def write(windows: Windows, folder: Path) -> None:
     """Write ``windows.npz`` and ``windows.json``; the same windows give the same bytes."""
     folder.mkdir(parents=True, exist_ok=True)
     write_npz(folder / "windows.npz", {name: getattr(windows, name) for name in ARRAYS})
-    write_json(folder / "windows.json", {
-        "format_version": FORMAT_VERSION, "windows": len(windows), "jumps": list(windows.jumps),
-        "note": "" if len(windows) else "no logs: nothing was cut",
-        "grid": asdict(windows.grid), "schedule": asdict(windows.schedule) if windows.schedule else None,
-        "robot": windows.robot, "robot_sha256": windows.robot_sha256,
-    })
+    write_json(
+        folder / "windows.json",
+        {
+            "format_version": FORMAT_VERSION,
+            "windows": len(windows),
+            "jumps": list(windows.jumps),
+            "note": "" if len(windows) else "no logs: nothing was cut",
+            "grid": asdict(windows.grid),
+            "schedule": asdict(windows.schedule) if windows.schedule else None,
+            "robot": windows.robot,
+            "robot_sha256": windows.robot_sha256,
+        },
+    )
 
 
 def read(folder: Path) -> Windows:
     """Read what ``write`` wrote."""
     about = read_json(folder / "windows.json")
     if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(folder / "windows.json", f"format_version {about.get('format_version')}",
-                         str(FORMAT_VERSION), "run stages.chunk anew")
+        raise InputError(
+            folder / "windows.json",
+            f"format_version {about.get('format_version')}",
+            str(FORMAT_VERSION),
+            "run stages.chunk anew",
+        )
     arrays = read_npz(folder / "windows.npz")
     try:
         return Windows(
             grid=TimeGrid(**about["grid"]),
             schedule=ContactSchedule(**about["schedule"]) if about["schedule"] else None,
-            robot=about["robot"], robot_sha256=about["robot_sha256"], jumps=tuple(about["jumps"]), **arrays)
+            robot=about["robot"],
+            robot_sha256=about["robot_sha256"],
+            jumps=tuple(about["jumps"]),
+            **arrays,
+        )
     except (KeyError, TypeError) as error:
-        raise InputError(folder, f"windows that do not fit ({error})", "windows of this version",
-                         "run stages.chunk anew") from None
+        raise InputError(
+            folder, f"windows that do not fit ({error})", "windows of this version", "run stages.chunk anew"
+        ) from None
 
 
 def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:

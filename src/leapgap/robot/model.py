@@ -35,13 +35,9 @@ class Robot:
         try:
             model = robot.model
         except ValueError as error:
-            raise InputError(
-                path, f"no valid MuJoCo model ({error})", "a model that compiles", "repair it"
-            ) from None
+            raise InputError(path, f"no valid MuJoCo model ({error})", "a model that compiles", "repair it") from None
         driven = set(model.actuator_trnid[:, 0])
-        idle = [
-            name for name, joint in zip(robot.joints, robot._joint_ids, strict=True) if joint not in driven
-        ]
+        idle = [name for name, joint in zip(robot.joints, robot._joint_ids, strict=True) if joint not in driven]
         if idle or not robot.joints:
             raise InputError(
                 path,
@@ -232,8 +228,7 @@ class Robot:
         jacobian = np.empty((3, self.model.nv))
         force = np.zeros((len(joint_pos), len(self.feet), 3))
         of_leg = [
-            np.array([i for i, j in enumerate(self.joints) if self.leg_of(j) == self.leg_of(f)])
-            for f in self.feet
+            np.array([i for i, j in enumerate(self.joints) if self.leg_of(j) == self.leg_of(f)]) for f in self.feet
         ]
         for row in range(len(joint_pos)):
             data.qpos[:3], data.qpos[3:7] = 0.0, base_quaternion[row]
@@ -243,15 +238,12 @@ class Robot:
             for foot, (geom, joints) in enumerate(zip(self.foot_geoms, of_leg, strict=True)):
                 body = self.model.geom_bodyid[geom]
                 mujoco.mj_jac(self.model, data, jacobian, None, data.geom_xpos[geom], body)
-                force[row, foot] = -np.linalg.solve(
-                    jacobian[:, self.joint_dofs[joints]].T, torque[row, joints]
-                )
+                force[row, foot] = -np.linalg.solve(jacobian[:, self.joint_dofs[joints]].T, torque[row, joints])
         return force
 
     def per_pair(self, of_feet: np.ndarray) -> np.ndarray:
         """Sum over the feet of each pair, in the planar axes: (rows, feet, 3) → front x z, rear x z (rows, 4)."""
         sums = [
-            of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1)
-            for pair in ("front", "rear")
+            of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1) for pair in ("front", "rear")
         ]
         return np.concatenate([s[:, [0, 2]] for s in sums], axis=1)

@@ -59,7 +59,8 @@ def advance(state: np.ndarray, acceleration: np.ndarray, step_s: np.ndarray | fl
     dt = np.asarray(step_s, dtype=float)[..., None]
     state = np.asarray(state, dtype=float)
     return np.concatenate(
-        [state[..., POSITION] + dt * state[..., VELOCITY], state[..., VELOCITY] + dt * acceleration], axis=-1)
+        [state[..., POSITION] + dt * state[..., VELOCITY], state[..., VELOCITY] + dt * acceleration], axis=-1
+    )
 
 
 PUBLISHED = RigidBody(mass_kg=12.0, pitch_inertia_kgm2=0.17)

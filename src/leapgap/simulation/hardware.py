@@ -58,7 +58,11 @@ class Plan:
 
 
 def make_jumps(
-    plans: Sequence[Plan], robot: Robot, effects: tuple[Effect, ...], noise: SensorNoise, course: Course,
+    plans: Sequence[Plan],
+    robot: Robot,
+    effects: tuple[Effect, ...],
+    noise: SensorNoise,
+    course: Course,
     rng: np.random.Generator,
 ) -> list[Jump]:
     """Let the simulated hardware make the planned jumps; logs in the order of the plans."""
@@ -163,8 +167,10 @@ def turned(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Quaternions w x y z (rows, 4), turned about the body's axes by small angles, rad, (rows, 3)."""
     w, x, y, z = quaternion.T
     a, b, c = (angles / 2).T
-    small = np.stack([w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c,
-                      z + w * c + x * b - y * a], axis=1)
+    small = np.stack(
+        [w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a],
+        axis=1,
+    )
     return small / np.linalg.norm(small, axis=1, keepdims=True)
 
 

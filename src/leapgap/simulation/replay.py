@@ -5,6 +5,7 @@ out without a Python loop, many at once on all cores, bit-identical at any numbe
 """
 
 import copy
+import itertools
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -70,16 +71,15 @@ class Replayer:
         """
         for trial in trials:
             self.check_joints(trial.jump)
-        longest = [min(len(trial.jump), rows or len(trial.jump)) for trial in trials]
-        motions: list[Motion | None] = [None] * len(trials)
-        for length in sorted(set(longest)):
-            chosen = [i for i, own in enumerate(longest) if own == length]
-            for i, motion in zip(chosen, self._same_length([trials[i] for i in chosen], length), strict=True):
-                motions[i] = motion
-        return [motion for motion in motions if motion is not None]
+        shapes = [(min(len(t.jump), rows or len(t.jump)), self._substeps(t.jump)) for t in trials]
+        motions: dict[int, Motion] = {}
+        for shape in sorted(set(shapes)):
+            chosen = [i for i, own in enumerate(shapes) if own == shape]
+            motions |= zip(chosen, self._same_shape([trials[i] for i in chosen], *shape), strict=True)
+        return [motions[i] for i in range(len(trials))]
 
-    def _same_length(self, trials: Sequence[Trial], rows: int) -> list[Motion]:
-        """Replay trials of equally many rows, batch by batch of constant gains."""
+    def _same_shape(self, trials: Sequence[Trial], rows: int, substeps: int) -> list[Motion]:
+        """Replay trials of equally many rows and steps a row, batch by batch of constant gains."""
         gains = [
             np.concatenate(
                 [
@@ -92,19 +92,15 @@ class Replayer:
         ]
         # Rows 0 … rows−2 are each held for one period; the last row's command is not needed.
         switches = sorted(
-            {0, rows - 1}.union(
-                *(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains)
-            )
+            {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
         )
         controls = [self._controls(trial, rows) for trial in trials]
         states = [
-            np.concatenate([[0.0], self.first_state(t) if t.first_state is None else t.first_state])
-            for t in trials
+            np.concatenate([[0.0], self.first_state(t) if t.first_state is None else t.first_state]) for t in trials
         ]
         history = [[state[None]] for state in states]
-        for start, end in zip(switches[:-1], switches[1:], strict=True):
+        for start, end in itertools.pairwise(switches):
             models = [self.model(trial, row=start) for trial in trials]
-            substeps = self._substeps(trials[0].jump)
             control = np.stack([np.repeat(c[start:end], substeps, axis=0) for c in controls])
             out, _ = mujoco.rollout.rollout(
                 models, self.data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
@@ -156,9 +152,7 @@ class Replayer:
             commands = effect.change_commands(commands, jump.info.sample_period_s, self.robot)
         kp, kd = (jump.per_joint(gain, joints)[:rows] for gain in ("cmd_kp", "cmd_kd"))
         control = np.zeros((rows, self.bare.nu))
-        control[:, self.robot.joint_actuators] = (
-            commands.torque + kp * commands.position + kd * commands.velocity
-        )
+        control[:, self.robot.joint_actuators] = commands.torque + kp * commands.position + kd * commands.velocity
         return control
 
     def model(self, trial: Trial, row: int = 0) -> mujoco.MjModel:

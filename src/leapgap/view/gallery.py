@@ -30,6 +30,8 @@ class View:
     """Recordings of each kind, the first by name."""
     most_predictions: int
     """Jumps with predictions of each kind, the first by name."""
+    models: list[str]
+    """Models whose predictions are shown; empty: all."""
     out: str | None = None
 
     def __post_init__(self) -> None:
@@ -69,6 +71,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 robot,
                 path,
                 title=f"predictions of {kind} {jump.name}",
+                shown=view.models or None,
             )
         yield said(f"prediction_{kind}", folder, len(tables), view.most_predictions)
 

@@ -26,9 +26,7 @@ def jump_blueprint(actors: Sequence[Actor], notes: bool = True) -> rrb.Blueprint
     if any(has_pair_force(main.jump, source) for source in FORCE_COLOURS):
         for axis in PAIR_FORCE_AXES:
             forces.append(
-                plot(
-                    f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0]
-                )
+                plot(f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0])
             )
     if any(f"foot_force/{foot}" in main.jump for foot in main.robot.feet):
         forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
@@ -104,9 +102,7 @@ def base_plots(actors: Sequence[Actor]) -> rrb.Container:
     values = {p.key: plot(f"base/{p.key}", p.label, p in with_legend) for p in shown}
     if len(actors) == 1:
         return rrb.Grid(*values.values(), grid_columns=2 if len(shown) > 3 else 1, name="Base")
-    residuals = {
-        part.key: plot(f"residual/{part.key}", f"Δ {part.label}, ghost − {main.label}") for part in shown
-    }
+    residuals = {part.key: plot(f"residual/{part.key}", f"Δ {part.label}, ghost − {main.label}") for part in shown}
     pages = []
     for name, keys in (
         ("Base pose", [part.key for part in shown if part.key in POSE]),

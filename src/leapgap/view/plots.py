@@ -71,9 +71,7 @@ class Curve:
     values: np.ndarray
 
 
-def log_plot(
-    to: Recorder, entity: str, time_s: np.ndarray, curves: Sequence[Curve], width: float = 1.6
-) -> None:
+def log_plot(to: Recorder, entity: str, time_s: np.ndarray, curves: Sequence[Curve], width: float = 1.6) -> None:
     """Curves that share their times, as one entity: times and names are stored once for all of them."""
     if not curves:
         return
@@ -119,11 +117,7 @@ def log_joints(to: Recorder, actors: Sequence[Actor]) -> None:
         entity = f"joints/{main.robot.leg_of(joint)}/{joint}"
         for quantity, command in (("joint_pos", "cmd_pos"), ("joint_vel", "cmd_vel")):
             name, commanded = f"{quantity}/{joint}", f"{command}/{joint}"
-            curves = [
-                Curve(a.label, a.colour, on_clock(time, a.jump, a.jump[name]))
-                for a in actors
-                if name in a.jump
-            ]
+            curves = [Curve(a.label, a.colour, on_clock(time, a.jump, a.jump[name])) for a in actors if name in a.jump]
             if commanded in main.jump:
                 curves.append(Curve("command", COMMAND_COLOUR, main.jump[commanded][rows]))
             log_plot(to, f"{entity}/{quantity}", time, curves)
@@ -154,9 +148,7 @@ def log_ground_forces(to: Recorder, actor: Actor) -> None:
         curves = [Curve(s, FORCE_COLOURS[s], jump[f"{s}/{axis}"][rows]) for s in sources]
         log_plot(to, f"forces/{axis}", jump.time[rows], curves)
     sensors = [foot for foot in actor.robot.feet if f"foot_force/{foot}" in jump]
-    curves = [
-        Curve(foot, FOOT_COLOURS[i % 4], jump[f"foot_force/{foot}"][rows]) for i, foot in enumerate(sensors)
-    ]
+    curves = [Curve(foot, FOOT_COLOURS[i % 4], jump[f"foot_force/{foot}"][rows]) for i, foot in enumerate(sensors)]
     log_plot(to, "forces/foot_sensors", jump.time[rows], curves)
 
 
@@ -187,9 +179,7 @@ def log_phases(to: Recorder, actor: Actor) -> None:
     events = sorted(event for event in events if event[0] <= jump.time[-1])
     if events:
         times, texts = zip(*events, strict=True)
-        to.over_time(
-            "events", np.array(times), rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts))
-        )
+        to.over_time("events", np.array(times), rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)))
 
 
 def switched_pairs(actor: Actor) -> tuple[str, ...]:
@@ -198,9 +188,7 @@ def switched_pairs(actor: Actor) -> tuple[str, ...]:
     return tuple(p for p, feet in feet_of.items() if feet and all(f"contact/{f}" in actor.jump for f in feet))
 
 
-def log_lane(
-    to: Recorder, entity: str, times: np.ndarray, states: Sequence[str], colours: dict[str, Colour]
-) -> None:
+def log_lane(to: Recorder, entity: str, times: np.ndarray, states: Sequence[str], colours: dict[str, Colour]) -> None:
     """One lane of the state timeline: the state that holds from each time on."""
     to.static(
         entity,

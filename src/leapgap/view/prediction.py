@@ -54,9 +54,7 @@ def read_predictions(path: Path) -> dict[str, list[RollOut]]:
         ) from None
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
-        raise InputError(
-            path, f"no column {', '.join(missing)}", ", ".join(COLUMNS), "run the stage evaluate again"
-        )
+        raise InputError(path, f"no column {', '.join(missing)}", ", ".join(COLUMNS), "run the stage evaluate again")
     model = np.asarray(table["model"].to_pylist())
     window, step = table["window"].to_numpy(), table["step"].to_numpy()
     columns = {name: table[name].to_numpy() for name in COLUMNS[3:]}
@@ -79,15 +77,16 @@ def record_prediction(
     predictions: Path,
     title: str | None = None,
     window_start_s: float = SHOWN_WINDOW_S,
+    shown: Sequence[str] | None = None,
 ) -> None:
     """Write a jump and the models' predictions of it as a recording, whole or not at all.
 
-    In 3-D, the way of the base that each model predicts from the time cursor on; in the plots, the window
-    that starts nearest to ``window_start_s``.
+    ``shown`` names the models to show, those of them that the table has; None: all. In 3-D, the way of the base that
+    each model predicts from the time cursor on; in the plots, the window that starts nearest to ``window_start_s``.
     """
     by_model = read_predictions(predictions)
     actors = cast(TRUTH, jump, {}, robot)
-    models = [name for name in by_model if name != TRUTH and by_model[name]]
+    models = [name for name in shown or by_model if name != TRUTH and by_model.get(name)]
     colours = dict(zip(models, palette(len(models)), strict=True))
     title = title or f"predictions of {jump.name}"
     with recording(path, title, prediction_blueprint(actors)) as to:
@@ -105,18 +104,14 @@ def palette(count: int) -> list[Colour]:
     return [every_colour[i % len(every_colour)] for i in range(count)]
 
 
-def log_predicted_ways(
-    to: Recorder, actor: Actor, model: str, roll_outs: Sequence[RollOut], colour: Colour
-) -> None:
+def log_predicted_ways(to: Recorder, actor: Actor, model: str, roll_outs: Sequence[RollOut], colour: Colour) -> None:
     """The predicted way of the base at the time it was predicted, at the measured y of that time."""
     entity = f"{WORLD}/predicted/{model}"
     to.static(entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[0.006]))
     aside = actor.jump["base_pos_y"] if "base_pos_y" in actor.jump else np.zeros(len(actor.jump))
     first_of = {roll_out.start_s: roll_out for roll_out in roll_outs}
     strips = [
-        np.stack([r.values["x"], np.interp(r.time, actor.jump.time, aside), r.values["z"]], axis=-1).astype(
-            np.float32
-        )
+        np.stack([r.values["x"], np.interp(r.time, actor.jump.time, aside), r.values["z"]], axis=-1).astype(np.float32)
         for r in first_of.values()
     ]
     to.over_time(entity, np.array(list(first_of)), rr.LineStrips3D.columns(strips=strips))

@@ -27,9 +27,7 @@ ROWS_SHOWN = 4
 """Every so many milliseconds a point is drawn: the page stays small and the curves smooth."""
 
 
-def html(
-    report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]
-) -> str:
+def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]) -> str:
     """The whole page; the same report gives the same bytes."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
@@ -48,7 +46,7 @@ def html(
         report=report,
         plotly=plotly.offline.get_plotlyjs(),
         figures={name: embedded(figure, name) for name, figure in figures.items()},
-        loudest=[place for place in report.where[:6]],
+        loudest=list(report.where[:6]),
         labels=LABELS,
         jumps=len(jumps),
         judged_until=max(jump.time[-1] for jump in jumps),
@@ -71,9 +69,7 @@ def gap_map(report: Report) -> go.Figure:
     """Share of the squared gap by phase and channel; joints summed over the legs of a pair."""
     rows: dict[str, np.ndarray] = {}
     for place in report.where:
-        rows.setdefault(row_of(place.channel), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += (
-            place.share
-        )
+        rows.setdefault(row_of(place.channel), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
     order = [
         *(LABELS[name] for name in HEADLINE if LABELS[name] in rows),
         *sorted(set(rows) - set(LABELS.values())),
@@ -204,9 +200,7 @@ def closures(report: Report) -> go.Figure:
         )
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
-    figure.update_xaxes(
-        title_text="share of the gap above the noise floor that goes away on jumps not fitted on, %"
-    )
+    figure.update_xaxes(title_text="share of the gap above the noise floor that goes away on jumps not fitted on, %")
     return figure
 
 
@@ -251,9 +245,7 @@ def gap_per_log(report: Report) -> go.Figure:
     figure = go.Figure()
     shown = [("nominal", "nominal", NOMINAL), ("corrected", "corrected, not fitted on this jump", CORRECTED)]
     for key, label, colour in shown if report.answer else shown[:1]:
-        figure.add_bar(
-            x=names, y=[report.gap_per_log[name][key] for name in names], name=label, marker_color=colour
-        )
+        figure.add_bar(x=names, y=[report.gap_per_log[name][key] for name in names], name=label, marker_color=colour)
     figure.add_hline(y=report.noise_floor, line={"color": REAL, "dash": "dot", "width": 1})
     figure.update_layout(
         height=300,

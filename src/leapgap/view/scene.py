@@ -178,9 +178,7 @@ def batch(kind: str, some: Sequence[Shape], actor: Actor) -> rr.AsComponents:
 def log_meshes(to: Recorder, entity: str, some: Sequence[Shape], actor: Actor) -> None:
     """Each mesh has an entity of its own: Rerun places it by a transform."""
     for i, shape in enumerate(some):
-        place = rr.Transform3D(
-            translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion))
-        )
+        place = rr.Transform3D(translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion)))
         mesh = rr.Mesh3D(
             vertex_positions=shape.vertices,
             triangle_indices=shape.faces,
@@ -231,9 +229,7 @@ def log_forces(to: Recorder, actor: Actor) -> None:
     Only while the pair is planned to push: in the air the forces of the joint PD move the leg, not the robot.
     """
     jump, robot = actor.jump, actor.robot
-    pairs = [
-        (i, [robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]) for i, pair in enumerate(PAIRS)
-    ]
+    pairs = [(i, [robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]) for i, pair in enumerate(PAIRS)]
     if not all(feet for _, feet in pairs):
         return
     origins = np.stack([actor.poses.feet[:, feet].mean(axis=1) for _, feet in pairs], axis=1)

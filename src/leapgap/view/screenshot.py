@@ -24,9 +24,7 @@ SETTLE_S = 1.5
 """Time the viewer gets to lay out and draw what was loaded; software rendering takes its time."""
 
 
-def screenshot(
-    rrd: Path, png: Path, size: tuple[int, int] = (1500, 900), at_time_s: float | None = None
-) -> None:
+def screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1500, 900), at_time_s: float | None = None) -> None:
     """Render a recording as it opens in the viewer, with the time cursor at ``at_time_s``.
 
     Needs a Vulkan driver; without a graphics card Debian's ``mesa-vulkan-drivers`` renders in software.
@@ -40,9 +38,7 @@ def screenshot(
         "--window-size", f"{size[0]}x{size[1] + TOP_BAR_PX}", str(rrd.resolve()),
     ]  # fmt: skip
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(
-            command, stdout=said, stderr=said, env={**os.environ, "RERUN_APP_ONLY": "true"}
-        )
+        process = subprocess.Popen(command, stdout=said, stderr=said, env={**os.environ, "RERUN_APP_ONLY": "true"})
         try:
             with whole_file(png) as beside:
                 picture = beside.with_name(f"{beside.name}.png")  # the viewer goes by the ending

@@ -19,7 +19,5 @@ def formats() -> tuple[str, ...]:
 def importer(name: str) -> ModuleType:
     """The importer of a format; an unknown name is an ``InputError``."""
     if name not in formats():
-        raise InputError(
-            "import_logs.format", name, f"one of {', '.join(formats())}", "choose a known format"
-        )
+        raise InputError("import_logs.format", name, f"one of {', '.join(formats())}", "choose a known format")
     return import_module(f"{__name__}.{name}")

@@ -1,5 +1,6 @@
 """CSV files, one a jump, with a map from our columns to theirs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -38,9 +39,7 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
     try:
         table = pa.csv.read_csv(path)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(
-            path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew"
-        ) from None
+        raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew") from None
     theirs = per_joint(options.columns, robot)
     columns = {}
     for ours, column in theirs.items():
@@ -66,16 +65,12 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
             columns[column] = numbers(table, column, path)
     for ours, factor in per_joint(options.factors, robot).items():
         if ours not in columns:
-            raise InputError(
-                "import_logs.csv.factors", ours, "a column that is imported", "map the column too"
-            )
+            raise InputError("import_logs.csv.factors", ours, "a column that is imported", "map the column too")
         columns[ours] = columns[ours] * factor
     for ours, value in per_joint(options.constants, robot).items():
         columns[ours] = np.full(table.num_rows, value)
     if "time" not in columns:
-        raise InputError(
-            path, "no column time", "a strictly increasing time, s", "map it: import_logs.csv.columns"
-        )
+        raise InputError(path, "no column time", "a strictly increasing time, s", "map it: import_logs.csv.columns")
     columns["time"] = columns["time"] - columns["time"][:1]
     ordered = {key: columns[key] for key in sorted(columns, key=column_order(robot))}
     steps = np.diff(columns["time"])
@@ -106,12 +101,10 @@ def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
     try:
         return table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
     except (pa.ArrowException, ValueError) as error:
-        raise InputError(
-            f"{path}, column {column}", f"no numbers ({error})", "numbers", "export it anew"
-        ) from None
+        raise InputError(f"{path}, column {column}", f"no numbers ({error})", "numbers", "export it anew") from None
 
 
-def column_order(robot: Robot):  # noqa: ANN201
+def column_order(robot: Robot) -> Callable[[str], tuple]:
     """Sort key: time first, the base, then by quantity and the robot's joints; a fixed order gives fixed bytes."""
 
     def key(column: str) -> tuple:

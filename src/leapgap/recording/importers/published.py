@@ -70,17 +70,14 @@ class Options:
 def find(source: Path) -> dict[str, Path]:
     """Folders below ``source`` that hold a jump, by name: ``jump_07`` for ``…/7``."""
     folders = sorted(
-        {path.parent for path in source.rglob("joint_act.txt")}
-        | {path.parent for path in source.rglob("pos.txt")}
+        {path.parent for path in source.rglob("joint_act.txt")} | {path.parent for path in source.rglob("pos.txt")}
     )
     named: dict[str, Path] = {}
     for folder in folders:
         number = folder.name
         name = f"jump_{int(number):02d}" if number.isdigit() else f"jump_{number}"
         if name in named:
-            raise InputError(
-                source, f"two folders named {number}", "one folder a jump", "rename or remove one"
-            )
+            raise InputError(source, f"two folders named {number}", "one folder a jump", "rename or remove one")
         named[name] = folder
     return dict(sorted(named.items()))
 
@@ -91,9 +88,7 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
     rows = len(files["pos"])
     for stem, table in files.items():
         if len(table) != rows:
-            raise InputError(
-                path / f"{stem}.txt", f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump anew"
-            )
+            raise InputError(path / f"{stem}.txt", f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump anew")
     body, forces = files["pos"], files["data_f"]
     rotation = Rotation.from_euler("ZYX", body[:, [8, 7, 6]])
     columns = {"time": np.arange(rows) * options.sample_period_s}
@@ -175,15 +170,11 @@ def block_under_front_feet(columns: dict[str, np.ndarray], robot: Robot, options
 def read_table(path: Path, columns: int, separator: str | None) -> np.ndarray:
     """A whole text table with at least ``columns`` columns, shape (rows, ≥ columns)."""
     if not path.is_file():
-        raise InputError(
-            path, "no such file", "a table of the published layout", "copy the jump's folder whole"
-        )
+        raise InputError(path, "no such file", "a table of the published layout", "copy the jump's folder whole")
     try:
         table = np.loadtxt(path, delimiter=separator, ndmin=2)
     except ValueError as error:
-        raise InputError(
-            path, f"no whole table ({error})", "numbers, as many in every row", "copy it anew"
-        ) from None
+        raise InputError(path, f"no whole table ({error})", "numbers, as many in every row", "copy it anew") from None
     if table.shape[1] < columns or not len(table):
         raise InputError(
             path,

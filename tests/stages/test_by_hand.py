@@ -1,0 +1,147 @@
+"""Stages called by hand: what a user types, and what a user gets when it cannot work."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from leapgap.recording import jump as jump_log
+from leapgap.robot.model import Robot
+from tests.code import ROOT
+from tests.conftest import standing
+from tests.recording.test_importers import write_published
+
+
+def stage(name: str, *arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess:
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("DVC_")}
+    return subprocess.run(
+        [sys.executable, "-m", f"stages.{name}", *arguments],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def refused(result: subprocess.CompletedProcess, *parts: str) -> None:
+    """Exit code 2 and one message without a traceback."""
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.stderr.startswith("stages.")
+    assert len(result.stderr.strip().splitlines()) == 1
+    for part in parts:
+        assert part in result.stderr, result.stderr
+
+
+@pytest.fixture
+def logs(tmp_path: Path, robot: Robot) -> Path:
+    for i in range(2):
+        jump_log.write(standing(robot, 1300), tmp_path / "logs" / f"jump_{i}.parquet")
+    return tmp_path / "logs"
+
+
+def test_import_of_foreign_logs(tmp_path: Path, robot: Robot) -> None:
+    write_published(tmp_path / "raw" / "3", robot)
+    out = tmp_path / "jumps"
+    result = stage(
+        "import_logs",
+        f"import_logs.source={tmp_path / 'raw'}",
+        f"import_logs.out={out}",
+        "import_logs.format=published",
+    )
+    assert result.returncode == 0, result.stderr
+    assert "1 jumps imported" in result.stdout
+    assert jump_log.read(out / "jump_03.parquet").info.target.x_m == 0.6
+
+
+def test_no_logs_is_a_stated_result(tmp_path: Path) -> None:
+    (tmp_path / "raw").mkdir()
+    for arguments in (
+        ("import_logs", f"import_logs.source={tmp_path / 'raw'}", f"import_logs.out={tmp_path / 'a'}"),
+        ("diagnose", f"diagnose.logs={tmp_path / 'a'}", f"diagnose.out={tmp_path / 'b'}"),
+    ):
+        result = stage(*arguments)
+        assert result.returncode == 0, result.stderr
+        assert "no logs" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (("collect", "collect.jmps=3"), ("collect.jmps",)),
+        (("collect", "collect.jumps=some"), ("collect.jumps", "'some'")),
+        (("collect", "collect.hardware=brandnew"), ("collect.hardware: found brandnew; expected one of ideal",)),
+        (("collect", "collect.variants.damped.effects=[{name:joint_dampng}]"), ("found joint_dampng",)),
+        (("diagnose", "diagnose.settings.effects=[nonsense]", "diagnose.logs={logs}"), ("found nonsense",)),
+        (("diagnose", "diagnose.logs=nowhere"), ("nowhere: found no such folder",)),
+        (("diagnose", "diagnose.logs={logs}", "diagnose.robot=nowhere.xml"), ("nowhere.xml: found no such file",)),
+        (("import_logs", "import_logs.format=bags"), ("found bags; expected one of csv, published",)),
+        (("import_logs", "import_logs.source=nowhere"), ("import_logs.source: found nowhere",)),
+        (("optimize", "optimize.targets=[[9.0,0.0]]"), ("9",)),
+        (("chunk", "chunk.logs={logs}", "chunk.flight_step_s=0.07"), ("flight",)),
+        (("chunk", "size=enormous"), ("enormous",)),
+    ],
+)
+def test_bad_input_is_told_in_one_message(logs: Path, tmp_path: Path, arguments: tuple, parts: tuple) -> None:
+    name = arguments[0]
+    filled = [argument.replace("{logs}", str(logs)) for argument in arguments[1:]]
+    refused(stage(name, *filled, f"{name}.out={tmp_path / 'out'}"), *parts)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("harm", "part"),
+    [
+        (lambda path: path.write_bytes(path.read_bytes()[:3000]), "no readable Parquet"),
+        (lambda path: path.write_text("time,x\n0,1\n"), "no readable Parquet"),
+    ],
+)
+def test_a_damaged_log_stops_every_stage_that_reads_it(logs: Path, tmp_path: Path, harm, part: str) -> None:
+    harm(logs / "jump_1.parquet")
+    for name in ("chunk", "diagnose"):
+        refused(stage(name, f"{name}.logs={logs}", f"{name}.out={tmp_path / name}"), "jump_1.parquet", part)
+        assert not (tmp_path / name).exists()
+
+
+def test_a_damaged_raw_jump_leaves_the_imported_ones_as_they_were(tmp_path: Path, robot: Robot) -> None:
+    write_published(tmp_path / "raw" / "3", robot)
+    out = tmp_path / "jumps"
+    arguments = ("import_logs", f"import_logs.source={tmp_path / 'raw'}", f"import_logs.out={out}")
+    assert stage(*arguments).returncode == 0
+    before = (out / "jump_03.parquet").read_bytes()
+    (tmp_path / "raw" / "3" / "torque.txt").unlink()
+    refused(stage(*arguments), "torque.txt: found no such file")
+    assert [path.name for path in out.iterdir()] == ["jump_03.parquet"]
+    assert (out / "jump_03.parquet").read_bytes() == before
+
+
+def test_multirun_sweeps(tmp_path: Path) -> None:
+    result = stage(
+        "collect",
+        "-m",
+        "collect.hardware=ideal,damped",
+        "collect.jumps=1",
+        "collect.targets=[[0.4,0.0]]",
+        f"hydra.sweep.dir={tmp_path}",
+    )
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "0" / "out" / "ideal_00.parquet").exists()
+    assert (tmp_path / "1" / "out" / "damped_00.parquet").exists()
+
+
+def test_a_corrected_robot_can_be_simulated(tmp_path: Path, robot: Robot) -> None:
+    from leapgap import effects
+    from leapgap.simulation.corrected import write_corrected
+
+    write_corrected(tmp_path / "corrected", robot, (effects.effect("joint_damping", damping=0.4),))
+    common = ("collect.jumps=1", "collect.targets=[[0.4,0.0]]")
+    for out, extra in (
+        ("a", (f"collect.robot={tmp_path / 'corrected'}", "collect.hardware=ideal")),
+        ("b", ("collect.hardware=damped",)),
+    ):
+        assert stage("collect", *common, *extra, f"collect.out={tmp_path / out}").returncode == 0
+    made = [jump_log.read(next((tmp_path / out).glob("*.parquet"))) for out in "ab"]
+    assert (made[0]["base_pos_x"] == made[1]["base_pos_x"]).all()
