@@ -7,13 +7,13 @@ from omegaconf import DictConfig
 
 from leapgap.diagnosis.diagnose import Settings
 from leapgap.diagnosis.diagnose import diagnose as run_diagnosis
-from leapgap.diagnosis.report import Report
 from leapgap.files import sha256, whole_folder, write_json, write_text
 from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import write_corrected
 from leapgap.simulation.replay import Replayer
+from leapgap.view.gallery import DIAGNOSED, GHOSTS
+from leapgap.view.jump import record_jump
 from leapgap.view.report import html
 from stages.common import output_folder, read_config, run_stage
 
@@ -38,34 +38,28 @@ def diagnose(config: DictConfig) -> None:
         "versions": {name: version(name) for name in ("leapgap", "mujoco", "numpy")},
     }
     found = run_diagnosis(jumps, robot, settings, provenance, progress=lambda text: print(text, flush=True))
-    replayer = Replayer(robot)
+    report, replayer = found.report, Replayer(robot)
     ghosts = {
         kind: {jump.name: replayer.as_jump(motions[jump.name], jump) for jump in jumps}
         for kind, motions in (("nominal", found.nominal), ("corrected", found.corrected))
     }
     with whole_folder(out) as folder:
-        write_json(folder / "report.json", found.report.to_json())
-        write_text(folder / "report.html", html(found.report, jumps, ghosts["nominal"], ghosts["corrected"]))
+        write_json(folder / "report.json", report.to_json())
+        write_text(folder / "report.html", html(report, jumps, ghosts["nominal"], ghosts["corrected"]))
         write_corrected(folder / "corrected", robot, found.correction)
         if section.recordings:
-            record(folder / "diagnosis.rrd", jumps, robot, ghosts, found.report)
+            shown = next(jump for jump in jumps if jump.name == report.median_log)
+            beside = {name: ghosts[kind][shown.name] for kind, name in GHOSTS.items()}
+            record_jump(folder / "diagnosis.rrd", shown, robot, beside, title=f"{shown.name}: {report.sentence}")
     with whole_folder(replays) as folder:
+        write_json(folder / DIAGNOSED, {"log": report.median_log, "sentence": report.sentence})
         for kind, of_kind in ghosts.items():
             for name, ghost in of_kind.items():
                 jump_log.write(ghost, folder / kind / f"{name}.parquet")
     if section.metrics:
-        write_json(Path(section.metrics), found.report.metrics())
-    print(found.report.sentence)
+        write_json(Path(section.metrics), report.metrics())
+    print(report.sentence)
     print(f"report: {out / 'report.html'}")
-
-
-def record(path: Path, jumps: list[Jump], robot: Robot, ghosts: dict[str, dict[str, Jump]], report: Report) -> None:
-    """The log whose gap is the median one, with both replays beside it."""
-    from leapgap.view.jump import record_jump  # rerun is only needed here
-
-    ordered = sorted(jumps, key=lambda jump: report.gap_per_log[jump.name]["nominal"])
-    shown = ordered[len(ordered) // 2]
-    record_jump(path, shown, robot, {f"{kind} simulation": ghosts[kind][shown.name] for kind in ghosts})
 
 
 if __name__ == "__main__":

@@ -309,7 +309,7 @@ def sentence(
         parts.append(f"{effects.describe(fit.hypothesis.name)} ({fit.hypothesis.name}: {size}){rivals}")
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
-        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {100 * closes.value:.0f} % (95 %: "
+        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {min(100, 100 * closes.value):.0f} % (95 %: "
         f"{100 * closes.low:.0f} to {100 * closes.high:.0f}) of the gap on jumps not fitted on: it shrinks from "
         f"{nominal:.2f} to {corrected:.2f}{rest}."
     )

@@ -74,6 +74,12 @@ class Report:
     """Headline gap of each log: nominal and corrected (held out)."""
     provenance: Mapping[str, Any]
 
+    @property
+    def median_log(self) -> str:
+        """The log whose nominal gap is the median one: neither the best nor the worst to show."""
+        ordered = sorted(self.gap_per_log, key=lambda name: self.gap_per_log[name]["nominal"])
+        return ordered[len(ordered) // 2]
+
     def to_json(self) -> dict[str, Any]:
         """As written to ``report.json``; numbers rounded to six digits, what is not finite is null."""
         closure = self.closure_of_answer

@@ -6,6 +6,7 @@ from itertools import islice
 from pathlib import Path
 
 from leapgap.errors import InputError
+from leapgap.files import read_json
 from leapgap.recording.jump import Jump, read
 from leapgap.robot.model import Robot
 from leapgap.view.jump import record_jump
@@ -13,6 +14,9 @@ from leapgap.view.prediction import record_prediction
 
 GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}
 """Subfolders of a folder of replays, and what the ghosts are called."""
+
+DIAGNOSED = "diagnosis.json"
+"""File of a folder of replays: ``log``, which one shows the diagnosis, and ``sentence``, what it says."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,17 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 label=label,
             )
         yield said(kind, folder, len(logs), view.most)
+    for kind, folder, logs_folder in (
+        ("simulated", view.replays_simulated, view.simulated),
+        ("real", view.replays_real, view.real),
+    ):
+        path = Path(folder) / DIAGNOSED
+        if path.exists():
+            shown = read_json(path)
+            jump = read(Path(logs_folder) / f"{shown['log']}.parquet")
+            title = f"{jump.name}: {shown['sentence']}"
+            record_jump(out / f"diagnosis_{kind}.rrd", jump, robot, ghosts_of(jump, folder), title=title)
+        yield said(f"diagnosis_{kind}", folder, int(path.exists()), 1)
     for kind, folder, of_jumps in (
         ("simulated", view.predictions_simulated, view.simulated),
         ("real", view.predictions_real, view.real),

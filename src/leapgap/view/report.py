@@ -122,8 +122,7 @@ def overlay(
         horizontal_spacing=0.06,
         vertical_spacing=0.14,
     )
-    ordered = sorted(jumps, key=lambda jump: report.gap_per_log[jump.name]["nominal"])
-    first = ordered[len(ordered) // 2].name
+    first = report.median_log
     owners: list[str] = []
     for jump in jumps:
         sources = [("measured", jump, REAL, 2.4), ("nominal simulation", nominal[jump.name], NOMINAL, 1.6)]
@@ -216,7 +215,7 @@ def profiles(report: Report) -> go.Figure:
         subplot_titles=[p.effect for p in report.profiles],
         shared_yaxes=True,
         horizontal_spacing=0.05,
-        vertical_spacing=0.28 / rows,
+        vertical_spacing=0.4 / rows,
     )
     top = 1.6 * report.gap_nominal
     for i, one in enumerate(report.profiles):
@@ -235,7 +234,7 @@ def profiles(report: Report) -> go.Figure:
         figure.update_xaxes(title_text=one.label, title_font={"size": 11}, **at)
     figure.add_hline(y=report.gap_nominal, line={"color": NOMINAL, "dash": "dot", "width": 1})
     figure.update_yaxes(range=[0, top])
-    figure.update_layout(height=70 + 210 * rows, margin={"l": 45, "r": 15, "t": 35, "b": 45})
+    figure.update_layout(height=70 + 230 * rows, margin={"l": 45, "r": 15, "t": 35, "b": 45})
     return figure
 
 
