@@ -6,7 +6,7 @@ export DVC_NO_ANALYTICS := 1
 .PHONY: run test lint renderer
 
 .venv/ready: pyproject.toml constraints.txt
-	test -x .venv/bin/python || $(PYTHON) -m venv .venv
+	$(PYTHON) -m venv .venv
 	.venv/bin/pip install -q --disable-pip-version-check -c constraints.txt -e ".[dev]"
 	touch $@
 

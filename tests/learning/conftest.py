@@ -1,8 +1,5 @@
 """Synthetic jumps whose law is known: a rigid body with gains, stepped exactly on the windows' grid."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -70,11 +67,6 @@ def synthetic_jump(name: str, robot: Robot, schedule: ContactSchedule | None = N
 
 
 @pytest.fixture(scope="session")
-def robot() -> Robot:
-    return Robot.load()
-
-
-@pytest.fixture(scope="session")
 def jumps(robot: Robot) -> list[Jump]:
     return [synthetic_jump(f"jump_{i:02d}", robot, start_x=0.1 * i) for i in range(6)]
 
@@ -85,13 +77,6 @@ def windows(robot: Robot, jumps: list[Jump]) -> Windows:
 
 
 @pytest.fixture(scope="session")
-def real_windows(robot: Robot) -> Windows:
-    """Of the published jumps, where a copy is at hand (LEAPGAP_RAW)."""
-    folder = os.environ.get("LEAPGAP_RAW")
-    if not folder:
-        pytest.skip("LEAPGAP_RAW names no folder of published jumps")
-    from leapgap.recording.importers import published
-
-    found = published.find(Path(folder))
-    logs = [published.read(path, name, robot, published.Options()) for name, path in found.items()]
-    return windows_module.cut(logs, TimeGrid(), robot)
+def real_windows(robot: Robot, real_jumps: list[Jump]) -> Windows:
+    """Of the published jumps, where a copy is at hand."""
+    return windows_module.cut(real_jumps, TimeGrid(), robot)

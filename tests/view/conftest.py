@@ -2,18 +2,12 @@ import numpy as np
 import pytest
 
 from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump, JumpInfo, Target
-from leapgap.robot.model import Robot
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 
 ROWS = 601
 CROUCH = (0.1, 1.2566371, -2.3561945)
 GRAVITY = 9.81
-
-
-@pytest.fixture(scope="session")
-def robot():
-    return Robot.load()
 
 
 def make_hop(robot, speed_x=1.0, rows=ROWS, without=()):
