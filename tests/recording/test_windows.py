@@ -8,7 +8,7 @@ from leapgap.recording import windows
 from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
 from leapgap.recording.windows import ARRAYS, TimeGrid
 from leapgap.robot.schedule import ContactSchedule
-from tests.learning.conftest import CROUCH, jumps, pose, robot, synthetic_jump  # noqa: F401 - fixtures
+from tests.learning.conftest import CROUCH, jumps, pose, synthetic_jump  # noqa: F401 - fixtures
 
 PUBLISHED_ROWS = [*range(0, 776, 25), *range(800, 1201, 100)]
 
