@@ -38,7 +38,7 @@ def test_a_jump_gives_n_minus_k_plus_one_windows(jumps, robot, contact_s, flight
     assert found.state.shape == (len(found), k + 1, 6) and found.force.shape == (len(found), k, 4)
 
 
-def test_flags_lengths_and_numbers_of_the_steps(jump, robot):  # noqa: F811
+def test_flags_lengths_and_numbers_of_the_steps(jump, robot):
     found = windows.cut([jump], TimeGrid(), robot)
     assert len(found) == 27
     i, k = np.indices((27, 10))
@@ -47,7 +47,7 @@ def test_flags_lengths_and_numbers_of_the_steps(jump, robot):  # noqa: F811
     np.testing.assert_array_equal(found.start, np.arange(27))
 
 
-def test_states_forces_and_feet_are_those_of_the_rows(jump, robot):  # noqa: F811
+def test_states_forces_and_feet_are_those_of_the_rows(jump, robot):
     found = windows.cut([jump], TimeGrid(), robot)
     for window, sample in ((0, 0), (5, 3), (26, 9)):
         row = PUBLISHED_ROWS[window + sample] // 5  # a row every 5 ms
@@ -65,7 +65,7 @@ def test_states_forces_and_feet_are_those_of_the_rows(jump, robot):  # noqa: F81
     assert (found.state[:, 0, 0] == 0).all()
 
 
-def test_forces_logged_in_flight_are_not_used(jump, robot):  # noqa: F811
+def test_forces_logged_in_flight_are_not_used(jump, robot):
     noisy = replace(
         jump, columns={**jump.columns, **{f"train_force/{axis}": np.full(len(jump), 7.0) for axis in PAIR_FORCE_AXES}}
     )
@@ -74,7 +74,7 @@ def test_forces_logged_in_flight_are_not_used(jump, robot):  # noqa: F811
     assert (found.force[~found.contact] == 0).all()
 
 
-def test_a_shift_in_x_changes_nothing_but_start_x(jump, robot):  # noqa: F811
+def test_a_shift_in_x_changes_nothing_but_start_x(jump, robot):
     shifted = replace(jump, columns={**jump.columns, "base_pos_x": jump["base_pos_x"] + 3.0})
     here, there = (windows.cut([j], TimeGrid(), robot) for j in (jump, shifted))
     np.testing.assert_allclose(there.start_x, here.start_x + 3.0)
@@ -82,7 +82,7 @@ def test_a_shift_in_x_changes_nothing_but_start_x(jump, robot):  # noqa: F811
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), atol=1e-12, err_msg=name)
 
 
-def test_rows_are_found_by_the_clock_not_by_their_number(jump, robot):  # noqa: F811
+def test_rows_are_found_by_the_clock_not_by_their_number(jump, robot):
     kept = np.sort(np.unique([*(np.array(PUBLISHED_ROWS) // 5), *range(3, 240, 7)]))
     thinned = replace(jump, columns={k: v[kept] for k, v in jump.columns.items()})
     np.testing.assert_array_equal(
@@ -124,13 +124,13 @@ def test_rows_are_found_by_the_clock_not_by_their_number(jump, robot):  # noqa: 
         ),
     ],
 )
-def test_bad_input_is_named(jump, robot, spoil, grid, said):  # noqa: F811
+def test_bad_input_is_named(jump, robot, spoil, grid, said):
     with pytest.raises(InputError) as raised:
         windows.cut([spoil(jump)], grid, robot)
     assert str(raised.value).startswith(said)
 
 
-def test_jumps_of_two_schedules_do_not_mix(jump, robot):  # noqa: F811
+def test_jumps_of_two_schedules_do_not_mix(jump, robot):
     other = synthetic_jump("other", robot, ContactSchedule(0.5, 0.3, 0.5))
     with pytest.raises(InputError, match="other: found ContactSchedule"):
         windows.cut([jump, other], TimeGrid(), robot)
@@ -153,7 +153,7 @@ def test_written_windows_read_back_and_repeat_byte_for_byte(jumps, robot, tmp_pa
         np.testing.assert_array_equal(getattr(back, name), getattr(found, name))
 
 
-def test_no_jumps_give_valid_windows_that_say_so(robot, tmp_path):  # noqa: F811
+def test_no_jumps_give_valid_windows_that_say_so(robot, tmp_path):
     windows.write(windows.cut([], TimeGrid(), robot), tmp_path)
     back = windows.read(tmp_path)
     assert len(back) == 0 and back.jumps == () and back.state.shape == (0, 11, 6)
