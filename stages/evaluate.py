@@ -53,9 +53,13 @@ def evaluate(config: DictConfig) -> None:
 def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
     """The models trained on all jumps, on logs they may never have seen."""
     name = read_json(models / "splits.json")["all"]["models"][0]
-    found = windows.cut(jump.read_folder(logs), store.load(models / "all", name).purpose.grid, robot)
+    model = store.load(models / "all", name)
+    found = windows.cut(jump.read_folder(logs), model.purpose.grid, robot)
     mse = evaluation.of_unseen(found, models) if len(found) else {}
     write_json(out / "learning.json", {"jumps": len(found.jumps), "windows": len(found), "mse": mse})
+    seen = set(found.jumps) & set(model.trained_on)
+    if seen:
+        print(f"{len(seen)} of these jumps bear names of jumps the models were trained on: no test of them")
     print(f"{len(found.jumps)} jumps judged -> {out / 'learning.json'}" if mse else f"no logs in {logs}")
 
 
