@@ -50,7 +50,9 @@ def diagnose(config: DictConfig) -> None:
         if section.recordings:
             shown = next(jump for jump in jumps if jump.name == report.median_log)
             beside = {name: ghosts[kind][shown.name] for kind, name in GHOSTS.items()}
-            record_jump(folder / "diagnosis.rrd", shown, robot, beside, title=f"{shown.name}: {report.sentence}")
+            record_jump(
+                folder / "diagnosis.rrd", shown, robot, beside, title=f"diagnosis of {shown.name}", says=report.sentence
+            )
     with whole_folder(replays) as folder:
         write_json(folder / DIAGNOSED, {"log": report.median_log, "sentence": report.sentence})
         for kind, of_kind in ghosts.items():

@@ -3,8 +3,9 @@ from dataclasses import replace
 import pytest
 
 from leapgap.errors import InputError
+from leapgap.files import write_json
 from leapgap.recording.jump import write
-from leapgap.view.gallery import View, record_all
+from leapgap.view.gallery import DIAGNOSED, View, record_all
 from tests.view.read_back import Recorded
 from tests.view.test_prediction import write_predictions
 
@@ -36,3 +37,13 @@ def test_predictions_without_their_jump_are_refused(tmp_path, robot, folders):
     write_predictions(tmp_path / "predictions_real" / "gone.parquet", ["nominal"])
     with pytest.raises(InputError, match=r"no jump log .*real/gone\.parquet"):
         list(record_all(folders, robot, tmp_path / "out"))
+
+
+def test_diagnosis_is_shown_with_its_sentence(tmp_path, robot, hop, ghost, folders):
+    write(hop, tmp_path / "real" / "hop.parquet")
+    write(ghost, tmp_path / "replays_real" / "nominal" / "hop.parquet")
+    write_json(tmp_path / "replays_real" / DIAGNOSED, {"log": "hop", "sentence": "The loop is slow."})
+    list(record_all(folders, robot, tmp_path / "out"))
+    shown = Recorded(tmp_path / "out" / "diagnosis_real.rrd")
+    assert "/world/nominal_simulation/trunk" in shown.moving
+    assert "The loop is slow." in str(shown.static["/notes"])

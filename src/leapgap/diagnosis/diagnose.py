@@ -175,11 +175,10 @@ def judge(
     if not believed:
         return "unknown", ()
     answer = []
+    taken = {fit.hypothesis.name for fit in belief.fits}
     for fit, fits in zip(belief.fits, rounds, strict=False):
         shares = dict(zip((f.hypothesis.name for f in fits), first_shares(fits, draws), strict=True))
-        rivals = [
-            name for name, share in shares.items() if name != fit.hypothesis.name and share >= settings.rival_share
-        ]
+        rivals = [name for name, share in shares.items() if name not in taken and share >= settings.rival_share]
         answer.append((fit.hypothesis.name, *sorted(rivals)))
     return ("named" if all(len(names) == 1 for names in answer) else "ambiguous"), tuple(answer)
 

@@ -70,8 +70,14 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         if path.exists():
             shown = read_json(path)
             jump = read(Path(logs_folder) / f"{shown['log']}.parquet")
-            title = f"{jump.name}: {shown['sentence']}"
-            record_jump(out / f"diagnosis_{kind}.rrd", jump, robot, ghosts_of(jump, folder), title=title)
+            record_jump(
+                out / f"diagnosis_{kind}.rrd",
+                jump,
+                robot,
+                ghosts_of(jump, folder),
+                title=f"diagnosis of {kind} {jump.name}",
+                says=shown["sentence"],
+            )
         yield said(f"diagnosis_{kind}", folder, int(path.exists()), 1)
     for kind, folder, of_jumps in (
         ("simulated", view.predictions_simulated, view.simulated),

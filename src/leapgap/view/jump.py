@@ -24,12 +24,14 @@ def record_jump(
     ghosts: Mapping[str, Jump] = NONE,
     title: str | None = None,
     label: str = "measured",
+    says: str = "",
 ) -> None:
     """Write a jump as a recording, whole or not at all.
 
     ``ghosts`` are other versions of the same jump by the name they are shown under, for instance
     ``{"nominal simulation": …, "corrected simulation": …}``: same robot and clock, maybe fewer rows, measured
-    columns only. ``label`` names the jump itself in legends: measured, simulated, reference.
+    columns only. ``label`` names the jump itself in legends: measured, simulated, reference. ``says``
+    is put in front of its notes.
     """
     actors = cast(label, jump, ghosts, robot)
     with recording(path, title or jump.name, jump_blueprint(actors)) as to:
@@ -42,19 +44,20 @@ def record_jump(
         log_joints(to, actors)
         log_ground_forces(to, actors[0])
         log_phases(to, actors[0])
-        log_notes(to, actors, title or jump.name)
+        log_notes(to, actors, title or jump.name, says)
 
 
-def log_notes(to: Recorder, actors: Sequence[Actor], title: str) -> None:
+def log_notes(to: Recorder, actors: Sequence[Actor], title: str, says: str = "") -> None:
     """What is shown, where it comes from, and what the logs did not say."""
-    to.static("notes", rr.TextDocument(notes(actors, title), media_type=rr.MediaType.MARKDOWN))
+    to.static("notes", rr.TextDocument(notes(actors, title, says), media_type=rr.MediaType.MARKDOWN))
 
 
-def notes(actors: Sequence[Actor], title: str) -> str:
+def notes(actors: Sequence[Actor], title: str, says: str = "") -> str:
     """The notes as Markdown."""
     info = actors[0].jump.info
     lines = [
         f"# {title}",
+        *([says] if says else []),
         f"Target {info.target.x_m:g} m ahead, {info.target.z_m:g} m up; phases "
         f"{info.schedule.double_contact_s:g} s on all feet, {info.schedule.rear_contact_s:g} s on the rear "
         f"feet, {info.schedule.flight_s:g} s of flight. World frame x forward, y left, z up; pitch positive "
