@@ -166,6 +166,19 @@ class Replayer:
             start = effect.true_start(start, robot)
         return np.concatenate([start.qpos[0], start.qvel[0]])
 
+    def foot_depths(self, trial: Trial) -> np.ndarray:
+        """How deep each foot is in its ground at the start, m, (feet,); 0 above it."""
+        model = self.model(trial)
+        data = mujoco.MjData(model)
+        state = self.first_state(trial) if trial.first_state is None else trial.first_state
+        data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
+        mujoco.mj_forward(model, data)
+        depth = np.zeros(len(self.robot.feet))
+        for foot, name in enumerate(self.robot.feet):
+            geom = model.geom(name).id
+            depth[foot] = max((-c.dist for c in data.contact if geom in c.geom), default=0.0)
+        return depth.clip(min=0.0)
+
     def check_joints(self, jump: Jump) -> None:
         """Refuse a log of another robot, naming the joints that differ."""
         missing, foreign = (
