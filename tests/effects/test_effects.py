@@ -2,32 +2,13 @@ import numpy as np
 import pytest
 
 from leapgap import effects
+from leapgap.diagnosis.signature import MODERATE
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Motion, Replayer, Trial
 
-SIZES = {
-    "aerodynamic_drag": {"coefficient": 1.0},
-    "armature": {"inertia": 0.02},
-    "com_offset": {"x_m": 0.03, "z_m": 0.03},
-    "command_delay": {"delay_s": 0.005},
-    "encoder_bias": {"bias_rad": 0.03},
-    "foot_compliance": {"time_constant_s": 0.04},
-    "foot_friction": {"mu": 0.4},
-    "ground_height": {"height_m": 0.03},
-    "ground_slope": {"pitch_rad": 0.03},
-    "joint_damping": {"damping": 0.4},
-    "joint_friction": {"torque_nm": 1.0},
-    "leg_mass": {"scale": 1.3},
-    "motor_lag": {"time_constant_s": 0.005},
-    "payload": {"mass_kg": 1.0},
-    "sample_period": {"scale": 1.07},
-    "state_latency": {"delay_s": 0.015},
-    "torque_gain": {"scale": 0.85},
-    "torque_speed_limit": {"voltage_v": 16.0},
-    "trunk_inertia": {"scale": 1.5},
-}
+SIZES = MODERATE
 TABLE = {
     "aerodynamic_drag": (0.3, 1, 3),
     "armature": (0.005, 0.02, 0.05),
