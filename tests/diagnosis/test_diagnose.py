@@ -6,7 +6,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.attribution import Fit, Hypothesis, lowest
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose, hypotheses_of
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
@@ -120,6 +120,31 @@ def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: 
     report = diagnose(blind, robot, settings, {"logs": {}, "versions": {}}).report
     assert "base_angvel_y" in report.not_judged
     assert not any(place.channel == "base_angvel_y" for place in report.where)
+
+
+@pytest.mark.parametrize(
+    ("found", "rivals", "parameter"),
+    [
+        (effects.effect("com_offset", z_m=0.03), ["payload"], "z_m"),
+        (effects.effect("torque_speed_limit", voltage_v=16.0), ["torque_gain"], "voltage_v"),
+        (effects.effect("command_delay", delay_s=0.005), ["joint_friction"], "delay_s"),
+        (effects.effect("encoder_bias", bias_rad=0.03), ["leg_mass"], "bias_rad"),
+    ],
+)
+def test_effects_of_motors_masses_and_sensors_are_found_among_rivals(
+    robot: Robot, reference: Jump, found: effects.Effect, rivals: list[str], parameter: str
+) -> None:
+    jumps = hardware(robot, reference, found, noise=SensorNoise(), jumps=4)
+    settings = dataclasses.replace(FEW, effects=[found.name, *rivals])
+    first = diagnose(jumps, robot, settings, {"logs": {}, "versions": {}}).report.causes[0]
+    assert first.effect == found.name
+    assert first.parameters[parameter].value == pytest.approx(found.values[parameter], rel=0.2)
+
+
+def test_an_effect_with_two_parameters_is_a_hypothesis_for_each() -> None:
+    hypotheses = hypotheses_of(["com_offset", "payload"], [])
+    assert [h.key for h in hypotheses] == [("com_offset", "x_m"), ("com_offset", "z_m"), ("payload", "mass_kg")]
+    assert hypotheses[1].on("log", 0.02) == effects.effect("com_offset", z_m=0.02)
 
 
 def test_minimum_of_a_parabola_is_found_between_grid_points() -> None:

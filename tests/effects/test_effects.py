@@ -2,19 +2,35 @@ import numpy as np
 import pytest
 
 from leapgap import effects
+from leapgap.diagnosis.signature import MODERATE
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Motion, Replayer, Trial
 
-SIZES = {
-    "armature": {"inertia": 0.02},
-    "joint_damping": {"damping": 0.4},
-    "joint_friction": {"torque_nm": 1.0},
-    "payload": {"mass_kg": 1.0},
-    "sample_period": {"scale": 1.07},
-    "torque_gain": {"scale": 0.85},
+SIZES = MODERATE
+TABLE = {
+    "aerodynamic_drag": (0.3, 1, 3),
+    "armature": (0.005, 0.02, 0.05),
+    "com_offset": (0.01, 0.03, 0.06),
+    "command_delay": (0.002, 0.005, 0.010),
+    "encoder_bias": (0.01, 0.03, 0.08),
+    "foot_compliance": (0.03, 0.04, 0.06),
+    "foot_friction": (0.55, 0.4, 0.3),
+    "ground_height": (0.01, 0.03, 0.06),
+    "ground_slope": (0.01, 0.03, 0.08),
+    "joint_damping": (0.1, 0.4, 1.0),
+    "joint_friction": (0.3, 1.0, 2.5),
+    "leg_mass": (1.1, 1.3, 1.6),
+    "motor_lag": (0.002, 0.005, 0.010),
+    "payload": (0.3, 1, 2.5),
+    "sample_period": (1.02, 1.07, 1.15),
+    "state_latency": (0.005, 0.015, 0.030),
+    "torque_gain": (0.95, 0.85, 0.7),
+    "torque_speed_limit": (19, 16, 13),
+    "trunk_inertia": (1.2, 1.5, 2),
 }
+"""Small, moderate and large, as anything that makes test cases may choose them."""
 AT_JOINTS = [name for name, kind in effects.known().items() if kind.places == "joints"]
 
 
@@ -44,19 +60,30 @@ def test_nominal_changes_no_bit_and_any_other_value_does(name: str, replay) -> N
 @pytest.mark.parametrize("name", AT_JOINTS)
 def test_an_effect_acts_at_its_location_only(name: str, robot: Robot, reference: Jump) -> None:
     replayer = Replayer(robot)
-    bare = replayer.model(Trial(reference))
-    model = replayer.model(Trial(reference, (effects.effect(name, location="RR_calf", **SIZES[name]),)))
+    nominal, acting = (
+        Trial(reference),
+        Trial(reference, (effects.effect(name, location="RR_calf", **SIZES[name]),)),
+    )
+    bare, model = replayer.model(nominal), replayer.model(acting)
     at = robot.joints.index("RR_calf")
-    dof, actuator = robot.joint_dofs[at], robot.joint_actuators[at]
-    changed_dofs = {
-        *np.flatnonzero(bare.dof_damping != model.dof_damping),
-        *np.flatnonzero(bare.dof_frictionloss != model.dof_frictionloss),
-        *np.flatnonzero(bare.dof_armature != model.dof_armature),
+    own = {"dof": robot.joint_dofs[at], "actuator": robot.joint_actuators[at], "body": robot.joint_bodies[at]}
+    fields = {
+        "dof": ("dof_damping", "dof_frictionloss", "dof_armature"),
+        "actuator": ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange"),
+        "body": ("body_mass", "body_inertia"),
     }
-    changed_actuators = set(np.flatnonzero((bare.actuator_gainprm != model.actuator_gainprm).any(axis=1)))
-    assert changed_dofs <= {dof}
-    assert changed_actuators <= {actuator}
-    assert changed_dofs or changed_actuators
+    changed = {
+        kind: {
+            int(row)
+            for field in fields[kind]
+            for row in np.argwhere(np.asarray(getattr(bare, field) != getattr(model, field)))[:, 0]
+        }
+        for kind in own
+    }
+    controls = replayer._controls(nominal, 900) != replayer._controls(acting, 900)
+    changed["actuator"] |= set(np.flatnonzero(controls.any(axis=0)).tolist())
+    assert all(changed[kind] <= {own[kind]} for kind in own)
+    assert any(changed.values())
 
 
 def test_torque_gain_scales_feed_forward_and_feedback_alike(robot: Robot, reference: Jump) -> None:
@@ -85,7 +112,7 @@ def test_a_slower_loop_lets_more_time_pass_a_row(robot: Robot, reference: Jump) 
 @pytest.mark.parametrize(
     ("name", "values", "message"),
     [
-        ("joint_dampng", {}, "found joint_dampng; expected one of armature"),
+        ("joint_dampng", {}, "found joint_dampng; expected one of aerodynamic_drag, armature"),
         ("joint_damping", {"damp": 1.0}, "found parameter damp; expected one of damping"),
         ("torque_gain", {"scale": -1.0}, "found -1; expected 0.3 to 1.5"),
     ],
@@ -93,6 +120,26 @@ def test_a_slower_loop_lets_more_time_pass_a_row(robot: Robot, reference: Jump) 
 def test_what_is_no_effect_is_refused(name: str, values: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         effects.effect(name, **values)
+
+
+@pytest.mark.parametrize("name", effects.known())
+def test_bounds_hold_the_nominal_value_and_every_size(name: str) -> None:
+    for parameter in effects.known()[name].parameters():
+        assert parameter.lower <= parameter.nominal <= parameter.upper
+        assert all(parameter.lower <= size <= parameter.upper for size in TABLE[name])
+        assert parameter.name in SIZES[name]
+
+
+def test_effects_act_together_in_any_order(robot: Robot, reference: Jump) -> None:
+    """Each names a part of the same model: motors, ground, air, clock and measurement."""
+    names = (
+        *("motor_lag", "torque_speed_limit", "torque_gain", "encoder_bias", "command_delay", "sample_period"),
+        *("ground_height", "ground_slope", "aerodynamic_drag", "foot_friction", "state_latency"),
+    )
+    found = tuple(effects.effect(name, **SIZES[name]) for name in names)
+    jump = reference.first_rows(300)
+    one, other = Replayer(robot).motions([Trial(jump, found), Trial(jump, found[::-1])])
+    assert np.abs(one.qpos - other.qpos).max() < 1e-4  # a ground raised, then turned, is 0.01 mm from one turned first
 
 
 def test_configuration_round_trip() -> None:

@@ -29,11 +29,19 @@ class Hypothesis:
     name: str
     location: str = "all"
     per_log: Mapping[str, float] | None = None
+    fitted: str = ""
+    """Name of the parameter that is fitted; empty: the effect's first. The others stay nominal."""
 
     @property
     def parameter(self) -> effects.base.Parameter:
         """The effect's parameter that is fitted."""
-        return effects.known()[self.name].parameters()[0]
+        parameters = effects.known()[self.name].parameters()
+        return next((p for p in parameters if p.name == self.fitted), parameters[0])
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Effect and parameter: what can be believed once."""
+        return self.name, self.parameter.name
 
     @property
     def nominal(self) -> float:
@@ -149,7 +157,7 @@ class Search:
         ]
         heldout = squares(self.judged, self.replayer, [judge])[0]
         fit = Fit(hypothesis, coarse, by_fold[-1], fold_numbers, heldout)
-        self.progress(f"{hypothesis.name} at {hypothesis.location}: {fit.number:.4g}")
+        self.progress(f"{hypothesis.name} at {hypothesis.location}: {hypothesis.parameter.name} {fit.number:.4g}")
         return fit
 
     def _curves(self, hypothesis: Hypothesis, belief: Belief, numbers: np.ndarray) -> list[np.ndarray]:
@@ -241,8 +249,8 @@ def search_forward(
     """
     belief, rounds, before = Belief(), [], nominal
     while len(belief.fits) < most:
-        taken = {fit.hypothesis.name for fit in belief.fits}
-        fits = [search.fit(h, belief) for h in hypotheses if h.name not in taken]
+        taken = {fit.hypothesis.key for fit in belief.fits}
+        fits = [search.fit(h, belief) for h in hypotheses if h.key not in taken]
         if not fits:
             break
         rounds.append(sorted(fits, key=lambda fit: fit.heldout.sum()))

@@ -1,7 +1,7 @@
 """The diagnosis from end to end: logs and a robot in, a report out."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -149,13 +149,17 @@ def known_names(settings: Settings) -> list[str]:
 
 
 def hypotheses_of(names: Sequence[str], checks: Sequence[Check]) -> list[Hypothesis]:
-    """One hypothesis for each effect; one that differs by log takes its values from the joints' clock.
+    """One hypothesis for each parameter of each effect; one that differs by log gets its values from the joints' clock.
 
     The joints are not scored in the headline gap, so this holds on held-out jumps too.
     """
     clock = next((check.per_log for check in checks if check.name == "joint_clock"), None)
     return [
-        Hypothesis(name, per_log=clock if effects.known()[name].differs_per_log and clock else None) for name in names
+        Hypothesis(
+            name, per_log=clock if effects.known()[name].differs_per_log and clock else None, fitted=parameter.name
+        )
+        for name in names
+        for parameter in effects.known()[name].parameters()
     ]
 
 
@@ -177,7 +181,9 @@ def judge(
     answer = []
     taken = {fit.hypothesis.name for fit in belief.fits}
     for fit, fits in zip(belief.fits, rounds, strict=False):
-        shares = dict(zip((f.hypothesis.name for f in fits), first_shares(fits, draws), strict=True))
+        shares: dict[str, float] = {}
+        for f, share in zip(fits, first_shares(fits, draws), strict=True):
+            shares[f.hypothesis.name] = shares.get(f.hypothesis.name, 0.0) + float(share)
         rivals = [name for name, share in shares.items() if name not in taken and share >= settings.rival_share]
         answer.append((fit.hypothesis.name, *sorted(rivals)))
     return ("named" if all(len(names) == 1 for names in answer) else "ambiguous"), tuple(answer)
@@ -198,12 +204,12 @@ def causes_of(
         shares = first_shares(fits, draws)
         for fit, share in zip(fits, shares, strict=True):
             chosen = number < len(belief.fits) and fit is belief.fits[number]
-            if not chosen and (number > 0 or fit.hypothesis.name in (f.hypothesis.name for f in belief.fits)):
+            if not chosen and (number > 0 or fit.hypothesis.key in (f.hypothesis.key for f in belief.fits)):
                 continue
             rivals = tuple(
                 other.hypothesis.name
                 for other, s in zip(fits, shares, strict=True)
-                if other is not fit and (s >= settings.rival_share if chosen else False)
+                if other.hypothesis.name != fit.hypothesis.name and chosen and s >= settings.rival_share
             )
             causes.append((not chosen, number, cause_of(fit, float(share), rivals, nominal, floor, judged, draws)))
     return [cause for _, _, cause in sorted(causes, key=lambda c: (c[0], c[1], -c[2].probability, c[2].gap))]
@@ -256,7 +262,7 @@ def shared_closure(
         return closure(nominal, belief.fits[-1].heldout, floor, search.judged, draws) if belief.fits else None
     shared = Belief()
     for fit in belief.fits:
-        alone = search.fit(Hypothesis(fit.hypothesis.name, fit.hypothesis.location), shared)
+        alone = search.fit(replace(fit.hypothesis, per_log=None), shared)
         shared = Belief((*shared.fits, alone))
     return closure(nominal, shared.fits[-1].heldout, floor, search.judged, draws)
 

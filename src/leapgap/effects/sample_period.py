@@ -2,10 +2,7 @@
 
 from dataclasses import dataclass
 
-import mujoco
-
 from leapgap.effects.base import Effect, parameter
-from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
@@ -20,6 +17,6 @@ class SamplePeriod(Effect):
 
     scale: float = parameter(1.0, "1", 0.8, 1.3)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Stretch the time that passes a step; the number of steps a row stays."""
-        model.opt.timestep *= self.scale
+    def change_period(self, period_s: float) -> float:
+        """Stretch the time that passes a row; the number of steps a row stays."""
+        return period_s * self.scale

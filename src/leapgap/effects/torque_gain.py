@@ -1,10 +1,9 @@
 """Motors that deliver another torque than they were told."""
 
-from dataclasses import dataclass
-
-import mujoco
+from dataclasses import dataclass, replace
 
 from leapgap.effects.base import Effect, parameter
+from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
 
@@ -17,9 +16,8 @@ class TorqueGain(Effect):
 
     scale: float = parameter(1.0, "1", 0.3, 1.5)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Scale the actuators' gain, bias and force range."""
-        actuators = robot.joint_actuators[robot.joints_at(self.location)]
-        model.actuator_gainprm[actuators, 0] *= self.scale
-        model.actuator_biasprm[actuators, :3] *= self.scale
-        model.actuator_forcerange[actuators] *= self.scale
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        """Scale the gain of the motors."""
+        gain = drive.gain.copy()
+        gain[robot.joints_at(self.location)] *= self.scale
+        return replace(drive, gain=gain)

@@ -88,6 +88,11 @@ class Robot:
         return self.model.jnt_dofadr[self._joint_ids]
 
     @cached_property
+    def joint_bodies(self) -> np.ndarray:
+        """The link that each joint moves, shape (joints,)."""
+        return self.model.jnt_bodyid[self._joint_ids]
+
+    @cached_property
     def joint_actuators(self) -> np.ndarray:
         """The actuator of each joint, shape (joints,)."""
         of_joint = {int(joint): actuator for actuator, joint in enumerate(self.model.actuator_trnid[:, 0])}
@@ -177,7 +182,11 @@ class Robot:
         return np.array(found, dtype=int)
 
     def on_terrain(self, boxes: Sequence[Box], slots: int | None = None) -> mujoco.MjModel:
-        """A fresh model with boxes on the floor.
+        """A fresh model with boxes on the floor, as ``spec_on_terrain`` describes it."""
+        return self.spec_on_terrain(boxes, slots).compile()
+
+    def spec_on_terrain(self, boxes: Sequence[Box], slots: int | None = None) -> mujoco.MjSpec:
+        """What a model with boxes on the floor is compiled from.
 
         ``slots`` boxes are made, those not needed parked deep below the floor, so that models of different
         terrains have equal sizes and can be rolled out in one batch.
@@ -197,7 +206,7 @@ class Robot:
             else:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
-        return spec.compile()
+        return spec
 
     def feet_in_world(
         self, base_position: np.ndarray, base_quaternion: np.ndarray, joint_pos: np.ndarray

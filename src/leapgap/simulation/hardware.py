@@ -7,6 +7,7 @@ known beforehand, so jumps roll out as replays do, without a Python loop. What c
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 
 from leapgap.control.pair_forces import pd_pair_force
@@ -22,6 +23,9 @@ from leapgap.recording.jump import (
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
 from leapgap.simulation.replay import Motion, Replayer, Trial
+
+LARGEST_DEPTH_M = 0.002
+"""A foot this deep in the ground at the start comes out by itself; a deeper one would throw the robot."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +73,13 @@ def make_jumps(
     replayer = Replayer(robot, terrain_slots=1 + max(len(plan.reference.info.terrain) for plan in plans))
     commanded = [with_block(extended(plan.reference, course), plan, robot, course) for plan in plans]
     standing = [replayer.first_state(Trial(held(jump, course.settle_s))) for jump in commanded]
-    standing = [raised_front(state, plan, robot) for state, plan in zip(standing, plans, strict=True)]
+    standing = [raised_front(state, plan.block_height_m, robot) for state, plan in zip(standing, plans, strict=True)]
+    settling = [Trial(held(jump, course.settle_s), effects) for jump in commanded]
     settling = [
-        Trial(held(jump, course.settle_s), effects, first_state=state)
-        for jump, state in zip(commanded, standing, strict=True)
+        replace(trial, first_state=out_of_the_ground(trial, state, replayer))
+        for trial, state in zip(settling, standing, strict=True)
     ]
-    starts = [np.concatenate([m.qpos[-1], m.qvel[-1]]) for m in replayer.motions(settling)]
+    starts = [np.concatenate([m.qpos[-1], m.qvel[-1]]) for m in replayer.true_motions(settling)]
     motions = replayer.motions(
         [Trial(jump, effects, first_state=start) for jump, start in zip(commanded, starts, strict=True)]
     )
@@ -117,20 +122,33 @@ def with_block(jump: Jump, plan: Plan, robot: Robot, course: Course) -> Jump:
     return replace(jump, info=replace(jump.info, terrain=(*jump.info.terrain, box)))
 
 
-def raised_front(state: np.ndarray, plan: Plan, robot: Robot) -> np.ndarray:
-    """The first state, turned about the rear feet so that the front feet stand on the block."""
-    if plan.block_height_m <= 0:
+def out_of_the_ground(trial: Trial, state: np.ndarray, replayer: Replayer) -> np.ndarray:
+    """The state, tilted and lifted until no foot is in the trial's ground, which may not be where it was planned."""
+    robot = replayer.robot
+    depth = replayer.foot_depths(replace(trial, first_state=state))
+    if depth.max(initial=0.0) < LARGEST_DEPTH_M:
         return state
+    front, rear = (max(depth[robot.feet.index(f)] for f in robot.feet_of_pair(pair)) for pair in ("front", "rear"))
+    state = raised_front(state, front - rear, robot)
+    state[2] += replayer.foot_depths(replace(trial, first_state=state)).max()
+    return state
+
+
+def raised_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray:
+    """The first state, turned about the rear feet so that the front feet stand higher by a height."""
     state = state.copy()
+    if height_m == 0:
+        return state
     feet = robot.feet_in_world(state[None, :3], state[None, 3:7], state[None, robot.joint_qpos])[0]
     front, rear = (
         feet[[robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]].mean(axis=0) for pair in ("front", "rear")
     )
-    pitch = -np.arcsin(plan.block_height_m / (front[0] - rear[0]))  # nose up is negative
+    pitch = -np.arcsin(height_m / (front[0] - rear[0]))  # nose up is negative
     c, s = np.cos(pitch), np.sin(pitch)
     arm = state[:3] - rear
     state[0], state[2] = rear[0] + c * arm[0] + s * arm[2], rear[2] - s * arm[0] + c * arm[2]
-    state[3:7] = [np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]
+    level = state[3:7].copy()
+    mujoco.mju_mulQuat(state[3:7], np.array([np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]), level)
     return state
 
 

@@ -7,14 +7,15 @@ out without a Python loop, many at once on all cores, bit-identical at any numbe
 import copy
 import itertools
 import os
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import mujoco.rollout
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect
+from leapgap.effects.base import Commands, Effect, Motion
+from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.recording.jump import (
     BASE_ANGULAR_VELOCITY,
@@ -24,11 +25,11 @@ from leapgap.recording.jump import (
     Jump,
 )
 from leapgap.robot.model import Robot
-from leapgap.robot.terrain import Box
 
 LARGEST_STEP_S = 0.0011
 """A control period longer than this is simulated in several equal steps."""
-STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+MODELS_KEPT = 256
+"""Compiled models that are kept, one for each terrain and structure."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +39,20 @@ class Trial:
     jump: Jump
     effects: tuple[Effect, ...] = ()
     first_state: np.ndarray | None = None
-    """(nq + nv,): start from here instead of the log's first row."""
+    """(nq + nv,): truly start from here instead of the log's first row."""
 
+    @property
+    def structure(self) -> tuple[Hashable, ...]:
+        """What the effects add to the model; only models of equal structure roll out in one batch."""
+        return tuple(effect.structure for effect in self.effects if effect.structure is not None)
 
-@dataclass(frozen=True)
-class Motion:
-    """What the simulated robot did: rows at the log's times, SI units, world frame."""
-
-    qpos: np.ndarray
-    """(rows, nq): base position and quaternion w x y z (free base), joint positions."""
-    qvel: np.ndarray
-    """(rows, nv): base velocity in world, angular velocity in base axes (free base), joint velocities."""
+    @property
+    def period_s(self) -> float:
+        """True control period."""
+        period = self.jump.info.sample_period_s
+        for effect in self.effects:
+            period = effect.change_period(period)
+        return period
 
 
 class Replayer:
@@ -61,25 +65,36 @@ class Replayer:
         self.robot = robot
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
-        self.data = [mujoco.MjData(self.bare) for _ in range(threads or os.cpu_count() or 1)]
-        self.compiled: dict[tuple[Box, ...], mujoco.MjModel] = {}
+        self.threads = threads or os.cpu_count() or 1
+        self.data: dict[tuple[Hashable, ...], list[mujoco.MjData]] = {}
+        self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
 
     def motions(self, trials: Sequence[Trial], rows: int | None = None) -> list[Motion]:
-        """Replay every trial over the first ``rows`` rows of its log (all, where it is None).
+        """Replay every trial over the first ``rows`` rows of its log (all, where it is None), as a log reports it.
 
         Trials whose gains change on the way go on in the robot with the new gains.
         """
+        return [self.reported(t, m) for t, m in zip(trials, self.true_motions(trials, rows), strict=True)]
+
+    def true_motions(self, trials: Sequence[Trial], rows: int | None = None) -> list[Motion]:
+        """The same replays as what truly happened, which no sensor sees late or biased."""
         for trial in trials:
             self.check_joints(trial.jump)
-        shapes = [(min(len(t.jump), rows or len(t.jump)), self._substeps(t.jump)) for t in trials]
+        kinds = [(min(len(t.jump), rows or len(t.jump)), self._substeps(t.jump), t.structure) for t in trials]
         motions: dict[int, Motion] = {}
-        for shape in sorted(set(shapes)):
-            chosen = [i for i, own in enumerate(shapes) if own == shape]
-            motions |= zip(chosen, self._same_shape([trials[i] for i in chosen], *shape), strict=True)
+        for kind in dict.fromkeys(kinds):
+            chosen = [i for i, own in enumerate(kinds) if own == kind]
+            motions |= zip(chosen, self._same_kind([trials[i] for i in chosen], *kind[:2]), strict=True)
         return [motions[i] for i in range(len(trials))]
 
-    def _same_shape(self, trials: Sequence[Trial], rows: int, substeps: int) -> list[Motion]:
-        """Replay trials of equally many rows and steps a row, batch by batch of constant gains."""
+    def reported(self, trial: Trial, motion: Motion) -> Motion:
+        """A true motion as the trial's robot would log it."""
+        for effect in trial.effects:
+            motion = effect.change_measured(motion, trial.period_s, self.robot)
+        return motion
+
+    def _same_kind(self, trials: Sequence[Trial], rows: int, substeps: int) -> list[Motion]:
+        """Replay trials of one structure, equally many rows and steps a row, batch by batch of constant gains."""
         gains = [
             np.concatenate(
                 [
@@ -95,15 +110,17 @@ class Replayer:
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
         )
         controls = [self._controls(trial, rows) for trial in trials]
-        states = [
-            np.concatenate([[0.0], self.first_state(t) if t.first_state is None else t.first_state]) for t in trials
-        ]
-        history = [[state[None]] for state in states]
+        data = self._data(trials[0])
+        history: list[list[np.ndarray]] = []
         for start, end in itertools.pairwise(switches):
             models = [self.model(trial, row=start) for trial in trials]
+            if not history:
+                history = [
+                    [self._full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
+                ]
             control = np.stack([np.repeat(c[start:end], substeps, axis=0) for c in controls])
             out, _ = mujoco.rollout.rollout(
-                models, self.data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
+                models, data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
             )
             for i, of_trial in enumerate(out):
                 history[i].append(of_trial[substeps - 1 :: substeps])
@@ -111,8 +128,27 @@ class Replayer:
         wholes = [np.concatenate(h) for h in history]
         return [Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv]) for whole in wholes]
 
+    def _full_state(self, trial: Trial, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
+        """Time, positions, velocities and, of motors that have one, the torque the first command asks for."""
+        state = self.first_state(trial) if trial.first_state is None else trial.first_state
+        activation = np.zeros(model.na)
+        for joint, actuator in enumerate(self.robot.joint_actuators):
+            if model.actuator_actnum[actuator]:
+                kp, kd = model.actuator_gainprm[actuator, [4, 6]]
+                q, v = state[self.robot.joint_qpos[joint]], state[model.nq + self.robot.joint_dofs[joint]]
+                asked = control[0, actuator] - kp * q - kd * v
+                activation[model.actuator_actadr[actuator]] = np.clip(asked, *model.actuator_forcerange[actuator])
+        return np.concatenate([[0.0], state, activation])
+
+    def _data(self, trial: Trial) -> list[mujoco.MjData]:
+        """Working memory of each thread, for the trial's structure."""
+        if trial.structure not in self.data:
+            model = self._compiled(trial)
+            self.data[trial.structure] = [mujoco.MjData(model) for _ in range(self.threads)]
+        return self.data[trial.structure]
+
     def first_state(self, trial: Trial) -> np.ndarray:
-        """Positions and velocities of the log's first row, (nq + nv,).
+        """True positions and velocities at the log's first row, (nq + nv,), by what the log reports.
 
         Velocities that were not logged start at zero; a robot whose base pose was not logged cannot be replayed.
         """
@@ -125,7 +161,23 @@ class Replayer:
         qpos[robot.joint_qpos] = jump.per_joint("joint_pos", robot.joints)[0]
         if f"joint_vel/{robot.joints[0]}" in jump:
             qvel[robot.joint_dofs] = jump.per_joint("joint_vel", robot.joints)[0]
-        return np.concatenate([qpos, qvel])
+        start = Motion(qpos[None], qvel[None])
+        for effect in reversed(trial.effects):
+            start = effect.true_start(start, robot)
+        return np.concatenate([start.qpos[0], start.qvel[0]])
+
+    def foot_depths(self, trial: Trial) -> np.ndarray:
+        """How deep each foot is in its ground at the start, m, (feet,); 0 above it."""
+        model = self.model(trial)
+        data = mujoco.MjData(model)
+        state = self.first_state(trial) if trial.first_state is None else trial.first_state
+        data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
+        mujoco.mj_forward(model, data)
+        depth = np.zeros(len(self.robot.feet))
+        for foot, name in enumerate(self.robot.feet):
+            geom = model.geom(name).id
+            depth[foot] = max((-c.dist for c in data.contact if geom in c.geom), default=0.0)
+        return depth.clip(min=0.0)
 
     def check_joints(self, jump: Jump) -> None:
         """Refuse a log of another robot, naming the joints that differ."""
@@ -149,39 +201,53 @@ class Replayer:
         jump, joints = trial.jump, self.robot.joints
         commands = Commands(*(jump.per_joint(c, joints)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
         for effect in trial.effects:
-            commands = effect.change_commands(commands, jump.info.sample_period_s, self.robot)
+            commands = effect.change_commands(commands, trial.period_s, self.robot)
         kp, kd = (jump.per_joint(gain, joints)[:rows] for gain in ("cmd_kp", "cmd_kd"))
         control = np.zeros((rows, self.bare.nu))
-        control[:, self.robot.joint_actuators] = commands.torque + kp * commands.position + kd * commands.velocity
+        asked = commands.torque + kp * commands.position + kd * commands.velocity
+        control[:, self.robot.joint_actuators] = asked * self._drive(trial).control_gain
         return control
 
+    def _drive(self, trial: Trial) -> Drive:
+        """The trial's motors."""
+        drive = Drive.ideal(len(self.robot.joints))
+        for effect in trial.effects:
+            drive = effect.change_drive(drive, self.robot)
+        return drive
+
     def model(self, trial: Trial, row: int = 0) -> mujoco.MjModel:
-        """The trial's own model: terrain of the log, joint gains of a row, control period, then its effects."""
+        """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
         jump = trial.jump
-        model = copy.copy(self._on_terrain(jump))
+        model = copy.copy(self._compiled(trial))
         actuators = self.robot.joint_actuators
         model.actuator_biasprm[actuators, 1] = -jump.per_joint("cmd_kp", self.robot.joints)[row]
         model.actuator_biasprm[actuators, 2] = -jump.per_joint("cmd_kd", self.robot.joints)[row]
-        model.opt.timestep = jump.info.sample_period_s / self._substeps(jump)
+        model.opt.timestep = trial.period_s / self._substeps(jump)
+        self._drive(trial).put_into(model, self.robot)
         for effect in trial.effects:
             effect.change_model(model, self.robot)
         return model
 
-    def _on_terrain(self, jump: Jump) -> mujoco.MjModel:
-        """The bare robot on the log's terrain, compiled once a terrain: moving a compiled box would leave the
-        collision tree and cached poses behind.
-        """
-        terrain = jump.info.terrain
+    def _compiled(self, trial: Trial) -> mujoco.MjModel:
+        """The bare robot on the log's terrain with the parts its effects need, compiled once and then shared."""
+        terrain = trial.jump.info.terrain
         if len(terrain) > self.slots:
             raise InputError(
-                jump.name,
+                trial.jump.name,
                 f"{len(terrain)} boxes of terrain",
                 f"at most {self.slots}",
                 "make the replayer with more terrain slots",
             )
-        if terrain not in self.compiled:
-            self.compiled[terrain] = self.robot.on_terrain(terrain, slots=self.slots)
-        return self.compiled[terrain]
+        key = (terrain, trial.structure)
+        if key not in self.compiled:
+            spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
+            for effect in trial.effects:
+                if effect.structure is not None:
+                    effect.change_spec(spec, self.robot)
+            while len(self.compiled) >= MODELS_KEPT:
+                self.compiled.pop(next(iter(self.compiled)))
+            self.compiled[key] = spec.compile()
+        return self.compiled[key]
 
     def as_jump(self, motion: Motion, jump: Jump) -> Jump:
         """The motion as a jump log with the commands it was made with: measured columns are the simulation's."""

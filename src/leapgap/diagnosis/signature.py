@@ -1,0 +1,223 @@
+"""Which effect shows in which phase and channel: the trace each leaves in a replay that starts anew often.
+
+``python -m leapgap.diagnosis.signature data/references/h00_d50.parquet docs/effects.md`` renews the tables in the page.
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from leapgap import effects
+from leapgap.diagnosis.channels import pitch_of
+from leapgap.diagnosis.gap import PHASES, phase_of_rows
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.files import write_text
+from leapgap.recording import jump as jump_log
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Motion, Replayer, Trial
+
+MODERATE: Mapping[str, Mapping[str, float]] = {
+    "aerodynamic_drag": {"coefficient": 1.0},
+    "armature": {"inertia": 0.02},
+    "com_offset": {"x_m": 0.03, "z_m": 0.03},
+    "command_delay": {"delay_s": 0.005},
+    "encoder_bias": {"bias_rad": 0.03},
+    "foot_compliance": {"time_constant_s": 0.04},
+    "foot_friction": {"mu": 0.4},
+    "ground_height": {"height_m": 0.03},
+    "ground_slope": {"pitch_rad": 0.03},
+    "joint_damping": {"damping": 0.4},
+    "joint_friction": {"torque_nm": 1.0},
+    "leg_mass": {"scale": 1.3},
+    "motor_lag": {"time_constant_s": 0.005},
+    "payload": {"mass_kg": 1.0},
+    "sample_period": {"scale": 1.07},
+    "state_latency": {"delay_s": 0.015},
+    "torque_gain": {"scale": 0.85},
+    "torque_speed_limit": {"voltage_v": 16.0},
+    "trunk_inertia": {"scale": 1.5},
+}
+"""Moderate sizes, at which a signature is taken; a parameter at a time."""
+
+CHANNELS = {
+    "com_acceleration_x": ("m/s²", 1.0),
+    "com_acceleration_z": ("m/s²", 1.0),
+    "angular_momentum_rate_y": ("N·m", 1.0),
+    "base_pitch": ("rad", 0.01),
+    "base_linvel_x": ("m/s", 0.05),
+    "base_linvel_z": ("m/s", 0.05),
+    "base_angvel_y": ("rad/s", 0.1),
+    "joint_pos": ("rad", 0.01),
+    "joint_vel": ("rad/s", 0.3),
+}
+"""What is compared: unit, and the difference that counts as one. The first three are of the whole robot: means over the
+second half of a piece, of its centre of mass by the nominal model and the true pose; the others are as reported, root
+mean square over joints and over the second half."""
+
+SILENT = 0.1
+"""A trace below this share of what counts as one is no trace."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Root-mean-square trace of each effect, ``values[effect, phase, channel]`` in units of the channels."""
+
+    names: tuple[str, ...]
+    """Effects; ``effect: parameter`` where one has several."""
+    phases: tuple[str, ...]
+    values: np.ndarray
+
+    def of(self, name: str, phase: str) -> dict[str, float]:
+        """Channel → trace."""
+        return dict(zip(CHANNELS, self.values[self.names.index(name), self.phases.index(phase)].tolist(), strict=True))
+
+    def markdown(self) -> str:
+        """A table a phase: traces in units of the channels, a dot where there is none to speak of."""
+        scale = np.array([one for _, one in CHANNELS.values()])
+        lines = []
+        for p, phase in enumerate(self.phases):
+            lines += ["", f"### {phase.replace('_', ' ')}", ""]
+            heads = (f"{channel} ({unit})" for channel, (unit, _) in CHANNELS.items())
+            lines += [f"| effect | {' | '.join(heads)} |", f"|---|{'---:|' * len(CHANNELS)}"]
+            for e, name in enumerate(self.names):
+                cells = (
+                    f"{value:.2g}" if value >= SILENT * one else "·"
+                    for value, one in zip(self.values[e, p], scale, strict=True)
+                )
+                lines.append(f"| {name} | {' | '.join(cells)} |")
+        return "\n".join(lines)
+
+
+def moderate_effects() -> dict[str, Effect]:
+    """Every known effect at moderate size, one parameter at a time."""
+    found = {}
+    for name, kind in effects.known().items():
+        parameters = kind.parameters()
+        for parameter in parameters:
+            label = name if len(parameters) == 1 else f"{name}: {parameter.name}"
+            (found[label],) = effects.from_config([{"name": name, parameter.name: MODERATE[name][parameter.name]}])
+    return found
+
+
+def signature(reference: Jump, robot: Robot, found: Mapping[str, Effect], horizon_s: float = 0.05) -> Signature:
+    """Traces of effects in the nominal robot's own jump: replay with the effect − replay without, from equal starts.
+
+    The jump is cut into pieces of one horizon; each starts anew from the nominal motion, which is taken as what was
+    logged. So a trace stands in the phase where it arises, not where it has grown to. The second half of a piece
+    counts, when the start has settled.
+    """
+    replayer = Replayer(robot, terrain_slots=max(1, len(reference.info.terrain)))
+    (motion,) = replayer.motions([Trial(reference)])
+    pieces = pieces_of_phases(replayer.as_jump(motion, reference), horizon_s)
+    phases = tuple(phase for phase in PHASES if any(p == phase for p, _ in pieces))
+    candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in found.values())]
+    trials = [Trial(piece, of) for of in candidates for _, piece in pieces]
+    true = replayer.true_motions(trials)
+    traces = [
+        trace_of(replayer.reported(trial, whole), whole, trial, robot)
+        for trial, whole in zip(trials, true, strict=True)
+    ]
+    values = np.zeros((len(found), len(phases), len(CHANNELS)))
+    for e in range(len(found)):
+        for p, phase in enumerate(phases):
+            chosen = [i for i, (own, _) in enumerate(pieces) if own == phase]
+            values[e, p] = np.sqrt(
+                np.mean([distance(traces[(e + 1) * len(pieces) + i], traces[i]) ** 2 for i in chosen], axis=0)
+            )
+    return Signature(tuple(found), phases, values)
+
+
+def pieces_of_phases(jump: Jump, horizon_s: float) -> list[tuple[str, Jump]]:
+    """Pieces of one horizon that lie within one phase each."""
+    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
+    phases = phase_of_rows(jump)
+    found = []
+    for start in range(0, len(jump) - length + 1, length - 1):
+        own = phases[start : start + length]
+        if own[0] == own[-2]:
+            columns = {name: values[start : start + length] for name, values in jump.columns.items()}
+            found.append((PHASES[own[0]], replace(jump, columns=columns)))
+    return found
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One piece in the channels of a signature, second half."""
+
+    of_robot: np.ndarray
+    """(3,): acceleration of the centre of mass x, z, and rate of angular momentum about it, y."""
+    base: np.ndarray
+    """(rows, 4): pitch, vx, vz, pitch rate."""
+    joint_pos: np.ndarray
+    joint_vel: np.ndarray
+
+
+def trace_of(reported: Motion, true: Motion, trial: Trial, robot: Robot) -> Trace:
+    """The channels of one piece; time is the log's clock, as a diagnosis would have it."""
+    half = slice(len(true.qpos) // 2, None)
+    momentum = momentum_of(true, robot)[half]
+    seconds = (len(momentum) - 1) * trial.jump.info.sample_period_s
+    return Trace(
+        (momentum[-1] - momentum[0]) / seconds / np.array([robot.total_mass, robot.total_mass, 1.0]),
+        np.column_stack([pitch_of(reported.qpos[:, 3:7]), reported.qvel[:, [0, 2, 4]]])[half],
+        reported.qpos[half][:, robot.joint_qpos],
+        reported.qvel[half][:, robot.joint_dofs],
+    )
+
+
+def momentum_of(motion: Motion, robot: Robot) -> np.ndarray:
+    """Momentum x, z (kg·m/s) and angular momentum y about the centre of mass (kg·m²/s), (rows, 3)."""
+    data = mujoco.MjData(robot.model)
+    found = np.empty((len(motion.qpos), 3))
+    for row, (q, v) in enumerate(zip(motion.qpos, motion.qvel, strict=True)):
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_kinematics(robot.model, data)
+        mujoco.mj_comPos(robot.model, data)
+        mujoco.mj_comVel(robot.model, data)
+        mujoco.mj_subtreeVel(robot.model, data)
+        linear = robot.total_mass * data.subtree_linvel[robot.base_body]
+        found[row] = linear[0], linear[2], data.subtree_angmom[robot.base_body, 1]
+    return found
+
+
+def distance(one: Trace, other: Trace) -> np.ndarray:
+    """Difference in each channel, (channels,)."""
+
+    def rms(a: np.ndarray, b: np.ndarray, axis: int | None = None) -> np.ndarray:
+        return np.asarray(np.sqrt(np.mean((a - b) ** 2, axis=axis)))
+
+    return np.concatenate(
+        [
+            np.abs(one.of_robot - other.of_robot),
+            rms(one.base, other.base, axis=0),
+            [rms(one.joint_pos, other.joint_pos), rms(one.joint_vel, other.joint_vel)],
+        ]
+    )
+
+
+MARK = "<!-- The rest is written by leapgap.diagnosis.signature. -->"
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write the signature in a reference's replay below the mark of a page."""
+    if len(arguments) != 2:
+        raise InputError("arguments", " ".join(arguments) or "none", "<reference.parquet> <page.md>", "give both")
+    reference, page = jump_log.read(Path(arguments[0])), Path(arguments[1])
+    text = page.read_text(encoding="utf-8")
+    if MARK not in text:
+        raise InputError(page, "no mark", MARK, "put it where the tables are to begin")
+    found = signature(reference, Robot.load(), moderate_effects())
+    write_text(page, text[: text.index(MARK)] + MARK + "\n" + found.markdown() + "\n")
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except InputError as error:
+        sys.exit(f"signature: {error}")

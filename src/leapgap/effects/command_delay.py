@@ -1,0 +1,40 @@
+"""Commands that reach the joints late."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class CommandDelay(Effect):
+    """Torque feed-forward and set points arrive later; the joint PD itself runs at the joint, at once.
+
+    Each command is held for one period. Where the delay is no whole number of periods, a period sees the end of one
+    command and the beginning of the next: it gets their mean, weighted by time, hence the exact impulse. Before
+    anything arrives the first command holds.
+    """
+
+    name = "command_delay"
+    places = "joints"
+
+    delay_s: float = parameter(0.0, "s", 0.0, 0.025)
+
+    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """Shift the commands of the joints."""
+        if self.is_nominal:
+            return commands
+        at = robot.joints_at(self.location)
+        rows = np.arange(len(commands.torque)) - self.delay_s / period_s
+        whole = np.floor(rows + 1e-9).astype(int)  # a delay of whole periods is one in spite of rounding
+        share = np.clip(rows - whole, 0.0, 1.0)[:, None]
+        before, after = np.maximum(whole, 0), np.maximum(whole + 1, 0).clip(max=len(rows) - 1)
+
+        def late(sent: np.ndarray) -> np.ndarray:
+            arrived = sent.copy()
+            arrived[:, at] = (1 - share) * sent[before][:, at] + share * sent[after][:, at]
+            return arrived
+
+        return Commands(late(commands.torque), late(commands.position), late(commands.velocity))

@@ -1,0 +1,37 @@
+"""Joint angles that are reported wrong by a constant: a zero that was set badly."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.effects.base import Commands, Effect, Motion, parameter
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class EncoderBias(Effect):
+    """Reported − true joint position. The joint PD acts on what is reported, and the log holds it."""
+
+    name = "encoder_bias"
+    places = "joints"
+
+    bias_rad: float = parameter(0.0, "rad", -0.15, 0.15)
+
+    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """Shift the set points: kp (q* − (q + bias)) = kp ((q* − bias) − q)."""
+        position = commands.position.copy()
+        position[:, robot.joints_at(self.location)] -= self.bias_rad
+        return replace(commands, position=position)
+
+    def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
+        """Report the joints with the bias."""
+        return self._shifted(motion, self.bias_rad, robot)
+
+    def true_start(self, start: Motion, robot: Robot) -> Motion:
+        """Take the bias off the first angles."""
+        return self._shifted(start, -self.bias_rad, robot)
+
+    def _shifted(self, motion: Motion, angle: float, robot: Robot) -> Motion:
+        qpos: np.ndarray = motion.qpos.copy()
+        qpos[:, robot.joint_qpos[robot.joints_at(self.location)]] += angle
+        return replace(motion, qpos=qpos)

@@ -1,0 +1,34 @@
+"""A floor that is not level."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class GroundSlope(Effect):
+    """The ground, with what stands on it, turned about the world's y axis through its origin; gravity stays vertical.
+
+    Positive as a nose-down pitch: the ground falls away forward, x > 0.
+    """
+
+    name = "ground_slope"
+
+    pitch_rad: float = parameter(0.0, "rad", -0.15, 0.15)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Turn all geoms of the world."""
+        if self.is_nominal:
+            return
+        turn = np.array([np.cos(self.pitch_rad / 2), 0.0, np.sin(self.pitch_rad / 2), 0.0])
+        for geom in np.flatnonzero(model.geom_bodyid == 0):
+            position, quaternion = np.empty(3), np.empty(4)
+            mujoco.mju_rotVecQuat(position, model.geom_pos[geom], turn)
+            mujoco.mju_mulQuat(quaternion, turn, model.geom_quat[geom])
+            model.geom_pos[geom], model.geom_quat[geom] = position, quaternion
+            model.geom_sameframe[geom] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
+        recompute_constants(model)

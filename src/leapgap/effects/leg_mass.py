@@ -1,0 +1,28 @@
+"""Legs heavier or lighter than the model has them."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class LegMass(Effect):
+    """Mass and inertia of the links that the located joints move, true over believed; shapes and centres stay."""
+
+    name = "leg_mass"
+    places = "joints"
+
+    scale: float = parameter(1.0, "1", 0.4, 2.5)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Scale the links, with what is fixed to them."""
+        if self.is_nominal:
+            return
+        links = np.isin(model.body_weldid, robot.joint_bodies[robot.joints_at(self.location)])
+        model.body_mass[links] *= self.scale
+        model.body_inertia[links] *= self.scale
+        recompute_constants(model)

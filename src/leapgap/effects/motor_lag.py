@@ -1,0 +1,39 @@
+"""Motors whose torque follows the command late."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+
+import mujoco
+
+from leapgap.effects.base import Effect, parameter
+from leapgap.effects.drive import Drive, add_lag
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class MotorLag(Effect):
+    """First-order lag between commanded torque, joint PD included, and delivered torque, T τ̇ = τ_commanded − τ.
+
+    Integrated exactly over each step with the command held. Torque limits act on what is delivered, after the lag.
+    A motion starts with the torque that its first command asks for.
+    """
+
+    name = "motor_lag"
+    places = "joints"
+
+    time_constant_s: float = parameter(0.0, "s", 0.0, 0.03)
+
+    @property
+    def structure(self) -> Hashable | None:
+        """The motors' torque becomes a state."""
+        return None if self.is_nominal else (self.name, self.location)
+
+    def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
+        """Give the motors their state."""
+        add_lag(spec, {robot.joints[i] for i in robot.joints_at(self.location)})
+
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        """Add to the motors' time constant."""
+        lag = drive.lag_s.copy()
+        lag[robot.joints_at(self.location)] += self.time_constant_s
+        return replace(drive, lag_s=lag)

@@ -1,0 +1,24 @@
+"""A trunk that turns harder or easier than the model's."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class TrunkInertia(Effect):
+    """True over believed rotational inertia of the base body about its own centre of mass; its mass stays."""
+
+    name = "trunk_inertia"
+
+    scale: float = parameter(1.0, "1", 0.3, 3.0)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Scale the inertia of the base body."""
+        if self.is_nominal:
+            return
+        model.body_inertia[robot.base_body] *= self.scale
+        recompute_constants(model)
