@@ -18,8 +18,8 @@ RADIUS_M = 0.1
 class AerodynamicDrag(Effect):
     """Force against the velocity of the trunk's centre of mass, −coefficient · |v| · v, in still air.
 
-    MuJoCo's ellipsoid model of blunt drag on a massless sphere at that centre, ½ … − folded into the coefficient:
-    for a sphere it has no other direction than v, no lift and no torque.
+    MuJoCo's ellipsoid model of blunt drag on a massless sphere at that centre: on a sphere the force has no other
+    direction than that of v, and there is no lift and no torque.
     """
 
     name = "aerodynamic_drag"
