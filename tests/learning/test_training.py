@@ -14,13 +14,13 @@ from leapgap.files import read_json
 from leapgap.learning import evaluation, experiment, store, training, untrained
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
 from leapgap.learning.experiment import FITS, TrainConfig
-from leapgap.learning.features import Situation
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal, squared_errors
 from leapgap.learning.splits import folds
 from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.recording import windows as windows_module
 from leapgap.recording.windows import ARRAYS, TimeGrid, Windows
+from leapgap.robot.prediction import Situation
 from leapgap.robot.rigid_body import RigidBody
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.learning.features import Situation
 from leapgap.recording.windows import RolloutInputs, Windows
+from leapgap.robot.prediction import Affine, PredictionModel, Situation
 from leapgap.robot.rigid_body import GRAVITY, RigidBody, advance
 
 
@@ -32,20 +32,6 @@ class Model(ABC):
     @abstractmethod
     def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "Model":
         """The model of which ``arrays`` and ``settings`` are the parts."""
-
-
-@dataclass(frozen=True)
-class Affine:
-    """Accelerations affine in the force: (v̇x, v̇z, ω̇) = bias + by_force u, at n moments."""
-
-    bias: np.ndarray
-    """(n, 3), m/s² and rad/s²."""
-    by_force: np.ndarray
-    """(n, 3, 4), per N of front x z, rear x z."""
-
-    def acceleration(self, force: np.ndarray) -> np.ndarray:
-        """Under forces (n, 4), shape (n, 3)."""
-        return self.bias + np.einsum("nij,nj->ni", self.by_force, force)
 
 
 @dataclass(frozen=True)
@@ -78,7 +64,7 @@ class Nominal:
         return Nominal(RigidBody(mass, inertia), tuple(raw["gains"]))
 
 
-class ResidualModel(Model):
+class ResidualModel(Model, PredictionModel):
     """A nominal body and a residual of its velocity rows, affine in the force, so that the MPC stays a QP.
 
     ζ⁺ = ζ + Δt (nominal + h + G u) with h and G of the state, the feet and maybe the phase; contact and flight

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.learning.features import Situation, columns
-from leapgap.learning.model import Affine, Nominal, ResidualModel
+from leapgap.learning.model import Nominal, ResidualModel
+from leapgap.robot.prediction import Affine, Situation, columns
 
 NETWORKS = ("contact/h", "contact/G", "flight/h")
 """h1, G1 and h2 of the paper."""

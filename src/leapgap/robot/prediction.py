@@ -1,0 +1,87 @@
+"""How the motion of the base is predicted: what a model may look at, and what it says, affine in the force.
+
+Learning fits such models, the MPC plans with them; neither knows more of the other than what stands here.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from leapgap.errors import InputError
+
+
+@dataclass(frozen=True)
+class Situation:
+    """n moments at which a model is asked; NumPy arrays or torch tensors, any leading shape in place of n."""
+
+    state: Any
+    """x z pitch and rates, m, rad, s, world, (n, 6)."""
+    foot: Any
+    """Foot − base, front x z, rear x z, m, world axes, (n, 4)."""
+    time_s: Any
+    """Since the start of the jump, (n,)."""
+    start: Any
+    """State at the beginning of the prediction, (n, 6): networks that saw positions see them relative to it."""
+
+    def at(self, which: Any) -> "Situation":
+        """Some of the moments, by mask or slice of the first axis."""
+        return Situation(self.state[which], self.foot[which], self.time_s[which], self.start[which])
+
+
+@dataclass(frozen=True)
+class Affine:
+    """Accelerations affine in the force: (v̇x, v̇z, ω̇) = bias + by_force u, at n moments."""
+
+    bias: np.ndarray
+    """(n, 3), m/s² and rad/s²."""
+    by_force: np.ndarray
+    """(n, 3, 4), per N of front x z, rear x z."""
+
+    def acceleration(self, force: np.ndarray) -> np.ndarray:
+        """Under forces (n, 4), shape (n, 3)."""
+        return self.bias + np.einsum("nij,nj->ni", self.by_force, force)
+
+
+class PredictionModel(ABC):
+    """Accelerations of the base in contact and flight: ζ⁺ = ζ + Δt (bias + by_force u) (paper, residual)."""
+
+    @abstractmethod
+    def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
+        """At n moments of contact or flight (bool, (n,)), in one batch."""
+
+
+FEATURES: dict[str, Callable[[Situation], Any]] = {
+    "x_from_start": lambda s: s.state[..., 0] - s.start[..., 0],
+    "z_from_start": lambda s: s.state[..., 1] - s.start[..., 1],
+    "z": lambda s: s.state[..., 1],
+    "pitch": lambda s: s.state[..., 2],
+    "vx": lambda s: s.state[..., 3],
+    "vz": lambda s: s.state[..., 4],
+    "pitch_rate": lambda s: s.state[..., 5],
+    "front_foot_x": lambda s: s.foot[..., 0],
+    "front_foot_z": lambda s: s.foot[..., 1],
+    "rear_foot_x": lambda s: s.foot[..., 2],
+    "rear_foot_z": lambda s: s.foot[..., 3],
+    "phase": lambda s: s.time_s,
+}
+"""Inputs by name; ``phase`` ties a model to one schedule."""
+
+
+def columns(names: Sequence[str], situation: Situation) -> list[Any]:
+    """The named inputs, each of the leading shape; stack them along a last axis."""
+    return [FEATURES[name](situation) for name in names]
+
+
+def check_names(names: Sequence[str], where: str) -> None:
+    """Refuse inputs nobody knows."""
+    unknown = [name for name in names if name not in FEATURES]
+    if unknown or not names:
+        raise InputError(
+            where,
+            f"inputs {', '.join(unknown) or 'none'}",
+            f"some of {', '.join(FEATURES)}",
+            "correct them in conf/train",
+        )
