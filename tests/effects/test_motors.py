@@ -38,7 +38,7 @@ def random_forces(robot: Robot, jump: Jump, *found: effects.Effect) -> tuple[np.
         push = rng.uniform(-150, 150, 12)
         data.qpos[robot.joint_qpos], data.qvel[robot.joint_dofs] = q, v
         data.ctrl[:] = control
-        gain = replayer._drive(trial).control_gain
+        gain = replayer.drive(trial).control_gain
         data.ctrl[robot.joint_actuators] += push * gain
         mujoco.mj_forward(model, data)
         asked.append(push + kp * (jump.per_joint("cmd_pos")[0] - q) + kd * (jump.per_joint("cmd_vel")[0] - v))

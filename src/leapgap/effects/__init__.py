@@ -12,10 +12,11 @@ from leapgap.errors import InputError
 
 @cache
 def known() -> dict[str, type[Effect]]:
-    """All effects by name, in alphabetical order."""
+    """All effects by name, in alphabetical order; what is defined elsewhere is nothing a diagnosis may know."""
     for module in pkgutil.iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
-    return {kind.name: kind for kind in sorted(Effect.__subclasses__(), key=lambda kind: kind.name)}
+    here = [kind for kind in Effect.__subclasses__() if kind.__module__.startswith(f"{__name__}.")]
+    return {kind.name: kind for kind in sorted(here, key=lambda kind: kind.name)}
 
 
 def describe(name: str) -> str:

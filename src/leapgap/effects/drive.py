@@ -66,6 +66,15 @@ class Drive:
         model.actuator_gainprm[motors, 7] = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)[chosen]
         model.actuator_dynprm[motors, 0] = self.lag_s[chosen]
 
+    def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
+        """Give motors that are in the model already other gains, (joints,): N·m/rad, N·m·s/rad."""
+        actuators, chosen = robot.joint_actuators, self.electric
+        affine, motors = actuators[~chosen], actuators[chosen]
+        model.actuator_biasprm[affine, 1] = -(kp * self.gain)[~chosen]
+        model.actuator_biasprm[affine, 2] = -(kd * self.gain)[~chosen]
+        model.actuator_gainprm[motors, 4] = (kp * self.gain)[chosen]
+        model.actuator_gainprm[motors, 6] = (kd * self.gain)[chosen]
+
 
 def add_lag(spec: mujoco.MjSpec, joints: set[str]) -> None:
     """Give the motors of these joints the state, their torque, that a lag needs."""

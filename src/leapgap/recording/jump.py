@@ -131,14 +131,12 @@ class Jump:
     @cached_property
     def pitch(self) -> np.ndarray:
         """Pitch of the base, rad, positive nose-down (about y of the roll-pitch-yaw angles)."""
-        w, x, y, z = self.stack(BASE_QUATERNION).T
-        return np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+        return pitch_of(self.stack(BASE_QUATERNION))
 
     @cached_property
     def yaw(self) -> np.ndarray:
         """Heading of the base in the world, rad, positive to the left."""
-        w, x, y, z = self.stack(BASE_QUATERNION).T
-        return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return yaw_of(self.stack(BASE_QUATERNION))
 
     def pair_force(self, source: str) -> np.ndarray:
         """``mpc_force``, ``pd_force`` or ``train_force``: front x z, rear x z on the robot, N, (rows, 4)."""
@@ -208,6 +206,18 @@ def check(jump: Jump) -> None:
                 "unit quaternions w x y z",
                 "normalise them, and check their order",
             )
+
+
+def pitch_of(quaternion: np.ndarray) -> np.ndarray:
+    """Pitch of quaternions w x y z (…, 4), rad, nose-down (about y of the roll-pitch-yaw angles), (…,)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+
+
+def yaw_of(quaternion: np.ndarray) -> np.ndarray:
+    """Heading of quaternions w x y z (…, 4) in the world, rad, positive to the left, (…,)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def write(jump: Jump, path: Path) -> None:

@@ -41,6 +41,49 @@ class SensorNoise:
 
 
 @dataclass(frozen=True)
+class NoiseRows:
+    """Drawn errors of what is measured, one row a control tick; what they are added to is in ``SensorNoise``."""
+
+    position: np.ndarray
+    """(rows, 3), m."""
+    angle: np.ndarray
+    """(rows, 3), rad, about the body's axes."""
+    joint_pos: np.ndarray
+    """(rows, joints), rad."""
+    joint_vel: np.ndarray
+    """(rows, joints), rad/s."""
+    linvel: np.ndarray
+    """(rows, 3), m/s."""
+    angvel: np.ndarray
+    """(rows, 3), rad/s."""
+
+    @staticmethod
+    def draw(noise: SensorNoise, rows: int, joints: int, rng: np.random.Generator) -> "NoiseRows":
+        """Independent normal errors."""
+        of_base, of_joints = (rows, 3), (rows, joints)
+        return NoiseRows(
+            noise.base_pos_m * rng.standard_normal(of_base),
+            noise.base_angle_rad * rng.standard_normal(of_base),
+            noise.joint_pos_rad * rng.standard_normal(of_joints),
+            noise.joint_vel_rad_s * rng.standard_normal(of_joints),
+            noise.base_linvel_m_s * rng.standard_normal(of_base),
+            noise.base_angvel_rad_s * rng.standard_normal(of_base),
+        )
+
+    def added_to(self, motion: Motion, robot: Robot, first: int = 0) -> Motion:
+        """What is measured of a motion whose first row is tick ``first``."""
+        rows = slice(first, first + len(motion.qpos))
+        qpos, qvel = motion.qpos.copy(), motion.qvel.copy()
+        qpos[:, :3] += self.position[rows]
+        qpos[:, 3:7] = turned(motion.qpos[:, 3:7], self.angle[rows])
+        qpos[:, robot.joint_qpos] += self.joint_pos[rows]
+        qvel[:, :3] += self.linvel[rows]
+        qvel[:, 3:6] += self.angvel[rows]
+        qvel[:, robot.joint_dofs] += self.joint_vel[rows]
+        return Motion(qpos, qvel)
+
+
+@dataclass(frozen=True)
 class Course:
     """What stands before the robot: a block under the front feet, its length and width in m."""
 
@@ -61,16 +104,20 @@ class Plan:
     block_height_m: float = 0.0
 
 
-def make_jumps(
-    plans: Sequence[Plan],
-    robot: Robot,
-    effects: tuple[Effect, ...],
-    noise: SensorNoise,
-    course: Course,
-    rng: np.random.Generator,
-) -> list[Jump]:
-    """Let the simulated hardware make the planned jumps; logs in the order of the plans."""
-    replayer = Replayer(robot, terrain_slots=1 + max(len(plan.reference.info.terrain) for plan in plans))
+@dataclass(frozen=True)
+class Prepared:
+    """A planned jump whose robot stands at its start."""
+
+    plan: Plan
+    commanded: Jump
+    """The reference, extended beyond the landing, on the plan's terrain."""
+    start: np.ndarray
+    """True state after standing for a while, (nq + nv,)."""
+
+
+def prepare(plans: Sequence[Plan], replayer: Replayer, effects: tuple[Effect, ...], course: Course) -> list[Prepared]:
+    """Let the simulated hardware stand at the start of each plan; ``replayer`` has slots for their terrain."""
+    robot = replayer.robot
     commanded = [with_block(extended(plan.reference, course), plan, robot, course) for plan in plans]
     standing = [replayer.first_state(Trial(held(jump, course.settle_s))) for jump in commanded]
     standing = [raised_front(state, plan.block_height_m, robot) for state, plan in zip(standing, plans, strict=True)]
@@ -80,13 +127,31 @@ def make_jumps(
         for trial, state in zip(settling, standing, strict=True)
     ]
     starts = [np.concatenate([m.qpos[-1], m.qvel[-1]]) for m in replayer.true_motions(settling)]
-    motions = replayer.motions(
-        [Trial(jump, effects, first_state=start) for jump, start in zip(commanded, starts, strict=True)]
-    )
-    return [
-        logged(plan, jump, motion, robot, noise, rng)
-        for plan, jump, motion in zip(plans, commanded, motions, strict=True)
-    ]
+    return [Prepared(*each) for each in zip(plans, commanded, starts, strict=True)]
+
+
+def terrain_slots(plans: Sequence[Plan]) -> int:
+    """Boxes that the plans' models need: those of the reference and the block."""
+    return 1 + max((len(plan.reference.info.terrain) for plan in plans), default=0)
+
+
+def make_jumps(
+    plans: Sequence[Plan],
+    robot: Robot,
+    effects: tuple[Effect, ...],
+    noise: SensorNoise,
+    course: Course,
+    rng: np.random.Generator,
+) -> list[Jump]:
+    """Let the simulated hardware make the planned jumps open loop; logs in the order of the plans."""
+    replayer = Replayer(robot, terrain_slots(plans))
+    ready = prepare(plans, replayer, effects, course)
+    motions = replayer.motions([Trial(one.commanded, effects, first_state=one.start) for one in ready])
+    logs = []
+    for one, motion in zip(ready, motions, strict=True):
+        errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
+        logs.append(logged(one.plan.name, one.commanded, errors.added_to(motion, robot), robot))
+    return logs
 
 
 def extended(reference: Jump, course: Course) -> Jump:
@@ -152,33 +217,24 @@ def raised_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray
     return state
 
 
-def logged(
-    plan: Plan, commanded: Jump, motion: Motion, robot: Robot, noise: SensorNoise, rng: np.random.Generator
-) -> Jump:
-    """The log of a motion: noisy measurements, exact commands, planned forces, and those of the joint PD."""
-    rows = len(motion.qpos)
-    draw = rng.standard_normal
-    position = motion.qpos[:, :3] + noise.base_pos_m * draw((rows, 3))
-    quaternion = turned(motion.qpos[:, 3:7], noise.base_angle_rad * draw((rows, 3)))
-    joint_pos = motion.qpos[:, robot.joint_qpos] + noise.joint_pos_rad * draw((rows, len(robot.joints)))
-    joint_vel = motion.qvel[:, robot.joint_dofs] + noise.joint_vel_rad_s * draw((rows, len(robot.joints)))
+def logged(name: str, commanded: Jump, measured: Motion, robot: Robot) -> Jump:
+    """The log of a measured motion and its commands, with planned forces and those that the joint PD stands for."""
+    joint_pos, joint_vel = measured.qpos[:, robot.joint_qpos], measured.qvel[:, robot.joint_dofs]
     columns = {"time": commanded.time}
-    columns |= dict(zip(BASE_POSITION, position.T, strict=True))
-    columns |= dict(zip(BASE_QUATERNION, quaternion.T, strict=True))
-    columns |= dict(zip(BASE_VELOCITY, (motion.qvel[:, :3] + noise.base_linvel_m_s * draw((rows, 3))).T, strict=True))
-    columns |= dict(
-        zip(BASE_ANGULAR_VELOCITY, (motion.qvel[:, 3:6] + noise.base_angvel_rad_s * draw((rows, 3))).T, strict=True)
-    )
+    columns |= dict(zip(BASE_POSITION, measured.qpos[:, :3].T, strict=True))
+    columns |= dict(zip(BASE_QUATERNION, measured.qpos[:, 3:7].T, strict=True))
+    columns |= dict(zip(BASE_VELOCITY, measured.qvel[:, :3].T, strict=True))
+    columns |= dict(zip(BASE_ANGULAR_VELOCITY, measured.qvel[:, 3:6].T, strict=True))
     for i, joint in enumerate(robot.joints):
         columns[f"joint_pos/{joint}"], columns[f"joint_vel/{joint}"] = joint_pos[:, i], joint_vel[:, i]
-    columns |= {name: values for name, values in commanded.columns.items() if name.startswith(("cmd_", "mpc_force/"))}
+    columns |= {key: values for key, values in commanded.columns.items() if key.startswith(("cmd_", "mpc_force/"))}
     torque = commanded.per_joint("cmd_kp", robot.joints) * (
         commanded.per_joint("cmd_pos", robot.joints) - joint_pos
     ) + commanded.per_joint("cmd_kd", robot.joints) * (commanded.per_joint("cmd_vel", robot.joints) - joint_vel)
-    pd_force = pd_pair_force(robot, commanded.info.schedule, commanded.time, quaternion, joint_pos, torque)
+    pd_force = pd_pair_force(robot, commanded.info.schedule, commanded.time, measured.qpos[:, 3:7], joint_pos, torque)
     columns |= {f"pd_force/{axis}": pd_force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
     info = replace(commanded.info, robot=robot.name, source="simulated hardware")
-    return Jump(plan.name, {name: np.ascontiguousarray(values) for name, values in columns.items()}, info)
+    return Jump(name, {key: np.ascontiguousarray(values) for key, values in columns.items()}, info)
 
 
 def turned(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:

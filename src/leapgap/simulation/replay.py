@@ -80,7 +80,7 @@ class Replayer:
         """The same replays as what truly happened, which no sensor sees late or biased."""
         for trial in trials:
             self.check_joints(trial.jump)
-        kinds = [(min(len(t.jump), rows or len(t.jump)), self._substeps(t.jump), t.structure) for t in trials]
+        kinds = [(min(len(t.jump), rows or len(t.jump)), self.substeps(t.jump), t.structure) for t in trials]
         motions: dict[int, Motion] = {}
         for kind in dict.fromkeys(kinds):
             chosen = [i for i, own in enumerate(kinds) if own == kind]
@@ -116,7 +116,7 @@ class Replayer:
             models = [self.model(trial, row=start) for trial in trials]
             if not history:
                 history = [
-                    [self._full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
+                    [self.full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
                 ]
             control = np.stack([np.repeat(c[start:end], substeps, axis=0) for c in controls])
             out, _ = mujoco.rollout.rollout(
@@ -128,7 +128,7 @@ class Replayer:
         wholes = [np.concatenate(h) for h in history]
         return [Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv]) for whole in wholes]
 
-    def _full_state(self, trial: Trial, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
+    def full_state(self, trial: Trial, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
         """Time, positions, velocities and, of motors that have one, the torque the first command asks for."""
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
@@ -193,7 +193,8 @@ class Replayer:
                 "name the model these logs were made with, or rename the columns",
             )
 
-    def _substeps(self, jump: Jump) -> int:
+    def substeps(self, jump: Jump) -> int:
+        """Simulation steps of one control period of the log."""
         return max(1, int(np.ceil(jump.info.sample_period_s / LARGEST_STEP_S)))
 
     def _controls(self, trial: Trial, rows: int) -> np.ndarray:
@@ -205,10 +206,10 @@ class Replayer:
         kp, kd = (jump.per_joint(gain, joints)[:rows] for gain in ("cmd_kp", "cmd_kd"))
         control = np.zeros((rows, self.bare.nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
-        control[:, self.robot.joint_actuators] = asked * self._drive(trial).control_gain
+        control[:, self.robot.joint_actuators] = asked * self.drive(trial).control_gain
         return control
 
-    def _drive(self, trial: Trial) -> Drive:
+    def drive(self, trial: Trial) -> Drive:
         """The trial's motors."""
         drive = Drive.ideal(len(self.robot.joints))
         for effect in trial.effects:
@@ -222,8 +223,8 @@ class Replayer:
         actuators = self.robot.joint_actuators
         model.actuator_biasprm[actuators, 1] = -jump.per_joint("cmd_kp", self.robot.joints)[row]
         model.actuator_biasprm[actuators, 2] = -jump.per_joint("cmd_kd", self.robot.joints)[row]
-        model.opt.timestep = trial.period_s / self._substeps(jump)
-        self._drive(trial).put_into(model, self.robot)
+        model.opt.timestep = trial.period_s / self.substeps(jump)
+        self.drive(trial).put_into(model, self.robot)
         for effect in trial.effects:
             effect.change_model(model, self.robot)
         return model

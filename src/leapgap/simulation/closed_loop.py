@@ -1,0 +1,172 @@
+"""A controller in a MuJoCo world: simulated hardware that is told what to do one control tick after the other.
+
+The same robot, effects and drive as in a replay, whose commands are known beforehand: replaying the log of a closed
+loop from its true start gives the same motion.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+
+from leapgap.control.controller import Command, Controller, Estimate
+from leapgap.effects.base import Commands, Effect, Motion
+from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.hardware import NoiseRows, Prepared, SensorNoise, logged
+from leapgap.simulation.replay import Replayer, Trial
+
+MEMORY_ROWS = 64
+"""Ticks that effects with a memory (delay, latency) are shown: longer than any of them reaches back."""
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """What reaches the controller of the robot's state: what the log holds, the base's part of it later."""
+
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    base_delay_s: float = 0.0
+    """Between a measurement of the base and the controller that uses it; joints arrive at once."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of one run: the log, and what truly happened."""
+
+    log: Jump
+    truth: Motion
+    touching: np.ndarray
+    """Whether each foot touches at each row, bool, (rows, feet)."""
+
+
+class Plant:
+    """One simulated robot with its effects on its terrain, stepped one control period at a time."""
+
+    def __init__(self, replayer: Replayer, ready: Prepared, effects: tuple[Effect, ...]) -> None:
+        self.trial = Trial(ready.commanded, effects, first_state=ready.start)
+        self.robot, self.replayer = replayer.robot, replayer
+        self.model = replayer.model(self.trial)
+        self.data = mujoco.MjData(self.model)
+        self.substeps = replayer.substeps(ready.commanded)
+        self.drive = replayer.drive(self.trial)
+        self.effects_of_commands = overriding(effects, "change_commands")
+        self.effects_of_sensors = overriding(effects, "change_measured")
+        self.foot_of_geom = np.full(self.model.ngeom, -1)
+        self.foot_of_geom[[self.model.geom(foot).id for foot in self.robot.feet]] = np.arange(len(self.robot.feet))
+        self.data.qpos[:], self.data.qvel[:] = np.split(ready.start, [self.model.nq])
+        mujoco.mj_forward(self.model, self.data)  # contacts of the first tick
+        self.gains: tuple[np.ndarray, np.ndarray] | None = None
+        self.truth: list[tuple[np.ndarray, np.ndarray]] = [self.state]
+        self.sent: list[Command] = []
+
+    @property
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """True positions and velocities now."""
+        return self.data.qpos.copy(), self.data.qvel.copy()
+
+    def reported(self) -> Motion:
+        """The newest row as the robot's sensors report it, without noise, one row."""
+        rows = self.truth[-MEMORY_ROWS:] if self.effects_of_sensors else self.truth[-1:]
+        motion = Motion(*(np.array(part) for part in zip(*rows, strict=True)))
+        for effect in self.effects_of_sensors:
+            motion = effect.change_measured(motion, self.trial.period_s, self.robot)
+        return Motion(motion.qpos[-1:], motion.qvel[-1:])
+
+    def touching(self) -> np.ndarray:
+        """Whether each foot touches now, bool, (feet,)."""
+        feet = self.foot_of_geom[self.data.contact.geom.ravel()]
+        found = np.zeros(len(self.robot.feet), dtype=bool)
+        found[feet[feet >= 0]] = True
+        return found
+
+    def send(self, command: Command) -> None:
+        """Let the robot do as told for one control period."""
+        self.sent.append(command)
+        self._set_gains(command)
+        commands = self._arriving()
+        control = commands.torque[-1] + command.kp * commands.position[-1] + command.kd * commands.velocity[-1]
+        self.data.ctrl[self.robot.joint_actuators] = control * self.drive.control_gain
+        if len(self.truth) == 1 and self.model.na:  # motors with a lag start at what is asked of them first
+            self.data.act[:] = self.replayer.full_state(self.trial, self.model, self.data.ctrl[None])[-self.model.na :]
+        mujoco.mj_step(self.model, self.data, self.substeps)
+        self.truth.append(self.state)
+
+    def _set_gains(self, command: Command) -> None:
+        gains = (command.kp, command.kd)
+        if self.gains is None or not all(np.array_equal(*pair) for pair in zip(gains, self.gains, strict=True)):
+            self.drive.set_joint_pd(self.model, self.robot, *gains)
+            self.gains = gains
+
+    def _arriving(self) -> Commands:
+        """What reaches the joints of the newest commands."""
+        rows = self.sent[-MEMORY_ROWS:] if self.effects_of_commands else self.sent[-1:]
+        commands = Commands(
+            np.array([c.torque for c in rows]),
+            np.array([c.position for c in rows]),
+            np.array([c.velocity for c in rows]),
+        )
+        for effect in self.effects_of_commands:
+            commands = effect.change_commands(commands, self.trial.period_s, self.robot)
+        return commands
+
+
+def overriding(effects: Iterable[Effect], method: str) -> list[Effect]:
+    """The effects that do something in a method; to ask the others at every tick would cost time."""
+    return [effect for effect in effects if getattr(type(effect), method) is not getattr(Effect, method)]
+
+
+def run_controlled(
+    ready: Prepared,
+    controller: Controller,
+    replayer: Replayer,
+    effects: tuple[Effect, ...],
+    sensing: Sensing,
+    rng: np.random.Generator,
+) -> Run:
+    """Let a controller make one jump; as many rows as the prepared commands have."""
+    robot, rows, period = replayer.robot, len(ready.commanded), ready.commanded.info.sample_period_s
+    errors = NoiseRows.draw(sensing.noise, rows, len(robot.joints), rng)
+    late = round(sensing.base_delay_s / period)
+    plant = Plant(replayer, ready, effects)
+    measured: list[Motion] = []
+    touching: list[np.ndarray] = []
+    for row in range(rows):
+        measured.append(errors.added_to(plant.reported(), robot, first=row))
+        touching.append(plant.touching())
+        of_base = measured[max(0, row - late)]
+        plant.send(controller.command(estimate(row * period, of_base, measured[row], touching[row], robot)))
+    told = Motion(np.concatenate([m.qpos for m in measured]), np.concatenate([m.qvel for m in measured]))
+    truth = Motion(*(np.array(part) for part in zip(*plant.truth[:rows], strict=True)))
+    log = logged(ready.plan.name, with_commands(ready.commanded, plant.sent, robot), told, robot)
+    return Run(log, truth, np.array(touching))
+
+
+def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.ndarray, robot: Robot) -> Estimate:
+    """What the controller is told, of one measured row for the base and one for the joints."""
+    return Estimate(
+        time_s,
+        of_base.qpos[0, :3],
+        of_base.qpos[0, 3:7],
+        of_base.qvel[0, :3],
+        of_base.qvel[0, 3:6],
+        of_joints.qpos[0, robot.joint_qpos],
+        of_joints.qvel[0, robot.joint_dofs],
+        touching,
+    )
+
+
+def with_commands(commanded: Jump, sent: list[Command], robot: Robot) -> Jump:
+    """The jump with the commands that were truly sent, and the forces they stand for."""
+    columns = {"time": commanded.time}
+    for quantity, values in {
+        "cmd_tau": np.array([c.torque for c in sent]),
+        "cmd_pos": np.array([c.position for c in sent]),
+        "cmd_vel": np.array([c.velocity for c in sent]),
+        "cmd_kp": np.array([c.kp for c in sent]),
+        "cmd_kd": np.array([c.kd for c in sent]),
+    }.items():
+        columns |= {f"{quantity}/{joint}": values[:, i] for i, joint in enumerate(robot.joints)}
+    force = np.array([c.planned_force for c in sent])
+    columns |= {f"mpc_force/{axis}": force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
+    return replace(commanded, columns=columns)

@@ -1,0 +1,106 @@
+"""A controller in the loop: the same physics as a replay, and nothing but what sensors tell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from leapgap import effects
+from leapgap.control.controller import Command, Controller, Estimate
+from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.closed_loop import Plant, Sensing, run_controlled
+from leapgap.simulation.hardware import Course, Plan, Prepared, SensorNoise, make_jumps, prepare
+from leapgap.simulation.replay import Replayer, Trial
+
+SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
+
+
+class Playback(Controller):
+    """Sends a jump's commands row by row, whatever happens; remembers what it was told."""
+
+    def __init__(self, jump: Jump, robot: Robot) -> None:
+        quantities = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+        self.rows = [jump.per_joint(quantity, robot.joints) for quantity in quantities]
+        self.force = jump.stack([f"mpc_force/{axis}" for axis in PAIR_FORCE_AXES])
+        self.told: list[Estimate] = []
+
+    def command(self, estimate: Estimate) -> Command:
+        row = len(self.told)
+        self.told.append(estimate)
+        return Command(*(values[row] for values in self.rows), self.force[row])
+
+
+def ready_for(reference: Jump, robot: Robot, found: tuple[effects.Effect, ...], block_m: float = 0.0) -> Prepared:
+    return prepare([Plan("made", reference, block_m)], Replayer(robot), found, Course())[0]
+
+
+ALL_KINDS = (
+    effects.effect("joint_damping", damping=0.4),
+    effects.effect("command_delay", delay_s=0.0033),
+    effects.effect("torque_speed_limit", voltage_v=21.5),
+    effects.effect("motor_lag", location="rear", time_constant_s=0.004),
+    effects.effect("torque_gain", location="FR_calf", scale=0.9),
+    effects.effect("encoder_bias", bias_rad=0.02),
+    effects.effect("state_latency", delay_s=0.01),
+    effects.effect("sample_period", scale=1.05),
+)
+
+
+@pytest.mark.parametrize("found", [(), ALL_KINDS], ids=["nominal", "with effects"])
+def test_closed_loop_of_known_commands_is_their_replay(
+    robot: Robot, reference: Jump, found: tuple[effects.Effect, ...]
+) -> None:
+    ready = ready_for(reference, robot, found, block_m=0.03)
+    run = run_controlled(
+        ready, Playback(ready.commanded, robot), Replayer(robot), found, Sensing(SILENT), np.random.default_rng(0)
+    )
+    trial = Trial(ready.commanded, found, first_state=ready.start)
+    (truth,), (reported,) = Replayer(robot).true_motions([trial]), Replayer(robot).motions([trial])
+    rounding = 1e-10 if found else 0.0  # a delay's share of two rows rounds differently by the row's number
+    assert run.truth.qpos == pytest.approx(truth.qpos, abs=rounding, rel=0)
+    assert run.truth.qvel == pytest.approx(truth.qvel, abs=100 * rounding, rel=0)
+    assert run.log["base_pos_z"] == pytest.approx(reported.qpos[:, 2], abs=1e-12)
+    assert run.log.per_joint("joint_pos") == pytest.approx(reported.qpos[:, robot.joint_qpos], abs=1e-12)
+    (open_loop,) = make_jumps([Plan("made", reference, 0.03)], robot, found, SILENT, Course(), np.random.default_rng(0))
+    assert set(open_loop.columns) <= set(run.log.columns)
+    assert all(run.log[name] == pytest.approx(open_loop[name], abs=1e-9) for name in open_loop.columns)
+
+
+def test_the_controller_is_told_what_the_log_holds_and_the_base_late(robot: Robot, reference: Jump) -> None:
+    ready = ready_for(reference, robot, ())
+    controller = Playback(ready.commanded, robot)
+    sensing = Sensing(SensorNoise(), base_delay_s=0.004)
+    run = run_controlled(ready, controller, Replayer(robot), (), sensing, np.random.default_rng(3))
+    told_x = np.array([estimate.base_position[0] for estimate in controller.told])
+    assert np.array_equal(told_x[4:], run.log["base_pos_x"][:-4])
+    assert np.array_equal([e.joint_vel for e in controller.told], run.log.per_joint("joint_vel"))
+    assert np.std(run.log["base_pos_x"] - run.truth.qpos[:, 0]) == pytest.approx(0.001, rel=0.1)
+    again = run_controlled(
+        ready, Playback(ready.commanded, robot), Replayer(robot, threads=1), (), sensing, np.random.default_rng(3)
+    )
+    assert all(np.array_equal(run.log[name], again.log[name]) for name in run.log.columns)
+
+
+def test_feet_touch_until_the_schedule_lifts_them_and_again_at_the_landing(robot: Robot, reference: Jump) -> None:
+    ready = ready_for(reference, robot, ())
+    run = run_controlled(
+        ready, Playback(ready.commanded, robot), Replayer(robot), (), Sensing(SILENT), np.random.default_rng(0)
+    )
+    front = [robot.feet.index(foot) for foot in robot.feet_of_pair("front")]
+    rear = [robot.feet.index(foot) for foot in robot.feet_of_pair("rear")]
+    assert run.touching[10:480].all()
+    assert not run.touching[600:780, front].any()
+    assert run.touching[560:760, rear].all()
+    assert not run.touching[900:1100].any()
+    assert run.touching[-50:].all()
+
+
+def test_gains_that_change_act_at_once(robot: Robot, reference: Jump) -> None:
+    ready = ready_for(reference, robot, ())
+    plant = Plant(Replayer(robot), ready, ())
+    first = Playback(ready.commanded, robot).command(None)  # type: ignore[arg-type]
+    plant.send(first)
+    soft = replace(first, kp=first.kp * 0, kd=first.kd * 0, torque=first.torque * 0 + 1.5)
+    plant.send(soft)
+    assert plant.data.actuator_force == pytest.approx(1.5)
