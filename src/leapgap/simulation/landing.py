@@ -67,5 +67,5 @@ def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Jump
     for box in jump.info.terrain:
         if surface_z_m > 0 and box.top_m == surface_z_m:
             on_surface &= np.abs(feet[:, 0] - box.x_m) < box.size_m[0] / 2
-    w, x, y, z = pose[0, 3:7]
+    _, x, y, _ = pose[0, 3:7]
     return bool(on_surface.all() and 1 - 2 * (x**2 + y**2) > UPRIGHT_COSINE)
