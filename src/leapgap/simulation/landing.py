@@ -55,7 +55,7 @@ def landing(run: Run, robot: Robot, first: int = 0, target_x_m: float | None = N
         contact_error_cm=float(100 * (target_x - forward[left + touched[0]])) if len(touched) else None,
         pitch_deg=float(np.rad2deg(pitch)),
         apex=float(position[first : end + 1, 2].max() / position[first, 2]),
-        success=abs(pitch) < LARGEST_PITCH_RAD and stands(truth, robot, end, jump.info.target.z_m, jump),
+        success=bool(abs(pitch) < LARGEST_PITCH_RAD and stands(truth, robot, end, jump.info.target.z_m, jump)),
     )
 
 

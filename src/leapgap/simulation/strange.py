@@ -1,0 +1,25 @@
+"""Effects without a name: what simulated hardware may have and no diagnosis knows, for honest scores.
+
+They stand outside ``leapgap.effects``, whose table is what a diagnosis looks for.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from leapgap.effects.base import Effect, foot_geoms, parameter
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class BentCalf(Effect):
+    """A calf bent in a fall: the foot sits off the line that the encoders are read with, along the calf's x axis."""
+
+    name = "bent_calf"
+    places = "feet"
+
+    offset_m: float = parameter(0.0, "m", -0.03, 0.03)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Move the feet at the location."""
+        model.geom_pos[foot_geoms(model, robot, self.location), 0] += self.offset_m
