@@ -145,10 +145,13 @@ class Problem:
     robot: PlanarRobot = field(default_factory=PlanarRobot)
     weights: Weights = field(default_factory=Weights)
     limits: Limits = field(default_factory=Limits)
+    start_pitch_rad: float = 0.0
+    """Of a trunk that stands on feet of unequal height in the crouch; nose-down, so that a block in front is negative."""
+    landing_pitch_rad: float = 0.0
 
     def __post_init__(self) -> None:
         x, z = self.target.x_m, self.target.z_m
-        if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and 0 <= z <= HIGHEST_JUMP_M):
+        if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and -0.2 <= z <= HIGHEST_JUMP_M):
             raise InputError(
                 "jump target",
                 f"x {x:g} m, z {z:g} m",
@@ -221,6 +224,7 @@ class Programme:
         self.row_labels: list[Label] = []
         self._lower_g: list[float] = []
         self._upper_g: list[float] = []
+        self._anchored: list[tuple[int, int, int]] = []
         self._make_variables()
         self.cost = self._cost()
         self._dynamics()
@@ -229,7 +233,6 @@ class Programme:
         self._motors()
         self.w = ca.vertcat(*self._variables)
         self.g = ca.vertcat(*self._g)
-        self.g_bounds = np.array(self._lower_g), np.array(self._upper_g)
 
     # Variables and their bounds ---------------------------------------------------------------------------
 
@@ -273,6 +276,19 @@ class Programme:
         self._lower_g += [lower] * size
         self._upper_g += [upper] * size
 
+    def _anchor(self, row: Any, pair: int, axis: int, label: Label, lower: float = 0.0, upper: float = 0.0) -> None:
+        """Bound a coordinate against that of the pair's feet at the start, which the problem's stance sets."""
+        self._anchored.append((len(self._lower_g), pair, axis))
+        self._constrain(row, lower, upper, label)
+
+    def g_bounds(self, problem: "Problem") -> Bounds:
+        """Bounds on the rows of ``g`` for a problem's stance."""
+        feet = start_feet(self.robot, problem.start_pitch_rad)
+        shift = np.zeros(len(self._lower_g))
+        rows = np.array([row for row, _, _ in self._anchored])
+        shift[rows] = [feet[pair][axis] for _, pair, axis in self._anchored]
+        return np.array(self._lower_g) + shift, np.array(self._upper_g) + shift
+
     def _dynamics(self) -> None:
         dt = self.grid.step_s
         q, v, a = (ca.SX.sym(name, COORDINATES) for name in "qva")
@@ -290,7 +306,6 @@ class Programme:
             self._constrain(step, 0, 0, Label("integration", k, "positions against velocities"))
 
     def _stance(self) -> None:
-        start = legs(self.robot, np.array([0, 0, 0, *self.robot.crouch]))
         for k in range(self.grid.rear_stance_knots):
             for pair, leg in enumerate(legs(self.robot, self.q[k])):
                 if k >= self.grid.stance_knots(pair):
@@ -298,15 +313,14 @@ class Programme:
                 name = PAIRS[pair]
                 if k > 0:  # the start is given
                     stands = Label("standing foot", k, f"{name} feet")
-                    self._constrain(leg.foot.x - start[pair].foot.x, 0, 0, stands)
-                    self._constrain(leg.foot.z - start[pair].foot.z, 0, 0, stands)
-                floor = start[pair].foot.z
+                    self._anchor(leg.foot.x, pair, 0, stands)
+                    self._anchor(leg.foot.z, pair, 1, stands)
                 for what, joint, height in (
                     ("knees", leg.knee, self.limits.knee_clearance_m),
                     ("hips", leg.hip, self.limits.hip_clearance_m),
                 ):
                     label = Label("clearance", k, f"{name} {what}")
-                    self._constrain(joint.z - floor, height, INFINITY, label)
+                    self._anchor(joint.z, pair, 1, label, height, INFINITY)
 
     def _friction(self) -> None:
         mu = self.limits.friction
@@ -328,17 +342,17 @@ class Programme:
 
     # Bounds and the first guess ---------------------------------------------------------------------------
 
-    def w_bounds(self, target: Target) -> Bounds:
-        """Bounds on ``w`` for a target."""
+    def w_bounds(self, problem: "Problem") -> Bounds:
+        """Bounds on ``w`` for a problem's stance and target."""
         lower, upper = [], []
         for k in range(self.grid.steps + 1):
-            motion = [self._position_bounds(k, target), self._velocity_bounds(k)]
+            motion = [self._position_bounds(k, problem), self._velocity_bounds(k)]
             for low, high in motion + self._effort_bounds(k):
                 lower.append(low)
                 upper.append(high)
         return np.concatenate(lower), np.concatenate(upper)
 
-    def _position_bounds(self, knot: int, target: Target) -> Bounds:
+    def _position_bounds(self, knot: int, problem: "Problem") -> Bounds:
         lower, upper = np.full(COORDINATES, -INFINITY), np.full(COORDINATES, INFINITY)
         limits = self.limits
         lower[JOINT] = np.tile([limits.thigh_min_rad, limits.calf_min_rad], 2)
@@ -346,9 +360,13 @@ class Programme:
         if knot == 0 or self._lands_soon(knot):
             lower[JOINT] = upper[JOINT] = self.robot.crouch
         if knot == 0:
-            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = 0
+            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = 0, 0, problem.start_pitch_rad
         if knot == self.grid.steps:
-            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = target.x_m, target.z_m, 0
+            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = (
+                problem.target.x_m,
+                problem.target.z_m - start_rise(self.robot, problem.start_pitch_rad),
+                problem.landing_pitch_rad,
+            )
         return lower, upper
 
     def _velocity_bounds(self, knot: int) -> Bounds:
@@ -378,10 +396,10 @@ class Programme:
     def _lands_soon(self, knot: int) -> bool:
         return knot > self.grid.steps - self.limits.crouch_before_landing_knots
 
-    def without_motor_limits(self, w_bounds: Bounds) -> tuple[Bounds, Bounds]:
+    def without_motor_limits(self, w_bounds: Bounds, g_bounds: Bounds) -> tuple[Bounds, Bounds]:
         """The given bounds on ``w``, and those on ``g``, with motors as strong and as fast as it takes."""
         freed = []
-        for (lower, upper), labels in ((w_bounds, self.variable_labels), (self.g_bounds, self.row_labels)):
+        for (lower, upper), labels in ((w_bounds, self.variable_labels), (g_bounds, self.row_labels)):
             motor = np.array([label.group in MOTOR_GROUPS for label in labels])
             freed.append((np.where(motor, -AMPLE, lower), np.where(motor, AMPLE, upper)))
         return freed[0], freed[1]
@@ -407,9 +425,20 @@ class Programme:
         """f(w)."""
         return float(self._evaluate(w)[0])
 
-    def violations(self, w: np.ndarray, target: Target) -> tuple[np.ndarray, list[Label]]:
+    def violations(self, w: np.ndarray, problem: "Problem") -> tuple[np.ndarray, list[Label]]:
         """By how much each constraint row and each bound is broken at ``w``, in its unit, and its label."""
         g = np.array(self._evaluate(w)[1]).ravel()
-        parts = [(g, *self.g_bounds), (w, *self.w_bounds(target))]
+        parts = [(g, *self.g_bounds(problem)), (w, *self.w_bounds(problem))]
         amounts = [np.maximum(0, np.maximum(lower - value, value - upper)) for value, lower, upper in parts]
         return np.concatenate(amounts), [*self.row_labels, *self.variable_labels]
+
+
+def start_feet(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Front and rear foot (x, z) against the trunk's centre in the crouch at a pitch, m."""
+    front, rear = legs(robot, np.array([0, 0, pitch_rad, *robot.crouch]))
+    return (float(front.foot.x), float(front.foot.z)), (float(rear.foot.x), float(rear.foot.z))
+
+
+def start_rise(robot: PlanarRobot, pitch_rad: float) -> float:
+    """How much higher above its rear feet the trunk stands at a pitch than level, m."""
+    return start_feet(robot)[1][1] - start_feet(robot, pitch_rad)[1][1]

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from leapgap.planning.dynamics import legs
+from leapgap.planning.formulation import Problem, start_feet
 from leapgap.planning.robot import FORCES, JOINT, JOINTS, PITCH, PlanarRobot, X, Z
 from leapgap.planning.solve import Solution
 from leapgap.recording.jump import Jump, JumpInfo, Target
@@ -63,7 +64,7 @@ def to_jump(solution: Solution, gains: Gains) -> Jump:
     time = np.arange(rows) / SAMPLES_PER_SECOND
     q, v = motion(solution, time)
     torque, force = effort(solution, time)
-    columns = {"time": time} | base_columns(problem.robot, q, v)
+    columns = {"time": time} | base_columns(problem, q, v)
     columns |= joint_columns(q, v, torque, gains)
     columns |= {f"mpc_force/{axis}": positive_zero(-force[:, i]) for i, axis in enumerate(FORCES)}
     stands = grid.schedule.in_contact(time).astype(float)
@@ -102,10 +103,10 @@ def effort(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return plan.torque[knot], plan.force[knot]
 
 
-def base_columns(robot: PlanarRobot, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
+def base_columns(problem: Problem, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
     """Trunk in the world: the feet's spheres stand on the floor z = 0 at the start."""
     still = np.zeros(len(q))
-    height = FOOT_RADIUS - start_feet(robot)[0][1]
+    height = FOOT_RADIUS - start_feet(problem.robot, problem.start_pitch_rad)[1][1]
     return {
         "base_pos_x": positive_zero(q[:, X]),
         "base_pos_y": still,
@@ -147,12 +148,6 @@ def joint_columns(q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: Gains
                 f"cmd_kd/{joint}": still + gains.kd_nms_per_rad,
             }
     return columns
-
-
-def start_feet(robot: PlanarRobot) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Front and rear foot (x, z) against the trunk in the crouch, m."""
-    front, rear = legs(robot, np.array([0, 0, 0, *robot.crouch]))
-    return (float(front.foot.x), float(front.foot.z)), (float(rear.foot.x), float(rear.foot.z))
 
 
 def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:

@@ -159,7 +159,9 @@ class Planner:
     def obstacle(self, problem: Problem) -> Violation:
         """What stands in the way of a jump: the limit broken most where the motors' limits are lifted."""
         self.prepare()
-        bounds = self.programme.without_motor_limits(self.programme.w_bounds(problem.target))
+        bounds = self.programme.without_motor_limits(
+            self.programme.w_bounds(problem), self.programme.g_bounds(problem)
+        )
         w = self._minimise(self._cold, self._first_guess, *bounds).w
         return self._worst(w, problem)
 
@@ -181,16 +183,16 @@ class Planner:
         return Iterate(*(np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g")))
 
     def _worst(self, w: np.ndarray, problem: Problem) -> Violation:
-        amounts, labels = self.programme.violations(w, problem.target)
+        amounts, labels = self.programme.violations(w, problem)
         worst = int(np.argmax(amounts / [GROUPS[label.group].matters for label in labels]))
         return Violation(labels[worst], float(amounts[worst]))
 
     def _run(self, solver: ca.Function, problem: Problem, start: Iterate, since: float) -> Solution:
         programme = self.programme
-        stopped = self._minimise(solver, start, programme.w_bounds(problem.target), programme.g_bounds)
+        stopped = self._minimise(solver, start, programme.w_bounds(problem), programme.g_bounds(problem))
         seconds = time.perf_counter() - since
         stats = solver.stats()
-        max_violation = float(programme.violations(stopped.w, problem.target)[0].max())
+        max_violation = float(programme.violations(stopped.w, problem)[0].max())
         return Solution(
             problem=problem,
             trajectory=programme.trajectory(stopped.w),
