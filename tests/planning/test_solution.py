@@ -9,7 +9,7 @@ import scipy.io
 
 from leapgap.errors import InputError
 from leapgap.planning.dynamics import centre_of_mass, legs
-from leapgap.planning.formulation import Grid, Problem
+from leapgap.planning.formulation import Aim, Grid, Problem
 from leapgap.planning.robot import JOINT, PlanarRobot, X, Z
 from leapgap.planning.solve import planner_of, solve, solve_all
 from leapgap.recording.jump import Target
@@ -191,3 +191,26 @@ def test_a_phase_that_is_no_whole_number_of_steps_is_refused():
 def test_a_target_that_is_no_jump_is_refused(target):
     with pytest.raises(InputError, match="jump target"):
         Problem(target)
+
+
+def test_a_plan_from_a_block_starts_pitched_and_still_lands_level_on_target() -> None:
+    robot = PlanarRobot()
+    pitch = -np.arcsin(0.05 / robot.trunk_length)
+    solution = solve(Problem(Target(0.5, 0.0), stance_pitch_rad=float(pitch)))
+    assert solution.solved
+    q = solution.trajectory.q
+    assert q[0, :3] == pytest.approx([0, 0, pitch])
+    start, later = (np.array([(leg.foot.x, leg.foot.z) for leg in legs(robot, q[k])], float) for k in (0, 40))
+    assert later == pytest.approx(start, abs=1e-6)  # all feet stay where they stood
+    assert start[0, 1] - start[1, 1] == pytest.approx(0.05, abs=1e-4)
+    level = -float(legs(robot, np.array([0, 0, 0, *robot.crouch]))[1].foot.z)
+    assert q[-1, 0] == pytest.approx(0.5)
+    assert q[-1, 1] - start[1, 1] == pytest.approx(level)  # at standing height over the floor the rear feet stood on
+    assert q[-1, 2] == pytest.approx(0)
+
+
+def test_an_aim_beyond_the_target_moves_the_plan_and_not_the_target() -> None:
+    solution = solve(Problem(Target(0.5, 0.0), aim=Aim(0.04, 0.02, 0.1)))
+    assert solution.solved
+    assert solution.trajectory.q[-1, :3] == pytest.approx([0.54, 0.02, 0.1])
+    assert solution.problem.target == Target(0.5, 0.0)

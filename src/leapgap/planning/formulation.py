@@ -137,6 +137,16 @@ class Grid:
 
 
 @dataclass(frozen=True)
+class Aim:
+    """What is aimed at beyond the target: a robot that lands short of its plans needs plans that go farther."""
+
+    x_m: float = 0.0
+    z_m: float = 0.0
+    pitch_rad: float = 0.0
+    """Of the trunk at the landing, nose-down; the published plans land level."""
+
+
+@dataclass(frozen=True)
 class Problem:
     """One jump to plan."""
 
@@ -145,13 +155,13 @@ class Problem:
     robot: PlanarRobot = field(default_factory=PlanarRobot)
     weights: Weights = field(default_factory=Weights)
     limits: Limits = field(default_factory=Limits)
-    start_pitch_rad: float = 0.0
-    """Of a trunk that stands on feet of unequal height in the crouch; nose-down, so that a block in front is negative."""
-    landing_pitch_rad: float = 0.0
+    stance_pitch_rad: float = 0.0
+    """Of a trunk that stands in the crouch on feet of unequal height: negative where the front stands higher."""
+    aim: Aim = field(default_factory=Aim)
 
     def __post_init__(self) -> None:
         x, z = self.target.x_m, self.target.z_m
-        if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and -0.2 <= z <= HIGHEST_JUMP_M):
+        if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and 0 <= z <= HIGHEST_JUMP_M):
             raise InputError(
                 "jump target",
                 f"x {x:g} m, z {z:g} m",
@@ -283,7 +293,7 @@ class Programme:
 
     def g_bounds(self, problem: "Problem") -> Bounds:
         """Bounds on the rows of ``g`` for a problem's stance."""
-        feet = start_feet(self.robot, problem.start_pitch_rad)
+        feet = start_feet(self.robot, problem.stance_pitch_rad)
         shift = np.zeros(len(self._lower_g))
         rows = np.array([row for row, _, _ in self._anchored])
         shift[rows] = [feet[pair][axis] for _, pair, axis in self._anchored]
@@ -360,12 +370,12 @@ class Programme:
         if knot == 0 or self._lands_soon(knot):
             lower[JOINT] = upper[JOINT] = self.robot.crouch
         if knot == 0:
-            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = 0, 0, problem.start_pitch_rad
+            lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = 0, 0, problem.stance_pitch_rad
         if knot == self.grid.steps:
             lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = (
-                problem.target.x_m,
-                problem.target.z_m - start_rise(self.robot, problem.start_pitch_rad),
-                problem.landing_pitch_rad,
+                problem.target.x_m + problem.aim.x_m,
+                problem.target.z_m + problem.aim.z_m - start_rise(self.robot, problem.stance_pitch_rad),
+                problem.aim.pitch_rad,
             )
         return lower, upper
 

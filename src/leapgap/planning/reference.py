@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from leapgap.planning.dynamics import legs
 from leapgap.planning.formulation import Problem, start_feet
 from leapgap.planning.robot import FORCES, JOINT, JOINTS, PITCH, PlanarRobot, X, Z
 from leapgap.planning.solve import Solution
@@ -106,7 +105,7 @@ def effort(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def base_columns(problem: Problem, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
     """Trunk in the world: the feet's spheres stand on the floor z = 0 at the start."""
     still = np.zeros(len(q))
-    height = FOOT_RADIUS - start_feet(problem.robot, problem.start_pitch_rad)[1][1]
+    height = FOOT_RADIUS - start_feet(problem.robot, problem.stance_pitch_rad)[1][1]
     return {
         "base_pos_x": positive_zero(q[:, X]),
         "base_pos_y": still,

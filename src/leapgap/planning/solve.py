@@ -159,9 +159,7 @@ class Planner:
     def obstacle(self, problem: Problem) -> Violation:
         """What stands in the way of a jump: the limit broken most where the motors' limits are lifted."""
         self.prepare()
-        bounds = self.programme.without_motor_limits(
-            self.programme.w_bounds(problem), self.programme.g_bounds(problem)
-        )
+        bounds = self.programme.without_motor_limits(self.programme.w_bounds(problem), self.programme.g_bounds(problem))
         w = self._minimise(self._cold, self._first_guess, *bounds).w
         return self._worst(w, problem)
 
@@ -248,14 +246,20 @@ def nearest(problem: Problem, solutions: Sequence[Solution]) -> Solution | None:
     """The solution whose target is closest, if within ``NEAR_M`` and of the same settings."""
 
     def distance(solution: Solution) -> float:
-        other = solution.problem.target
-        return float(np.hypot(other.x_m - problem.target.x_m, other.z_m - problem.target.z_m))
+        return float(np.abs(landing_goal(solution.problem) - landing_goal(problem)).max())
 
     near = [
         s
         for s in solutions
         if distance(s) <= NEAR_M
+        and s.problem.stance_pitch_rad == problem.stance_pitch_rad
         and (s.problem.grid, s.problem.robot, s.problem.weights, s.problem.limits)
         == (problem.grid, problem.robot, problem.weights, problem.limits)
     ]
     return min(near, key=distance, default=None)
+
+
+def landing_goal(problem: Problem) -> np.ndarray:
+    """Where a plan shall end: x, z, m, and pitch, rad."""
+    target, aim = problem.target, problem.aim
+    return np.array([target.x_m + aim.x_m, target.z_m + aim.z_m, aim.pitch_rad])
