@@ -16,9 +16,10 @@ import numpy as np
 
 from leapgap.files import write_json
 from leapgap.planning.formulation import Grid, Label, Limits, Problem, Programme, Weights
-from leapgap.planning.robot import COORDINATES, PlanarRobot
+from leapgap.planning.layout import COORDINATES
 from leapgap.planning.solve import solve
 from leapgap.recording.jump import Target
+from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import ContactSchedule
 from tests.planning.lagrangian import residual
 

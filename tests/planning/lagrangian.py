@@ -5,7 +5,7 @@ Written from the robot's geometry alone, with none of the planner's kinematics: 
 
 import casadi as ca
 
-from leapgap.planning.robot import PlanarRobot
+from leapgap.robot.planar import PlanarRobot
 
 
 def residual(robot: PlanarRobot) -> ca.Function:
@@ -16,17 +16,18 @@ def residual(robot: PlanarRobot) -> ca.Function:
     def rotated(angle: ca.SX, x: float, z: float) -> ca.SX:
         return ca.vertcat(ca.cos(angle) * x + ca.sin(angle) * z, -ca.sin(angle) * x + ca.cos(angle) * z)
 
-    bodies = [(robot.trunk_mass, robot.trunk_inertia, q[:2], q[2])]
+    trunk_com = q[:2] + rotated(q[2], robot.trunk_com_x, robot.trunk_com_z)
+    bodies = [(robot.trunk_mass, robot.trunk_inertia, trunk_com, q[2])]
     feet = []
-    for hip_x, first in ((robot.hip_x, 3), (-robot.hip_x, 5)):
+    for leg, first in ((robot.front, 3), (robot.rear, 5)):
         thigh, calf = q[2] - q[first], q[2] - q[first] - q[first + 1]
-        hip = q[:2] + rotated(q[2], hip_x, 0)
-        knee = hip + rotated(thigh, 0, -robot.link_length)
-        feet.append(knee + rotated(calf, 0, -robot.link_length))
-        half = -robot.link_length / 2
-        for mass, joint, angle in ((robot.thigh_mass, hip, thigh), (robot.calf_mass, knee, calf)):
+        hip = q[:2] + rotated(q[2], leg.hip_x, leg.hip_z)
+        knee = hip + rotated(thigh, 0, -leg.thigh.length)
+        feet.append(knee + rotated(calf, 0, -leg.calf.length))
+        for link, joint, angle in ((leg.thigh, hip, thigh), (leg.calf, knee, calf)):
             for _left_and_right in range(2):
-                bodies.append((mass, robot.link_inertia(mass), joint + rotated(angle, 0, half), angle))
+                centre = joint + rotated(angle, link.com_across, -link.com_down)
+                bodies.append((link.mass, link.inertia, centre, angle))
     kinetic = robot.armature * ca.sumsqr(v[3:]) / 2
     potential = ca.SX(0)
     for mass, inertia, position, angle in bodies:

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from leapgap.planning.dynamics import centre_of_mass, inverse_dynamics_residual, legs
-from leapgap.planning.robot import PlanarRobot
+from leapgap.planning.layout import CROUCH
+from leapgap.robot.model import Robot
+from leapgap.robot.planar import PlanarRobot, planar_robot
 from tests.planning.lagrangian import residual
 
 # Link angles (trunk, front thigh, front calf, rear thigh, rear calf) by pitch and joints.
@@ -17,8 +19,8 @@ LINK_ANGLES = np.array(
 )
 
 
-def test_newton_euler_balances_are_the_lagrangian_ones(rng):
-    robot = PlanarRobot()
+@pytest.mark.parametrize("robot", [PlanarRobot(), planar_robot(Robot.load())], ids=["published", "own"])
+def test_newton_euler_balances_are_the_lagrangian_ones(rng, robot):
     lagrangian = residual(robot)
     for _ in range(20):
         q, v, a = rng.normal(size=(3, 7)) * [[1.0], [5.0], [50.0]]
@@ -33,13 +35,13 @@ def test_masses_and_inertia_are_the_published_ones():
     robot = PlanarRobot()
     assert robot.total_mass == pytest.approx(11.869)
     assert robot.trunk_inertia == pytest.approx(0.117476, abs=5e-7)
-    assert robot.link_inertia(robot.thigh_mass) == pytest.approx(0.0016276, abs=5e-8)
-    assert robot.link_inertia(robot.calf_mass) == pytest.approx(0.00067042, abs=5e-9)
+    assert robot.front.thigh.inertia == pytest.approx(0.0016276, abs=5e-8)
+    assert robot.rear.calf.inertia == pytest.approx(0.00067042, abs=5e-9)
 
 
 def test_feet_in_the_crouch_are_where_they_were_published():
     robot = PlanarRobot()
-    front, rear = legs(robot, np.array([0, 0, 0, *robot.crouch]))
+    front, rear = legs(robot, np.array([0, 0, 0, *CROUCH]))
     for leg, hip_x in ((front, 0.183), (rear, -0.183)):
         assert float(leg.foot.x) - hip_x == pytest.approx(-0.01201, abs=5e-6)
         assert float(leg.foot.z) == pytest.approx(-0.152601, abs=5e-7)

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from leapgap.planning.dynamics import centre_of_mass
-from leapgap.planning.reference import FOOT_RADIUS, motion, name_of, terrain
-from leapgap.planning.robot import PlanarRobot
+from leapgap.planning.reference import motion, name_of, terrain
 from leapgap.recording.jump import Target, read, write
 from leapgap.robot.model import Robot
+from leapgap.robot.planar import PlanarRobot
 from tests.planning.conftest import PUBLISHED_COST
 
 NAMES = sorted(PUBLISHED_COST)
@@ -22,11 +22,11 @@ def a1() -> Robot:
 def test_standing_feet_stay_on_the_floor_in_the_robots_model(references, a1, name):
     jump = references[name]
     feet = a1.feet_in_world(jump.stack(BASE), jump.stack(QUATERNION), jump.per_joint("joint_pos", a1.joints))
-    np.testing.assert_allclose(feet[0, :, 2], FOOT_RADIUS, atol=1e-9)
+    np.testing.assert_allclose(feet[0, :, 2], PlanarRobot().foot_radius, atol=1e-9)
     for foot, leg in enumerate(a1.feet):
         stands = jump[f"contact/{leg}"] == 1
         assert np.linalg.norm(feet[stands, foot] - feet[0, foot], axis=1).max() < 1e-3
-    assert (feet[:, :, 2] > FOOT_RADIUS - 5e-4).all()
+    assert (feet[:, :, 2] > PlanarRobot().foot_radius - 5e-4).all()
     target = jump.info.target
     np.testing.assert_allclose(feet[-1] - feet[0], np.tile([target.x_m, 0, target.z_m], (4, 1)), atol=1e-7)
 
@@ -106,7 +106,7 @@ def test_box_is_touched_by_landing_feet_only():
     robot = PlanarRobot()
     (box,) = terrain(robot, Target(0.6, 0.2))
     near = box.x_m - box.size_m[0] / 2
-    assert 0.171 + FOOT_RADIUS < near < 0.6 - 0.195 - FOOT_RADIUS
+    assert 0.171 + PlanarRobot().foot_radius < near < 0.6 - 0.195 - PlanarRobot().foot_radius
     assert box.top_m == box.size_m[2] == 0.2
     assert terrain(robot, Target(0.6, 0.0)) == ()
 

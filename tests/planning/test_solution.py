@@ -10,9 +10,10 @@ import scipy.io
 from leapgap.errors import InputError
 from leapgap.planning.dynamics import centre_of_mass, legs
 from leapgap.planning.formulation import Aim, Grid, Problem
-from leapgap.planning.robot import JOINT, PlanarRobot, X, Z
+from leapgap.planning.layout import CROUCH, JOINT, X, Z
 from leapgap.planning.solve import planner_of, solve, solve_all
 from leapgap.recording.jump import Target
+from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import ContactSchedule
 from tests.planning.conftest import PUBLISHED_COST
 from tests.planning.lagrangian import residual
@@ -41,7 +42,7 @@ def test_trajectory_obeys_the_published_discretisation(solutions, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_jump_starts_at_rest_and_lands_on_the_target_in_the_crouch(solutions, name):
     solution = solutions[name]
-    plan, target, crouch = solution.trajectory, solution.problem.target, solution.problem.robot.crouch
+    plan, target, crouch = solution.trajectory, solution.problem.target, CROUCH
     np.testing.assert_allclose(plan.q[0], [0, 0, 0, *crouch], atol=1e-8)
     np.testing.assert_allclose(plan.v[0], 0, atol=1e-8)
     np.testing.assert_allclose(plan.q[-1], [target.x_m, target.z_m, 0, *crouch], atol=1e-7)
@@ -96,13 +97,12 @@ def angular_momentum(robot: PlanarRobot, q: np.ndarray, v: np.ndarray) -> float:
     def parts(t: ca.SX) -> ca.SX:
         at = [q[i] + t * v[i] for i in range(7)]
         rows = [(robot.trunk_mass, robot.trunk_inertia, at[X], at[Z], at[2])]
-        for leg, i in zip(legs(robot, at), (3, 5), strict=True):
+        for leg, of, i in zip(legs(robot, at), robot.legs, (3, 5), strict=True):
             thigh = at[2] - at[i]
-            mass = 2 * robot.thigh_mass
-            mid = leg.hip + 0.5 * leg.hip_to_knee
-            rows.append((mass, robot.link_inertia(mass), mid.x, mid.z, thigh))
-            mass, mid = 2 * robot.calf_mass, leg.knee + 0.5 * leg.knee_to_foot
-            rows.append((mass, robot.link_inertia(mass), mid.x, mid.z, thigh - at[i + 1]))
+            mid = leg.hip + leg.hip_to_thigh_com
+            rows.append((2 * of.thigh.mass, 2 * of.thigh.inertia, mid.x, mid.z, thigh))
+            mid = leg.knee + leg.knee_to_calf_com
+            rows.append((2 * of.calf.mass, 2 * of.calf.inertia, mid.x, mid.z, thigh - at[i + 1]))
         return ca.vertcat(*[ca.horzcat(*row) for row in rows])
 
     t = ca.SX.sym("t")
@@ -195,7 +195,7 @@ def test_a_target_that_is_no_jump_is_refused(target):
 
 def test_a_plan_from_a_block_starts_pitched_and_still_lands_level_on_target() -> None:
     robot = PlanarRobot()
-    pitch = -np.arcsin(0.05 / robot.trunk_length)
+    pitch = -np.arcsin(0.05 / robot.wheelbase)
     solution = solve(Problem(Target(0.5, 0.0), stance_pitch_rad=float(pitch)))
     assert solution.solved
     q = solution.trajectory.q
@@ -203,7 +203,7 @@ def test_a_plan_from_a_block_starts_pitched_and_still_lands_level_on_target() ->
     start, later = (np.array([(leg.foot.x, leg.foot.z) for leg in legs(robot, q[k])], float) for k in (0, 40))
     assert later == pytest.approx(start, abs=1e-6)  # all feet stay where they stood
     assert start[0, 1] - start[1, 1] == pytest.approx(0.05, abs=1e-4)
-    level = -float(legs(robot, np.array([0, 0, 0, *robot.crouch]))[1].foot.z)
+    level = -float(legs(robot, np.array([0, 0, 0, *CROUCH]))[1].foot.z)
     assert q[-1, 0] == pytest.approx(0.5)
     assert q[-1, 1] - start[1, 1] == pytest.approx(level)  # at standing height over the floor the rear feet stood on
     assert q[-1, 2] == pytest.approx(0)

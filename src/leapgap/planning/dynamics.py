@@ -10,7 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from leapgap.planning.robot import PITCH, PlanarRobot, X, Z
+from leapgap.planning.layout import PITCH, X, Z
+from leapgap.robot.planar import PlanarLink, PlanarRobot
 
 Scalar = Any
 """A float, or a CasADi expression."""
@@ -52,7 +53,9 @@ class Leg:
 
     trunk_to_hip: Vector
     hip_to_knee: Vector
+    hip_to_thigh_com: Vector
     knee_to_foot: Vector
+    knee_to_calf_com: Vector
     hip: Vector
     knee: Vector
     foot: Vector
@@ -72,13 +75,34 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
     trunk_angle, *angles = link_angles(q)
     trunk = Vector(q[X], q[Z])
     made = []
-    for hip_x, thigh, calf in ((robot.hip_x, *angles[:2]), (-robot.hip_x, *angles[2:])):
-        to_hip = Vector(hip_x * ca.cos(trunk_angle), -hip_x * ca.sin(trunk_angle))
-        to_knee = Vector(-robot.link_length * ca.sin(thigh), -robot.link_length * ca.cos(thigh))
-        to_foot = Vector(-robot.link_length * ca.sin(calf), -robot.link_length * ca.cos(calf))
+    for leg, thigh, calf in zip(robot.legs, angles[::2], angles[1::2], strict=True):
+        to_hip = rotated(leg.hip_x, leg.hip_z, trunk_angle)
+        to_knee, to_foot = rotated(0, -leg.thigh.length, thigh), rotated(0, -leg.calf.length, calf)
         hip = trunk + to_hip
-        made.append(Leg(to_hip, to_knee, to_foot, hip, hip + to_knee, hip + to_knee + to_foot))
+        made.append(
+            Leg(
+                to_hip,
+                to_knee,
+                centre_of(leg.thigh, thigh),
+                to_foot,
+                centre_of(leg.calf, calf),
+                hip,
+                hip + to_knee,
+                hip + to_knee + to_foot,
+            )
+        )
     return made[0], made[1]
+
+
+def rotated(x: float, z: float, angle: Scalar) -> Vector:
+    """A link-fixed vector in the world, of a link turned by an angle, nose-down."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return Vector(x * c + z * s, z * c - x * s)
+
+
+def centre_of(link: PlanarLink, angle: Scalar) -> Vector:
+    """From a link's upper joint to its centre of mass."""
+    return rotated(link.com_across, -link.com_down, angle)
 
 
 def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque: Any, force: Any) -> list[Scalar]:
@@ -90,37 +114,37 @@ def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque
     (N·m). They are M a + C + D v − S τ + Jᵀ F written in link angles: with link angles = A q[2:], Aᵀ times
     the moments gives the rows of the Lagrangian form in q. Sparser than that form, hence faster to factorise.
     """
-    masses = 2 * robot.thigh_mass, 2 * robot.calf_mass
-    inertias = tuple(robot.link_inertia(mass) for mass in masses)
     against_gravity = Vector(a[X], a[Z] + robot.gravity)
     omegas, alphas = link_angles(v), link_angles(a)
-    total = robot.trunk_mass * against_gravity
-    trunk_moment = robot.trunk_inertia * alphas[0]
+    trunk_to_com = rotated(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
+    total = robot.trunk_mass * (against_gravity + trunk_to_com.spun(omegas[0], alphas[0]))
+    trunk_moment = robot.trunk_inertia * alphas[0] + trunk_to_com.moment_of(total)
     leg_moments: list[Scalar] = []
-    for i, leg in enumerate(legs(robot, q)):
+    for i, (leg, of) in enumerate(zip(legs(robot, q), robot.legs, strict=True)):
         thigh, calf = 1 + 2 * i, 2 + 2 * i
         hip_drive, knee_drive = (
             torque[j] - robot.armature * a[3 + j] - robot.damping * v[3 + j] for j in (2 * i, 2 * i + 1)
         )
         at_hip = against_gravity + leg.trunk_to_hip.spun(omegas[0], alphas[0])
-        to_knee = leg.hip_to_knee.spun(omegas[thigh], alphas[thigh])
-        to_foot = leg.knee_to_foot.spun(omegas[calf], alphas[calf])
+        at_knee = at_hip + leg.hip_to_knee.spun(omegas[thigh], alphas[thigh])
+        at_thigh = at_hip + leg.hip_to_thigh_com.spun(omegas[thigh], alphas[thigh])
+        at_calf = at_knee + leg.knee_to_calf_com.spun(omegas[calf], alphas[calf])
         on_ground = Vector(force[2 * i], force[2 * i + 1])
-        calf_inertial = masses[1] * (at_hip + to_knee + 0.5 * to_foot)
-        thigh_inertial = masses[0] * (at_hip + 0.5 * to_knee)
+        calf_inertial = (2 * of.calf.mass) * at_calf
+        thigh_inertial = (2 * of.thigh.mass) * at_thigh
         knee_force = calf_inertial + on_ground
         hip_force = thigh_inertial + knee_force
         calf_moment = (
-            inertias[1] * alphas[calf]
+            2 * of.calf.inertia * alphas[calf]
             + knee_drive
-            + (0.5 * leg.knee_to_foot).moment_of(calf_inertial)
+            + leg.knee_to_calf_com.moment_of(calf_inertial)
             + leg.knee_to_foot.moment_of(on_ground)
         )
         thigh_moment = (
-            inertias[0] * alphas[thigh]
+            2 * of.thigh.inertia * alphas[thigh]
             + hip_drive
             - knee_drive
-            + (0.5 * leg.hip_to_knee).moment_of(thigh_inertial)
+            + leg.hip_to_thigh_com.moment_of(thigh_inertial)
             + leg.hip_to_knee.moment_of(knee_force)
         )
         leg_moments += [thigh_moment, calf_moment]
@@ -131,8 +155,9 @@ def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque
 
 def centre_of_mass(robot: PlanarRobot, q: np.ndarray) -> np.ndarray:
     """Of the whole robot, m, (x, z), at q (7,)."""
-    moment = robot.trunk_mass * Vector(q[X], q[Z])
-    for leg in legs(robot, q):
-        moment = moment + (2 * robot.thigh_mass) * (leg.hip + 0.5 * leg.hip_to_knee)
-        moment = moment + (2 * robot.calf_mass) * (leg.knee + 0.5 * leg.knee_to_foot)
+    trunk = Vector(q[X], q[Z]) + rotated(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
+    moment = robot.trunk_mass * trunk
+    for leg, of in zip(legs(robot, q), robot.legs, strict=True):
+        moment = moment + (2 * of.thigh.mass) * (leg.hip + leg.hip_to_thigh_com)
+        moment = moment + (2 * of.calf.mass) * (leg.knee + leg.knee_to_calf_com)
     return np.array([float(moment.x), float(moment.z)]) / robot.total_mass

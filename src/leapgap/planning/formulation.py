@@ -22,8 +22,9 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.planning.dynamics import inverse_dynamics_residual, legs
-from leapgap.planning.robot import COORDINATES, FORCES, JOINT, JOINTS, PITCH, TRUNK, PlanarRobot, X, Z
+from leapgap.planning.layout import COORDINATES, CROUCH, FORCES, JOINT, JOINTS, PITCH, TRUNK, X, Z
 from leapgap.recording.jump import Target
+from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import PAIRS, ContactSchedule
 
 Bounds = tuple[np.ndarray, np.ndarray]
@@ -172,7 +173,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Motion and effort of a plan in the planner's coordinates (q as in ``planning.robot``), SI units."""
+    """Motion and effort of a plan in the planner's coordinates (q as in ``planning.layout``), SI units."""
 
     q: np.ndarray
     """(N + 1, 7)"""
@@ -272,7 +273,7 @@ class Programme:
     # Cost and constraints ---------------------------------------------------------------------------------
 
     def _cost(self) -> ca.SX:
-        crouch, weights = ca.DM(self.robot.crouch), self.weights
+        crouch, weights = ca.DM(CROUCH), self.weights
         cost = weights.landing_pose * ca.sumsqr(self.q[-1][JOINT] - crouch)
         for q, torque in zip(self.q, self.torque, strict=False):
             cost += weights.pose * ca.sumsqr(q[JOINT] - crouch) + weights.torque * ca.sumsqr(torque)
@@ -368,7 +369,7 @@ class Programme:
         lower[JOINT] = np.tile([limits.thigh_min_rad, limits.calf_min_rad], 2)
         upper[JOINT] = np.tile([limits.thigh_max_rad, limits.calf_max_rad], 2)
         if knot == 0 or self._lands_soon(knot):
-            lower[JOINT] = upper[JOINT] = self.robot.crouch
+            lower[JOINT] = upper[JOINT] = CROUCH
         if knot == 0:
             lower[[X, Z, PITCH]] = upper[[X, Z, PITCH]] = 0, 0, problem.stance_pitch_rad
         if knot == self.grid.steps:
@@ -417,7 +418,7 @@ class Programme:
     @cached_property
     def first_guess(self) -> np.ndarray:
         """Standing in the crouch with torques of 2 N·m, as published."""
-        crouch = dict(zip(JOINTS, self.robot.crouch, strict=True))
+        crouch = dict(zip(JOINTS, CROUCH, strict=True))
         by_group = {"position bounds": crouch, "torque bounds": dict.fromkeys(JOINTS, 2.0)}
         return np.array([by_group.get(at.group, {}).get(at.what, 0.0) for at in self.variable_labels])
 
@@ -445,7 +446,7 @@ class Programme:
 
 def start_feet(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[tuple[float, float], tuple[float, float]]:
     """Front and rear foot (x, z) against the trunk's centre in the crouch at a pitch, m."""
-    front, rear = legs(robot, np.array([0, 0, pitch_rad, *robot.crouch]))
+    front, rear = legs(robot, np.array([0, 0, pitch_rad, *CROUCH]))
     return (float(front.foot.x), float(front.foot.z)), (float(rear.foot.x), float(rear.foot.z))
 
 

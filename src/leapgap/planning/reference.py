@@ -17,18 +17,14 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from leapgap.planning.formulation import Problem, start_feet
-from leapgap.planning.robot import FORCES, JOINT, JOINTS, PITCH, PlanarRobot, X, Z
+from leapgap.planning.layout import FORCES, JOINT, JOINTS, PITCH, X, Z
 from leapgap.planning.solve import Solution
 from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import PAIRS
 from leapgap.robot.terrain import Box
 
-ROBOT = "a1"
 SAMPLES_PER_SECOND = 1000
-LEGS = ("FR", "FL", "RR", "RL")
-PAIR_OF_LEG = {"FR": "front", "FL": "front", "RR": "rear", "RL": "rear"}
-FOOT_RADIUS = 0.02
-"""m; the planner's feet are points, at the centres of the robot's spheres."""
 BOX_MARGIN = 0.05
 """m, least distance of a box from the feet that start in front of it: knees bend beyond them."""
 BOX_EDGES = (1.2, 1.0)
@@ -64,12 +60,12 @@ def to_jump(solution: Solution, gains: Gains) -> Jump:
     q, v = motion(solution, time)
     torque, force = effort(solution, time)
     columns = {"time": time} | base_columns(problem, q, v)
-    columns |= joint_columns(q, v, torque, gains)
+    columns |= joint_columns(problem.robot, q, v, torque, gains)
     columns |= {f"mpc_force/{axis}": positive_zero(-force[:, i]) for i, axis in enumerate(FORCES)}
     stands = grid.schedule.in_contact(time).astype(float)
-    columns |= {f"contact/{leg}": stands[:, PAIRS.index(PAIR_OF_LEG[leg])] for leg in LEGS}
+    columns |= {f"contact/{leg.foot}": stands[:, PAIRS.index(leg.pair)] for leg in problem.robot.joints}
     info = JumpInfo(
-        robot=ROBOT,
+        robot=problem.robot.name,
         sample_period_s=1 / SAMPLES_PER_SECOND,
         schedule=grid.schedule,
         target=problem.target,
@@ -105,7 +101,7 @@ def effort(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def base_columns(problem: Problem, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
     """Trunk in the world: the feet's spheres stand on the floor z = 0 at the start."""
     still = np.zeros(len(q))
-    height = FOOT_RADIUS - start_feet(problem.robot, problem.stance_pitch_rad)[1][1]
+    height = problem.robot.foot_radius - start_feet(problem.robot, problem.stance_pitch_rad)[1][1]
     return {
         "base_pos_x": positive_zero(q[:, X]),
         "base_pos_y": still,
@@ -123,26 +119,24 @@ def base_columns(problem: Problem, q: np.ndarray, v: np.ndarray) -> dict[str, np
     }
 
 
-def joint_columns(q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: Gains) -> dict[str, np.ndarray]:
-    """The twelve joints: minus the planner's angles, half a pair's torque to each leg, abduction at zero."""
+def joint_columns(
+    robot: PlanarRobot, q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: Gains
+) -> dict[str, np.ndarray]:
+    """The joints in the robot's own count, half a pair's torque to each leg, abduction at zero."""
     still = np.zeros(len(q))
     columns: dict[str, np.ndarray] = {}
-    for leg in LEGS:
-        for group in ("hip", "thigh", "calf"):
-            joint = f"{leg}_{group}"
-            if group == "hip":
-                position = velocity = feed_forward = still
-            else:
-                j = JOINTS.index(f"{PAIR_OF_LEG[leg]}_{group}")
-                position, velocity, feed_forward = (
-                    positive_zero(-each) for each in (q[:, JOINT][:, j], v[:, JOINT][:, j], torque[:, j] / 2)
-                )
+    for leg in robot.joints:
+        moves = dict.fromkeys(leg.abduction, (still, still, still))
+        for group, joint, sign, offset in zip(("thigh", "calf"), leg.pitch, leg.sign, leg.offset, strict=True):
+            j = JOINTS.index(f"{leg.pair}_{group}")
+            moves[joint] = (sign * q[:, JOINT][:, j] + offset, sign * v[:, JOINT][:, j], sign * torque[:, j] / 2)
+        for joint, (position, velocity, feed_forward) in moves.items():
             columns |= {
-                f"joint_pos/{joint}": position,
-                f"joint_vel/{joint}": velocity,
-                f"cmd_tau/{joint}": feed_forward,
-                f"cmd_pos/{joint}": position,
-                f"cmd_vel/{joint}": velocity,
+                f"joint_pos/{joint}": positive_zero(position),
+                f"joint_vel/{joint}": positive_zero(velocity),
+                f"cmd_tau/{joint}": positive_zero(feed_forward),
+                f"cmd_pos/{joint}": positive_zero(position),
+                f"cmd_vel/{joint}": positive_zero(velocity),
                 f"cmd_kp/{joint}": still + gains.kp_nm_per_rad,
                 f"cmd_kd/{joint}": still + gains.kd_nms_per_rad,
             }
@@ -160,8 +154,8 @@ def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:
     (front, _), (rear, _) = start_feet(robot)
     forward = 1.0 if target.x_m >= 0 else -1.0
     leading, trailing = (front, rear) if forward > 0 else (rear, front)
-    last_at_start = forward * leading + FOOT_RADIUS
-    first_at_landing = forward * (target.x_m + trailing) - FOOT_RADIUS
+    last_at_start = forward * leading + robot.foot_radius
+    first_at_landing = forward * (target.x_m + trailing) - robot.foot_radius
     near = max(last_at_start + BOX_MARGIN, (last_at_start + first_at_landing) / 2)
     size = (BOX_EDGES[0], BOX_EDGES[1], target.z_m)
     return (Box(x_m=forward * (near + BOX_EDGES[0] / 2), y_m=0.0, size_m=size, top_m=target.z_m),)

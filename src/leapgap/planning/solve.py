@@ -21,7 +21,7 @@ from leapgap.planning.formulation import (
     Trajectory,
     Weights,
 )
-from leapgap.planning.robot import PlanarRobot
+from leapgap.robot.planar import PlanarRobot
 
 FEASIBLE = 1e-6
 """A solution may break no constraint by more than this, each in its SI unit."""

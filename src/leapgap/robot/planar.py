@@ -1,0 +1,266 @@
+"""The robot in its plane of motion, as the optimiser plans for it: five links, left and right leg merged into one.
+
+Masses and lengths are those behind the published references, or read from a MuJoCo model.
+
+The planner's angles are positive nose-down, and its joint angles *minus* those of a robot whose leg hangs straight
+down at zero and swings by +y, like the A1's: a link's own angle against the vertical is the pitch less the joint
+angles up to it. ``JointMap`` holds how a robot's own joints count.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.robot.model import Robot
+from leapgap.robot.schedule import PAIRS
+
+
+@dataclass(frozen=True)
+class PlanarLink:
+    """A thigh, or a calf with its foot, of one leg."""
+
+    mass: float
+    """kg"""
+    length: float
+    """m, hip to knee or knee to foot"""
+    com_down: float
+    """m, from the upper joint along the link to its centre of mass"""
+    com_across: float
+    """m, across it: forward of a link that hangs straight down"""
+    inertia: float
+    """kg·m² about the centre of mass"""
+
+
+@dataclass(frozen=True)
+class PlanarLeg:
+    """One leg of a pair."""
+
+    hip_x: float
+    """m, in the trunk"""
+    hip_z: float
+    thigh: PlanarLink
+    calf: PlanarLink
+
+
+@dataclass(frozen=True)
+class JointMap:
+    """How a leg of the robot counts its joints: robot's angle = sign × planner's angle + offset."""
+
+    leg: str
+    pair: str
+    abduction: tuple[str, ...]
+    """Joints that stay at zero, where the leg moves in the plane."""
+    pitch: tuple[str, str]
+    """Thigh and calf joint."""
+    sign: tuple[float, float] = (-1.0, -1.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    """rad"""
+    foot: str = ""
+
+
+def published_link(mass: float) -> PlanarLink:
+    """A link of the published optimiser: a uniform box of 0.2 m by 0.092 m."""
+    return PlanarLink(mass, 0.2, 0.1, 0.0, mass * (0.2**2 + 0.092**2) / 12)
+
+
+def published_leg(hip_x: float) -> PlanarLeg:
+    """A leg of the published optimiser."""
+    return PlanarLeg(hip_x, 0.0, published_link(0.403), published_link(0.166))
+
+
+A1_JOINTS = tuple(
+    JointMap(leg, pair, (f"{leg}_hip",), (f"{leg}_thigh", f"{leg}_calf"), foot=leg)
+    for leg, pair in (("FR", "front"), ("FL", "front"), ("RR", "rear"), ("RL", "rear"))
+)
+
+
+@dataclass(frozen=True)
+class PlanarRobot:
+    """Parameters of the planar robot; the defaults are those of the published full-body optimiser of the A1.
+
+    Source: model behind the published references (Nguyen et al., RA-L 2025, and the group's earlier
+    jumping papers); voltage law and gearing: motor data published by the same group. Masses and inertias
+    are of one leg, the dynamics take each leg twice.
+    """
+
+    name: str = "a1"
+    trunk_mass: float = 9.593
+    """kg, with what moves with it while the legs stay in their planes"""
+    trunk_com_x: float = 0.0
+    """m, in the trunk"""
+    trunk_com_z: float = 0.0
+    trunk_inertia: float = 9.593 * (0.366**2 + 0.114**2) / 12
+    """kg·m² about its centre of mass; of a uniform box"""
+    front: PlanarLeg = field(default_factory=lambda: published_leg(0.183))
+    rear: PlanarLeg = field(default_factory=lambda: published_leg(-0.183))
+    foot_radius: float = 0.02
+    """m; the planner's feet are points, at the centres of the robot's spheres."""
+    armature: float = 0.128
+    """kg·m², inertia of the motors of a pair of joints, seen at the joint."""
+    damping: float = 1.0
+    """N·m·s/rad, viscous, of a pair of joints."""
+    gravity: float = 9.81
+    """m/s²."""
+    speed_per_torque: float = 0.34602
+    """rad/s per N·m at one joint: R / (Kt² gear²) × Kt gear for Kt 4/34, R = 25 Kt², gear 8.5."""
+    no_load_speed: float = 21.5
+    """rad/s at 21.5 V, since gear × Kt = 1."""
+    joints: tuple[JointMap, ...] = A1_JOINTS
+
+    @property
+    def legs(self) -> tuple[PlanarLeg, PlanarLeg]:
+        """Of the front and the rear pair."""
+        return self.front, self.rear
+
+    @property
+    def wheelbase(self) -> float:
+        """From rear to front hips, m."""
+        return self.front.hip_x - self.rear.hip_x
+
+    @property
+    def total_mass(self) -> float:
+        """Of trunk and four legs, kg."""
+        return self.trunk_mass + 2 * sum(leg.thigh.mass + leg.calf.mass for leg in self.legs)
+
+
+def planar_robot(robot: Robot) -> PlanarRobot:
+    """The robot of a MuJoCo model in its plane: masses, lengths, armature and damping read from the model.
+
+    Needs a free base and four legs with an abduction joint along x, then thigh and calf joints along y, mirrored left
+    and right. The motors' voltage law is no part of such models and stays that of the A1.
+    """
+    return PlanarReader(robot).planar()
+
+
+class PlanarReader:
+    """Reads a model in the pose its file gives it, trunk level and abduction at zero."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.model = robot, robot.model
+        self.data = mujoco.MjData(self.model)
+        self.data.qpos[3:7] = [1, 0, 0, 0]
+        self.data.qpos[robot.joint_qpos] = 0.0
+        mujoco.mj_kinematics(self.model, self.data)
+        self.origin = self.data.xpos[robot.base_body].copy()
+
+    def planar(self) -> PlanarRobot:
+        """All of it."""
+        robot = self.robot
+        maps = tuple(self.joint_map(leg) for pair in PAIRS for leg in robot.legs_of_pair[pair])
+        if not robot.has_free_base or len(maps) != 4 or {m.pair for m in maps} != set(PAIRS):
+            raise InputError(
+                robot.path, f"{len(maps)} legs", "a free base with two legs in front and two behind", "plan by hand"
+            )
+        jointed = {joint: self.model.jnt_bodyid[self.model.joint(joint).id] for m in maps for joint in m.pitch}
+        carrier = self.carriers(set(jointed.values()))
+        trunk_mass, trunk_com, trunk_inertia = self.lumped(np.flatnonzero(carrier == robot.base_body))
+        of_pair = {pair: [self.leg(m, jointed, carrier) for m in maps if m.pair == pair] for pair in PAIRS}
+        dofs = [self.model.joint(joint).dofadr[0] for m in maps for joint in m.pitch]
+        return PlanarRobot(
+            name=robot.name,
+            trunk_mass=trunk_mass,
+            trunk_com_x=float(trunk_com[0] - self.origin[0]),
+            trunk_com_z=float(trunk_com[2] - self.origin[2]),
+            trunk_inertia=trunk_inertia,
+            front=mean_leg(of_pair["front"]),
+            rear=mean_leg(of_pair["rear"]),
+            foot_radius=float(robot.foot_radius.mean()),
+            armature=2 * float(self.model.dof_armature[dofs].mean()),
+            damping=2 * float(self.model.dof_damping[dofs].mean()),
+            gravity=-float(self.model.opt.gravity[2]),
+            joints=maps,
+        )
+
+    def joint_map(self, leg: str) -> JointMap:
+        """Names, signs and zeros of a leg's joints, told by how its links hang."""
+        robot, model = self.robot, self.model
+        names = [joint for joint in robot.joints if robot.leg_of(joint) == leg]
+        axes = {name: self.data.xaxis[model.joint(name).id] for name in names}
+        pitch = [name for name in names if abs(axes[name][1]) > 0.9]
+        feet = [foot for foot in robot.feet if robot.leg_of(foot) == leg]
+        if len(pitch) != 2 or len(feet) != 1:
+            raise InputError(
+                robot.path,
+                f"leg {leg} with {len(pitch)} joints along y and {len(feet)} feet",
+                "a thigh and a calf joint and a named sphere as foot",
+                "name joints and feet by their leg, or plan by hand",
+            )
+        hip, knee = (self.data.xanchor[model.joint(name).id] for name in pitch)
+        foot = self.data.geom(feet[0]).xpos
+        thigh_angle, calf_angle = hanging(knee - hip), hanging(foot - knee)
+        turns = [float(np.sign(axes[name][1])) for name in pitch]
+        # angle = at zero + turn × joint, of the calf against the thigh; planner's angle = −angle
+        zeros = (thigh_angle, calf_angle - thigh_angle)
+        return JointMap(
+            leg,
+            next(pair for pair in PAIRS if leg in robot.legs_of_pair[pair]),
+            tuple(name for name in names if name not in pitch),
+            (pitch[0], pitch[1]),
+            (-turns[0], -turns[1]),
+            (tidy(-turns[0] * zeros[0]), tidy(-turns[1] * zeros[1])),
+            feet[0],
+        )
+
+    def carriers(self, jointed: set[int]) -> np.ndarray:
+        """For each body the moving link it belongs to: a thigh, a calf, or the base with all the rest."""
+        carrier = np.zeros(self.model.nbody, dtype=int)
+        for body in range(1, self.model.nbody):
+            base = body == self.robot.base_body or body in jointed
+            carrier[body] = body if base else carrier[self.model.body_parentid[body]]
+        return carrier
+
+    def lumped(self, bodies: Sequence[int] | np.ndarray) -> tuple[float, np.ndarray, float]:
+        """Mass, centre of mass in the world and pitch inertia about it, of some bodies together."""
+        mass = self.model.body_mass[bodies]
+        centre = (mass[:, None] * self.data.xipos[bodies]).sum(axis=0) / mass.sum()
+        inertia = 0.0
+        for body, m in zip(bodies, mass, strict=True):
+            axes = self.data.ximat[body].reshape(3, 3)
+            arm = self.data.xipos[body] - centre
+            inertia += (axes[1] ** 2 * self.model.body_inertia[body]).sum() + m * (arm[0] ** 2 + arm[2] ** 2)
+        return float(mass.sum()), centre, float(inertia)
+
+    def leg(self, joints: JointMap, jointed: dict[str, int], carrier: np.ndarray) -> PlanarLeg:
+        """Lengths and masses of a leg."""
+        hip, knee = (self.data.xanchor[self.model.joint(name).id] for name in joints.pitch)
+        foot = self.data.geom(joints.foot).xpos
+        links = []
+        for name, upper, lower in ((joints.pitch[0], hip, knee), (joints.pitch[1], knee, foot)):
+            mass, centre, inertia = self.lumped(np.flatnonzero(carrier == jointed[name]))
+            along = (lower - upper)[[0, 2]]
+            length = float(np.hypot(*along))
+            down, arm = along / length, (centre - upper)[[0, 2]]
+            across = np.array([-down[1], down[0]])  # forward, of a link that hangs straight down
+            links.append(PlanarLink(mass, length, float(arm @ down), float(arm @ across), inertia))
+        at = hip - self.origin
+        return PlanarLeg(float(at[0]), float(at[2]), links[0], links[1])
+
+
+def hanging(along: np.ndarray) -> float:
+    """Angle about +y of a link from where it hangs straight down, rad, by the vector along it."""
+    return float(np.arctan2(-along[0], -along[2]))
+
+
+def tidy(angle: float) -> float:
+    """An angle without the rounding of a zero."""
+    return 0.0 if abs(angle) < 1e-9 else angle
+
+
+def mean_leg(legs: Sequence[PlanarLeg]) -> PlanarLeg:
+    """Left and right leg, which are mirror images up to rounding in their files."""
+
+    def mean(values: Sequence[float]) -> float:
+        return float(np.mean(values))
+
+    def link(links: Sequence[PlanarLink]) -> PlanarLink:
+        return PlanarLink(*(mean([getattr(each, part) for each in links]) for part in PlanarLink.__dataclass_fields__))
+
+    return PlanarLeg(
+        mean([leg.hip_x for leg in legs]),
+        mean([leg.hip_z for leg in legs]),
+        link([leg.thigh for leg in legs]),
+        link([leg.calf for leg in legs]),
+    )
