@@ -51,7 +51,7 @@ def collect(config: DictConfig) -> None:
     hidden = effects.from_config(settings.variants[settings.hardware]["effects"])
     listed = settings.targets if settings.target is None else [settings.target]
     targets = read_targets(listed, "collect.targets")
-    references = {target: reference_to(target, Path(settings.references)) for target in targets}
+    references = {target: reference_to(target, Path(settings.references), robot) for target in targets}
     rng = np.random.default_rng(settings.seed)
     plans = [
         Plan(

@@ -37,9 +37,9 @@ def real_jumps(raw: Path, robot: Robot) -> list[Jump]:
 
 
 @pytest.fixture(scope="session")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> Jump:
-    """A planned 50 cm jump."""
-    return reference_to(Target(0.5), tmp_path_factory.mktemp("none"))
+def reference(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Jump:
+    """A 50 cm jump planned for the nominal robot."""
+    return reference_to(Target(0.5), tmp_path_factory.mktemp("none"), robot)
 
 
 def standing(

@@ -23,7 +23,8 @@ def residual(robot: PlanarRobot) -> ca.Function:
         thigh, calf = q[2] - q[first], q[2] - q[first] - q[first + 1]
         hip = q[:2] + rotated(q[2], leg.hip_x, leg.hip_z)
         knee = hip + rotated(thigh, 0, -leg.thigh.length)
-        feet.append(knee + rotated(calf, 0, -leg.calf.length))
+        rolled = ca.vertcat(robot.rolling_radius_m * calf, 0)  # the ground holds the lowest point of the sphere
+        feet.append(knee + rotated(calf, 0, -leg.calf.length) - rolled)
         for link, joint, angle in ((leg.thigh, hip, thigh), (leg.calf, knee, calf)):
             for _left_and_right in range(2):
                 centre = joint + rotated(angle, link.com_across, -link.com_down)

@@ -1,13 +1,21 @@
 """The planar robot read from a MuJoCo model, against MuJoCo's own sums."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
+from leapgap.errors import InputError
 from leapgap.planning.dynamics import centre_of_mass, legs
+from leapgap.planning.formulation import Problem
 from leapgap.planning.layout import CROUCH
+from leapgap.planning.reference import Gains, to_jump
+from leapgap.planning.solve import solve
+from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Target
 from leapgap.robot.model import Robot
 from leapgap.robot.planar import A1_JOINTS, PlanarRobot, planar_robot
+from tests.robot.quadrupeds import FIGURES, write
 
 
 def pose(robot: Robot, planar: PlanarRobot, q: np.ndarray) -> mujoco.MjData:
@@ -44,3 +52,37 @@ def test_mass_feet_centre_and_inertia_are_mujocos_in_any_pose(robot: Robot) -> N
 def test_armature_and_damping_are_those_of_two_joints(robot: Robot) -> None:
     planar = planar_robot(robot)
     assert (planar.armature, planar.damping) == pytest.approx((0.02, 0.02))
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_another_quadruped_jumps_without_a_change_of_code(name: str, tmp_path: Path) -> None:
+    other = Robot.load(write(FIGURES[name], tmp_path))
+    planar = planar_robot(other)
+    assert planar.total_mass == pytest.approx(other.total_mass)
+    assert other.joint_groups == ("hip", "thigh", "calf")
+    solution = solve(Problem(Target(0.4), robot=planar))
+    assert solution.solved, solution.reason
+    assert np.abs(solution.trajectory.torque[:, ::2]).max() <= 2 * FIGURES[name].thigh_torque + 1e-6
+    jump = to_jump(solution, Gains())
+    assert jump.info.robot == name
+    positions, quaternions = jump.stack(BASE_POSITION), jump.stack(BASE_QUATERNION)
+    feet = other.feet_in_world(positions, quaternions, jump.per_joint("joint_pos", other.joints))
+    lowest = feet[..., 2] - other.foot_radius
+    assert np.abs(lowest[:490]).max() < 1e-3  # stands on the floor, by the 3-D model's own kinematics
+    assert lowest[850:1150].min() > 0.02
+    assert lowest[-1] == pytest.approx(0, abs=1e-3)
+
+
+def test_motors_of_another_quadruped_limit_its_plans(tmp_path: Path) -> None:
+    for name in FIGURES:
+        planar = planar_robot(Robot.load(write(FIGURES[name], tmp_path)))
+        assert planar.torque_limit == (FIGURES[name].thigh_torque, FIGURES[name].calf_torque)
+
+
+def test_a_robot_without_four_legs_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(
+        "<mujoco><worldbody><body><joint name='a'/><geom size='1'/></body></worldbody>"
+        "<actuator><motor joint='a'/></actuator></mujoco>"
+    )
+    with pytest.raises(InputError, match=r"free base|0 legs"):
+        planar_robot(Robot.load(tmp_path / "arm.xml"))

@@ -1,6 +1,7 @@
 """Which effect shows in which phase and channel: the trace each leaves in a replay that starts anew often.
 
-``python -m leapgap.diagnosis.signature data/references/h00_d50.parquet docs/effects.md`` renews the tables in the page.
+``python -m leapgap.diagnosis.signature data/references/own/h00_d50.parquet docs/effects.md`` renews the tables in
+the page.
 """
 
 import sys

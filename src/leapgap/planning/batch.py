@@ -58,12 +58,12 @@ def write_references(solutions: Iterable[Solution], folder: Path, gains: Gains) 
     write_json(folder / INDEX, index)
 
 
-def metrics(solutions: Iterable[Solution]) -> dict[str, dict[str, float]]:
-    """Cost and greatest constraint violation of each reference, by its name."""
-    by_name = {name_of(solution.problem.target): solution for solution in solutions}
+def metrics(solutions: Iterable[Solution]) -> dict[str, dict[str, float] | float]:
+    """Cost of each reference, by its name, and the greatest constraint violation of all."""
+    solutions = list(solutions)
     return {
-        "cost": {name: solution.cost for name, solution in by_name.items()},
-        "max_violation": {name: solution.max_violation for name, solution in by_name.items()},
+        "cost": {name_of(solution.problem.target): solution.cost for solution in solutions},
+        "max_violation": max((solution.max_violation for solution in solutions), default=0.0),
     }
 
 

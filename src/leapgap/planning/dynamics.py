@@ -59,6 +59,11 @@ class Leg:
     hip: Vector
     knee: Vector
     foot: Vector
+    """Centre of the foot's sphere."""
+    foot_to_ground: Vector
+    """To the point of the sphere that the ground pushes."""
+    anchor: Vector
+    """What stays where it is while the foot stands: its centre, less how far it has rolled."""
 
 
 def link_angles(q: Any) -> list[Scalar]:
@@ -79,6 +84,8 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
         to_hip = rotated(leg.hip_x, leg.hip_z, trunk_angle)
         to_knee, to_foot = rotated(0, -leg.thigh.length, thigh), rotated(0, -leg.calf.length, calf)
         hip = trunk + to_hip
+        foot = hip + to_knee + to_foot
+        radius = robot.rolling_radius_m
         made.append(
             Leg(
                 to_hip,
@@ -88,7 +95,9 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
                 centre_of(leg.calf, calf),
                 hip,
                 hip + to_knee,
-                hip + to_knee + to_foot,
+                foot,
+                Vector(0.0, -radius),
+                foot - Vector(radius * calf, 0.0),
             )
         )
     return made[0], made[1]
@@ -138,7 +147,7 @@ def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque
             2 * of.calf.inertia * alphas[calf]
             + knee_drive
             + leg.knee_to_calf_com.moment_of(calf_inertial)
-            + leg.knee_to_foot.moment_of(on_ground)
+            + (leg.knee_to_foot + leg.foot_to_ground).moment_of(on_ground)
         )
         thigh_moment = (
             2 * of.thigh.inertia * alphas[thigh]

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.planning.dynamics import inverse_dynamics_residual, legs
+from leapgap.planning.dynamics import Leg, inverse_dynamics_residual, legs
 from leapgap.planning.layout import COORDINATES, CROUCH, FORCES, JOINT, JOINTS, PITCH, TRUNK, X, Z
 from leapgap.recording.jump import Target
 from leapgap.robot.planar import PlanarRobot
@@ -70,11 +70,6 @@ class Limits:
     """Of the front pair while the rear pair still pushes."""
     flight_torque_nm: float = 30.0
     joint_speed_rad_s: float = 21.0
-    thigh_min_rad: float = -4.1888
-    """Angles in the planner's sign, minus the robot's."""
-    thigh_max_rad: float = 1.047
-    calf_min_rad: float = 0.916
-    calf_max_rad: float = 2.697
     knee_clearance_m: float = 0.05
     """Least height of a standing leg's knee above its foot."""
     hip_clearance_m: float = 0.07
@@ -294,7 +289,7 @@ class Programme:
 
     def g_bounds(self, problem: "Problem") -> Bounds:
         """Bounds on the rows of ``g`` for a problem's stance."""
-        feet = start_feet(self.robot, problem.stance_pitch_rad)
+        feet = [(float(leg.anchor.x), float(leg.anchor.z)) for leg in start_legs(self.robot, problem.stance_pitch_rad)]
         shift = np.zeros(len(self._lower_g))
         rows = np.array([row for row, _, _ in self._anchored])
         shift[rows] = [feet[pair][axis] for _, pair, axis in self._anchored]
@@ -324,8 +319,8 @@ class Programme:
                 name = PAIRS[pair]
                 if k > 0:  # the start is given
                     stands = Label("standing foot", k, f"{name} feet")
-                    self._anchor(leg.foot.x, pair, 0, stands)
-                    self._anchor(leg.foot.z, pair, 1, stands)
+                    self._anchor(leg.anchor.x, pair, 0, stands)
+                    self._anchor(leg.anchor.z, pair, 1, stands)
                 for what, joint, height in (
                     ("knees", leg.knee, self.limits.knee_clearance_m),
                     ("hips", leg.hip, self.limits.hip_clearance_m),
@@ -365,9 +360,9 @@ class Programme:
 
     def _position_bounds(self, knot: int, problem: "Problem") -> Bounds:
         lower, upper = np.full(COORDINATES, -INFINITY), np.full(COORDINATES, INFINITY)
-        limits = self.limits
-        lower[JOINT] = np.tile([limits.thigh_min_rad, limits.calf_min_rad], 2)
-        upper[JOINT] = np.tile([limits.thigh_max_rad, limits.calf_max_rad], 2)
+        (thigh_min, thigh_max), (calf_min, calf_max) = self.robot.thigh_range, self.robot.calf_range
+        lower[JOINT] = np.tile([thigh_min, calf_min], 2)
+        upper[JOINT] = np.tile([thigh_max, calf_max], 2)
         if knot == 0 or self._lands_soon(knot):
             lower[JOINT] = upper[JOINT] = CROUCH
         if knot == 0:
@@ -397,7 +392,7 @@ class Programme:
             front, rear = limits.swing_torque_nm, limits.stance_torque_nm
         else:
             front = rear = limits.flight_torque_nm
-        torque = np.array([front, front, rear, rear])
+        torque = np.minimum([front, front, rear, rear], 2 * np.tile(self.robot.torque_limit, 2))
         bounds = [(-torque, torque)]
         for pair, least in enumerate((limits.least_front_force_n, limits.least_rear_force_n)):
             if self.grid.loaded(pair, knot):
@@ -444,9 +439,14 @@ class Programme:
         return np.concatenate(amounts), [*self.row_labels, *self.variable_labels]
 
 
+def start_legs(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[Leg, Leg]:
+    """Front and rear leg in the crouch at a pitch, the trunk's centre at the origin."""
+    return legs(robot, np.array([0, 0, pitch_rad, *CROUCH]))
+
+
 def start_feet(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[tuple[float, float], tuple[float, float]]:
     """Front and rear foot (x, z) against the trunk's centre in the crouch at a pitch, m."""
-    front, rear = legs(robot, np.array([0, 0, pitch_rad, *CROUCH]))
+    front, rear = start_legs(robot, pitch_rad)
     return (float(front.foot.x), float(front.foot.z)), (float(rear.foot.x), float(rear.foot.z))
 
 

@@ -20,8 +20,8 @@ PARKED_BELOW_FLOOR_M = 50.0
 class Robot:
     """A robot as a MuJoCo model file describes it: joints with one actuator each, sphere feet, maybe a free base.
 
-    Knows no robot by name. Joints are named ``<leg>_<group>`` (``FR_calf``) where locations such as ``front`` or
-    ``calf`` are to be used; feet are the named spheres that may touch the ground.
+    Knows no robot by name. Joints are named ``<leg>_<group>`` (``FR_calf``, ``FR_calf_joint``) where locations such as
+    ``front`` or ``calf`` are to be used; feet are the named spheres that may touch the ground.
     """
 
     path: Path
@@ -156,7 +156,7 @@ class Robot:
         found = [
             i
             for i, joint in enumerate(self.joints)
-            if location in ("all", joint, joint.rsplit("_", 1)[-1]) or self.leg_of(joint) in legs
+            if location in ("all", joint, group_of(joint)) or self.leg_of(joint) in legs
         ]
         return self._known(location, found, (*self.joints, *self.joint_groups))
 
@@ -169,7 +169,7 @@ class Robot:
     @cached_property
     def joint_groups(self) -> tuple[str, ...]:
         """``hip``, ``thigh``, ``calf``: what follows the leg in the joints' names."""
-        return tuple(dict.fromkeys(joint.rsplit("_", 1)[-1] for joint in self.joints))
+        return tuple(dict.fromkeys(group_of(joint) for joint in self.joints))
 
     def _known(self, location: str, found: list[int], names: Sequence[str]) -> np.ndarray:
         if not found:
@@ -256,3 +256,8 @@ class Robot:
             of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1) for pair in ("front", "rear")
         ]
         return np.concatenate([s[:, [0, 2]] for s in sums], axis=1)
+
+
+def group_of(joint: str) -> str:
+    """``hip``, ``thigh`` or ``calf``: the last word of a joint's name, but for the word joint itself."""
+    return joint.removesuffix("_joint").rsplit("_", 1)[-1]

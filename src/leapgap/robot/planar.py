@@ -98,6 +98,8 @@ class PlanarRobot:
     rear: PlanarLeg = field(default_factory=lambda: published_leg(-0.183))
     foot_radius: float = 0.02
     """m; the planner's feet are points, at the centres of the robot's spheres."""
+    rolling_radius_m: float = 0.0
+    """Of feet that roll on the ground as the calf turns; 0: points, as published."""
     armature: float = 0.128
     """kg·m², inertia of the motors of a pair of joints, seen at the joint."""
     damping: float = 1.0
@@ -108,6 +110,11 @@ class PlanarRobot:
     """rad/s per N·m at one joint: R / (Kt² gear²) × Kt gear for Kt 4/34, R = 25 Kt², gear 8.5."""
     no_load_speed: float = 21.5
     """rad/s at 21.5 V, since gear × Kt = 1."""
+    torque_limit: tuple[float, float] = (33.5, 33.5)
+    """N·m, of one thigh and one calf joint"""
+    thigh_range: tuple[float, float] = (-4.1888, 1.047)
+    """rad, in the planner's sign"""
+    calf_range: tuple[float, float] = (0.916, 2.697)
     joints: tuple[JointMap, ...] = A1_JOINTS
 
     @property
@@ -168,11 +175,38 @@ class PlanarReader:
             front=mean_leg(of_pair["front"]),
             rear=mean_leg(of_pair["rear"]),
             foot_radius=float(robot.foot_radius.mean()),
+            rolling_radius_m=float(robot.foot_radius.mean()),
             armature=2 * float(self.model.dof_armature[dofs].mean()),
             damping=2 * float(self.model.dof_damping[dofs].mean()),
             gravity=-float(self.model.opt.gravity[2]),
+            torque_limit=tuple(min(self.torque_limit(m.pitch[i]) for m in maps) for i in (0, 1)),  # type: ignore[arg-type]
+            thigh_range=self.joint_range(maps, 0),
+            calf_range=self.joint_range(maps, 1),
             joints=maps,
         )
+
+    def torque_limit(self, joint: str) -> float:
+        """What the joint's actuator can give at most, N·m; infinite where the model states no limit."""
+        model = self.model
+        actuator = self.robot.joint_actuators[self.robot.joints.index(joint)]
+        limits = [np.inf]
+        if model.actuator_forcelimited[actuator]:
+            limits.append(np.abs(model.actuator_forcerange[actuator] * model.actuator_gear[actuator, 0]).min())
+        drives_by_torque = model.actuator_biastype[actuator] == int(mujoco.mjtBias.mjBIAS_NONE)
+        if model.actuator_ctrllimited[actuator] and drives_by_torque:
+            gain = model.actuator_gainprm[actuator, 0] * model.actuator_gear[actuator, 0]
+            limits.append(np.abs(model.actuator_ctrlrange[actuator] * gain).min())
+        return float(min(limits))
+
+    def joint_range(self, maps: Sequence[JointMap], which: int) -> tuple[float, float]:
+        """What all thigh (0) or calf (1) joints can reach, in the planner's sign, rad."""
+        lower, upper = -np.inf, np.inf
+        for m in maps:
+            joint = self.model.joint(m.pitch[which]).id
+            if self.model.jnt_limited[joint]:
+                ends = sorted((self.model.jnt_range[joint] - m.offset[which]) * m.sign[which])
+                lower, upper = max(lower, ends[0]), min(upper, ends[1])
+        return float(lower), float(upper)
 
     def joint_map(self, leg: str) -> JointMap:
         """Names, signs and zeros of a leg's joints, told by how its links hang."""
