@@ -84,5 +84,5 @@ def test_a_robot_without_four_legs_is_refused(tmp_path: Path) -> None:
         "<mujoco><worldbody><body><joint name='a'/><geom size='1'/></body></worldbody>"
         "<actuator><motor joint='a'/></actuator></mujoco>"
     )
-    with pytest.raises(InputError, match=r"free base|0 legs"):
+    with pytest.raises(InputError, match="found no free base"):
         planar_robot(Robot.load(tmp_path / "arm.xml"))

@@ -139,6 +139,10 @@ def planar_robot(robot: Robot) -> PlanarRobot:
     Needs a free base and four legs with an abduction joint along x, then thigh and calf joints along y, mirrored left
     and right. The motors' voltage law is no part of such models and stays that of the A1.
     """
+    found = " and ".join(f"{len(robot.legs_of_pair[pair])} legs {pair}" for pair in PAIRS)
+    if not robot.has_free_base or found != "2 legs front and 2 legs rear":
+        base = "a free base" if robot.has_free_base else "no free base"
+        raise InputError(robot.path, f"{base}, {found}", "a free base, two legs front and two rear", "plan by hand")
     return PlanarReader(robot).planar()
 
 
@@ -157,10 +161,6 @@ class PlanarReader:
         """All of it."""
         robot = self.robot
         maps = tuple(self.joint_map(leg) for pair in PAIRS for leg in robot.legs_of_pair[pair])
-        if not robot.has_free_base or len(maps) != 4 or {m.pair for m in maps} != set(PAIRS):
-            raise InputError(
-                robot.path, f"{len(maps)} legs", "a free base with two legs in front and two behind", "plan by hand"
-            )
         jointed = {joint: self.model.jnt_bodyid[self.model.joint(joint).id] for m in maps for joint in m.pitch}
         carrier = self.carriers(set(jointed.values()))
         trunk_mass, trunk_com, trunk_inertia = self.lumped(np.flatnonzero(carrier == robot.base_body))
