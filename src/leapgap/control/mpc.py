@@ -1,0 +1,75 @@
+"""The paper's controller of a jump: variable-frequency MPC for the ground forces, joint PD at every tick."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from leapgap.control.controller import Estimate
+from leapgap.control.gains import PhaseGains
+from leapgap.control.horizon import ROUNDING_S
+from leapgap.control.planner import ForcePlanner, MpcConfig, Plan
+from leapgap.control.reference import Reference, StartFrame
+from leapgap.control.tracking import JumpController
+from leapgap.robot.model import Robot
+from leapgap.robot.prediction import PredictionModel
+
+POSE_NOT_FINITE = "pose not finite"
+
+
+class JumpMpc(JumpController):
+    """Plans at the MPC's period from the measured state, holds the first force, maps it to torques at every tick.
+
+    Gravity, momentum and pitch are planned as a planar body along the heading of the start; ``model`` is the nominal
+    ``RigidBodyModel`` or a learned one. ``plan_now`` is the latest plan, ``fallbacks`` counts substitutes by reason,
+    ``substituted`` says when and why.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        robot: Robot,
+        gains: PhaseGains,
+        model: PredictionModel,
+        config: MpcConfig,
+        level_m: float | None = 0.0,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        super().__init__(reference, robot, gains, level_m)
+        self.config = config
+        self.planner = ForcePlanner(reference, model, config, clock)
+        self.fallbacks = self.planner.fallbacks
+        self.plan_now: Plan | None = None
+        self.substituted: list[tuple[float, str]] = []
+        self._updates = 0
+        self._pose: tuple[np.ndarray, np.ndarray] | None = None
+
+    def feed_forward(self, time_s: float, estimate: Estimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
+        contact = self.reference.schedule.in_contact(np.array(time_s))
+        if not contact.any():
+            return self.nothing()
+        if time_s > self._updates * self.config.period_s - ROUNDING_S:
+            self._update(time_s, estimate, frame)
+        assert self.plan_now is not None
+        force = self.plan_now.force[0] * np.repeat(contact, 2)
+        return self.legs.torque(*self._measured_pose(time_s, estimate), frame.in_world(force)), force
+
+    def _update(self, time_s: float, estimate: Estimate, frame: StartFrame) -> None:
+        """Plan anew; the next update is due at the next whole period."""
+        self._updates = int((time_s + ROUNDING_S) / self.config.period_s) + 1
+        self.plan_now = self.planner.plan(time_s, frame.state(estimate), frame.foot(estimate, self.legs))
+        if self.plan_now.fallback is not None:
+            self.substituted.append((time_s, self.plan_now.fallback))
+
+    def _measured_pose(self, time_s: float, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+        """Orientation and joints, (4,) and (joints,); if they are no numbers the last good ones or the reference's."""
+        pose = (estimate.base_quaternion, estimate.joint_pos)
+        if np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all():
+            self._pose = pose
+            return pose
+        self.fallbacks[POSE_NOT_FINITE] += 1
+        self.substituted.append((time_s, POSE_NOT_FINITE))
+        if self._pose is not None:
+            return self._pose
+        return np.array([1.0, 0.0, 0.0, 0.0]), self.reference.joint_pos[self.reference.row(time_s)]

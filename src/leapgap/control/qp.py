@@ -1,0 +1,199 @@
+"""Quadratic programmes and their solutions, which judge themselves; two solvers by name.
+
+qp = Qp(hessian, gradient, lower, upper, rows, row_upper)
+solution = solver(QpConfig("daqp")).solve(qp)
+solution.x, solution.primal_residual, solution.dual_residual, solution.gap
+"""
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import daqp
+import numpy as np
+import osqp
+from scipy import sparse
+
+from leapgap.errors import InputError
+
+SOLVED, INFEASIBLE, OUT_OF_TIME, FAILED = "solved", "infeasible", "out of time", "failed"
+
+
+@dataclass(frozen=True)
+class Qp:
+    """min ½ xᵀ H x + fᵀ x with lower ≤ x ≤ upper and A x ≤ row_upper; H positive definite."""
+
+    hessian: np.ndarray
+    """H, (n, n)."""
+    gradient: np.ndarray
+    """f, (n,)."""
+    lower: np.ndarray
+    upper: np.ndarray
+    """(n,) each; infinite where there is none."""
+    rows: np.ndarray
+    """A, (m, n)."""
+    row_upper: np.ndarray
+    """(m,)."""
+
+    def cost(self, x: np.ndarray) -> float:
+        """½ xᵀ H x + fᵀ x."""
+        return float(x @ (0.5 * (self.hessian @ x) + self.gradient))
+
+
+@dataclass(frozen=True)
+class QpSolution:
+    """What a solver found for a problem, and how good it is by the problem itself, whatever the solver says."""
+
+    problem: Qp
+    x: np.ndarray
+    """(n,); not finite where nothing was found."""
+    dual: np.ndarray
+    """Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower one."""
+    status: str
+    seconds: float
+    """Wall time inside the solver and its call."""
+
+    @cached_property
+    def primal_residual(self) -> float:
+        """Largest violation of a bound or row, in the units of x."""
+        qp, x = self.problem, self.x
+        above = np.concatenate([x - qp.upper, qp.lower - x, qp.rows @ x - qp.row_upper])
+        return float(max(above.max(initial=0.0), 0.0)) if np.isfinite(x).all() else np.inf
+
+    @cached_property
+    def dual_residual(self) -> float:
+        """Largest entry of H x + f + (multipliers through the constraints): how far from stationary."""
+        qp, bounds = self.problem, len(self.x)
+        residual = qp.hessian @ self.x + qp.gradient + self.dual[:bounds] + self.dual[bounds:] @ qp.rows
+        return float(np.abs(residual).max(initial=0.0)) if np.isfinite(residual).all() else np.inf
+
+    @cached_property
+    def gap(self) -> float:
+        """|primal − dual cost|: xᵀ H x + fᵀ x + upperᵀ (dual)⁺ − lowerᵀ (dual)⁻."""
+        qp, bounds = self.problem, len(self.x)
+        upper = np.concatenate([qp.upper, qp.row_upper])
+        lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -np.inf)])
+        held = np.where(self.dual > 0, upper, np.where(self.dual < 0, lower, 0.0))
+        support = float(np.sum(held[self.dual != 0] * self.dual[self.dual != 0]))
+        gap = abs(float(self.x @ (qp.hessian @ self.x) + qp.gradient @ self.x) + support)
+        return gap if np.isfinite(gap) and len(self.dual) == bounds + len(qp.row_upper) else np.inf
+
+    def fault(self, primal_tolerance: float, relative_dual_tolerance: float) -> str | None:
+        """Why this must not be used, or None: the solver's word, numbers that are none, and the residuals."""
+        if self.status != SOLVED:
+            return self.status
+        if not np.isfinite(self.x).all():
+            return "not finite"
+        size = 1.0 + float(np.abs(self.problem.gradient).max(initial=0.0))
+        if self.primal_residual > primal_tolerance or self.dual_residual > relative_dual_tolerance * size:
+            return "inaccurate"
+        return None
+
+
+@dataclass(frozen=True)
+class QpConfig:
+    """Section ``qp``: which solver, and how exact; values that do not apply to the solver named are not looked at."""
+
+    backend: str = "daqp"
+    primal_tolerance: float = 1e-6
+    """Of the constraints, in the units of x, of ``daqp``."""
+    max_iterations: int = 4000
+    eps: float = 1e-6
+    """Absolute and relative tolerance of ``osqp``, before it polishes."""
+
+
+class QpSolver(ABC):
+    """Solves one problem after another; every solve starts cold, so that equal problems give equal answers."""
+
+    @abstractmethod
+    def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
+        """Never raises for a bad problem: that is a solution with another status."""
+
+
+@dataclass(frozen=True)
+class Daqp(QpSolver):
+    """Dual active set (Arnström, Bemporad, Axehill 2022): exact, and done at once where no constraint acts."""
+
+    config: QpConfig
+    STATUS: ClassVar = {1: SOLVED, 2: FAILED, -1: INFEASIBLE, -7: OUT_OF_TIME}
+
+    def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
+        """As said in ``QpSolver``."""
+        start = time.perf_counter()
+        upper = np.concatenate([qp.upper, qp.row_upper])
+        lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -1e30)])
+        x, _, flag, info = daqp.solve(
+            qp.hessian,
+            qp.gradient,
+            qp.rows,
+            upper,
+            lower,
+            primal_tol=self.config.primal_tolerance,
+            iter_limit=self.config.max_iterations,
+            time_limit=time_limit_s or 0,
+        )
+        seconds = time.perf_counter() - start
+        return QpSolution(qp, np.asarray(x), np.asarray(info["lam"]), self.STATUS.get(flag, FAILED), seconds)
+
+
+@dataclass(frozen=True)
+class Osqp(QpSolver):
+    """Operator splitting (Stellato and others 2020), polished, on the problem in coordinates y = Lᵀ x, H = L Lᵀ.
+
+    Forces late in a horizon weigh little and early ones much, which ADMM takes badly: to 1e-6 it was still tens of
+    newtons off. In y the quadratic form is the identity.
+    """
+
+    config: QpConfig
+    STATUS: ClassVar = {1: SOLVED, 3: INFEASIBLE, 4: INFEASIBLE, 8: OUT_OF_TIME}
+
+    def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
+        """As said in ``QpSolver``."""
+        start = time.perf_counter()
+        if not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all()):
+            return self._nothing(qp, FAILED, start)
+        try:
+            factor = np.linalg.cholesky(qp.hessian)
+        except np.linalg.LinAlgError:
+            return self._nothing(qp, FAILED, start)
+        n = len(qp.gradient)
+        to_x = np.linalg.inv(factor).T
+        scaled = np.concatenate([np.eye(n), qp.rows]) @ to_x
+        solver = osqp.OSQP()
+        solver.setup(
+            sparse.identity(n, format="csc"),
+            to_x.T @ qp.gradient,
+            sparse.csc_matrix(scaled),
+            np.maximum(np.concatenate([qp.lower, np.full(len(qp.row_upper), -np.inf)]), -1e30),
+            np.minimum(np.concatenate([qp.upper, qp.row_upper]), 1e30),
+            verbose=False,
+            polishing=True,
+            eps_abs=self.config.eps,
+            eps_rel=self.config.eps,
+            max_iter=self.config.max_iterations,
+            adaptive_rho_interval=25,  # the default follows the clock, so that equal problems give other answers
+            time_limit=time_limit_s or 1e10,
+        )
+        found = solver.solve()
+        status = self.STATUS.get(found.info.status_val, FAILED)
+        if found.x is None or status != SOLVED:
+            return self._nothing(qp, status, start)
+        return QpSolution(qp, to_x @ found.x, np.asarray(found.y), status, time.perf_counter() - start)
+
+    @staticmethod
+    def _nothing(qp: Qp, status: str, start: float) -> QpSolution:
+        nan = np.full(len(qp.gradient), np.nan)
+        dual = np.full(len(nan) + len(qp.row_upper), np.nan)
+        return QpSolution(qp, nan, dual, status, time.perf_counter() - start)
+
+
+BACKENDS: dict[str, type[Daqp] | type[Osqp]] = {"daqp": Daqp, "osqp": Osqp}
+
+
+def solver(config: QpConfig) -> QpSolver:
+    """The solver that the configuration names."""
+    if config.backend not in BACKENDS:
+        raise InputError("qp.backend", config.backend, f"one of {', '.join(BACKENDS)}", "choose one of them")
+    return BACKENDS[config.backend](config)
