@@ -15,7 +15,7 @@ STANDS_AFTER_S = 0.5
 UPRIGHT_COSINE = np.cos(np.deg2rad(30))
 """Of the angle between the base's vertical axis and the world's."""
 FOOT_ABOVE_SURFACE_M = 0.03
-"""A foot whose lowest point is no farther from the target surface stands on it."""
+"""A foot whose lowest point is no farther from the target surface, or the blocks on it, stands on it."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,9 @@ def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Jump
     """Whether at a row the base is upright and all feet are on the target surface: on the box, where there is one."""
     pose = truth.qpos[row : row + 1]
     feet = robot.feet_in_world(pose[:, :3], pose[:, 3:7], pose[:, robot.joint_qpos])[0]
-    on_surface = np.abs(feet[:, 2] - robot.foot_radius - surface_z_m) < FOOT_ABOVE_SURFACE_M
+    height = feet[:, 2] - robot.foot_radius - surface_z_m
+    highest = max((box.top_m - surface_z_m for box in jump.info.terrain), default=0.0)
+    on_surface = (height > -FOOT_ABOVE_SURFACE_M) & (height < max(highest, 0.0) + FOOT_ABOVE_SURFACE_M)
     for box in jump.info.terrain:
         if surface_z_m > 0 and box.top_m == surface_z_m:
             on_surface &= np.abs(feet[:, 0] - box.x_m) < box.size_m[0] / 2

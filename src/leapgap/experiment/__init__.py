@@ -1,0 +1,1 @@
+"""Closed-loop experiments: who jumps (methods), what (tasks), on which hardware, and where it lands."""

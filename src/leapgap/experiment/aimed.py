@@ -1,0 +1,130 @@
+"""A jump that is planned when it is due: from the stance that is measured, to the goal that lands on the target."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.control.controller import Command, Estimate
+from leapgap.control.gains import PhaseGains
+from leapgap.control.landing import stand
+from leapgap.control.reference import Reference, StartFrame
+from leapgap.control.tracking import JointPd, JumpController
+from leapgap.experiment.aiming import wanted
+from leapgap.planning.formulation import Aim, Grid, Limits, Problem
+from leapgap.planning.reference import Gains, to_jump
+from leapgap.planning.solve import Solution, solve
+from leapgap.recording.jump import Target
+from leapgap.robot.legs import Legs
+from leapgap.robot.model import Robot
+from leapgap.robot.planar import PlanarRobot
+from leapgap.robot.rigid_body import Z
+from leapgap.robot.schedule import ContactSchedule
+
+NO_PLAN, NEARER_PLAN = "no plan from this stance", "no plan to this goal, a nearer one"
+
+
+@dataclass(frozen=True)
+class JumpPlanner:
+    """Plans jumps of one robot on one schedule."""
+
+    robot: PlanarRobot
+    schedule: ContactSchedule = field(default_factory=ContactSchedule)
+    limits: Limits = field(default_factory=lambda: Limits(knee_clearance_m=0.04))
+    """On a block of 8 cm the knees in the crouch are lower than the 5 cm of the published plans."""
+
+    def plan(self, target: Target, goal: np.ndarray, stance_pitch: float) -> Solution | None:
+        """To a goal (x, z, pitch); None where there is no such jump."""
+        aim = Aim(*(float(v) for v in goal - wanted(target)))
+        problem = Problem(
+            target,
+            Grid(self.schedule),
+            self.robot,
+            limits=self.limits,
+            stance_pitch_rad=stance_pitch,
+            aim=aim,
+        )
+        solution = solve(problem)
+        return solution if solution.solved else None
+
+    def nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
+        """The plan to the goal, or to one between it and the target where there is none, with the goal it has."""
+        for share in (1.0, 0.8, 0.6, 0.4, 0.2, 0.0):
+            nearer = wanted(target) * (1 - share) + goal * share
+            solution = self.plan(target, nearer, stance_pitch)
+            if solution is not None:
+                return nearer, solution
+        return None
+
+
+class AimedJump(JumpController):
+    """Stands, measures its stance, plans to the goal ``aim(target, stance pitch)``, and jumps with joint PD.
+
+    ``goal`` and ``stance_pitch`` say afterwards what was planned. The jump begins at ``start_s``, after standing.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        first: Reference,
+        planner: JumpPlanner,
+        aim: Callable[[Target, float], np.ndarray],
+        robot: Robot,
+        gains: PhaseGains,
+        stand_s: float = 0.06,
+    ) -> None:
+        super().__init__(first, robot, gains)
+        self.target, self.planner, self.aim, self.gains, self.stand_s = target, planner, aim, gains, stand_s
+        self.tracker: JointPd | None = None
+        self.standing_height_m = float(first.state[0, Z])
+        self.goal: np.ndarray | None = None
+        self.stance_pitch = 0.0
+        self.fallbacks = Counter()
+        self._stood: list[Estimate] = []
+
+    def command(self, estimate: Estimate) -> Command:
+        """Stand for a while, then jump."""
+        if self.tracker is not None:
+            return self.tracker.command(estimate)
+        if not self._stood or estimate.time_s - self._stood[0].time_s < self.stand_s - 1e-9:
+            self._stood.append(estimate)
+            return self._standing(estimate)
+        self.stance_pitch = stance_pitch(self._stood, self.legs)
+        wished = self.aim(self.target, self.stance_pitch)
+        found = self.planner.nearest(self.target, wished, self.stance_pitch)
+        if found is None:
+            self.fallbacks[NO_PLAN] += 1  # what was planned for level ground is the best there is
+        else:
+            self.goal, solution = found
+            self.fallbacks[NEARER_PLAN] += not np.allclose(self.goal, wished)
+            self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
+        self.tracker = JointPd(self.reference, self.robot, self.gains)
+        self.start_s = estimate.time_s
+        return self.tracker.command(estimate)
+
+    def _standing(self, estimate: Estimate) -> Command:
+        """As before the jump: the first pose of the reference and the torques that hold the robot in it."""
+        pose = self.targets.position[0]
+        command = stand(self.robot, self.legs, estimate, StartFrame.of(estimate), np.zeros(4), pose, self.gains.stance)
+        return Command(
+            self.reference.torque[0], pose, command.velocity, command.kp, command.kd, self.reference.force[0]
+        )
+
+    def feed_forward(self, time_s: float, estimate: Estimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Of the planned jump."""
+        assert self.tracker is not None
+        return self.tracker.feed_forward(time_s, estimate, frame)
+
+
+def stance_pitch(stood: list[Estimate], legs: Legs) -> float:
+    """Pitch that a robot in the crouch has on the ground below its feet, rad: the slope from rear to front feet.
+
+    Mean over the estimates: kinematics of the encoders, turned by the measured attitude.
+    """
+    slopes = []
+    for estimate in stood:
+        front, rear = legs.pair_offsets(estimate.base_quaternion, estimate.joint_pos)
+        across = np.hypot(*(front - rear)[:2])
+        slopes.append(-np.arctan2(front[2] - rear[2], across))
+    return float(np.mean(slopes))

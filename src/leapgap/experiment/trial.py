@@ -1,0 +1,75 @@
+"""One run of a method at a task on simulated hardware, from standing to what came of each jump."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from leapgap.control.continuous import ContinuousJumps, SequenceConfig
+from leapgap.control.reference import Reference
+from leapgap.control.tracking import JumpController
+from leapgap.effects.base import Effect
+from leapgap.experiment.tasks import Task
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.closed_loop import Run, Sensing, run_controlled
+from leapgap.simulation.hardware import Course, Plan, prepare, terrain_slots
+from leapgap.simulation.landing import Landing, landing
+from leapgap.simulation.replay import Replayer
+
+Jumps = Callable[[Task], Sequence[JumpController]]
+"""Makes fresh controllers of a task's jumps, in their order."""
+
+LONGEST_STAND_S = 0.1
+"""A method may stand this long to measure before it jumps."""
+
+
+@dataclass(frozen=True)
+class World:
+    """What all runs share."""
+
+    robot: Robot
+    sensing: Sensing = field(default_factory=Sensing)
+    sequence: SequenceConfig = field(default_factory=SequenceConfig)
+    course: Course = field(default_factory=Course)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run."""
+
+    run: Run
+    starts: tuple[int, ...]
+    """Row at which each jump began."""
+    landings: tuple[Landing, ...]
+    fallbacks: Counter[str]
+    controllers: tuple[JumpController, ...]
+
+
+def attempt_task(
+    task: Task, method: Jumps, reference: Jump, effects: tuple[Effect, ...], world: World, rng: np.random.Generator
+) -> Outcome:
+    """Let a method do a task on a robot with effects; ``reference`` is the plan of its jumps from level ground."""
+    robot = world.robot
+    planned = Reference.of(reference, robot)
+    course = replace(world.course, after_landing_s=length_s(task, planned, world.sequence) - planned.schedule.landing_s)
+    level = replace(
+        reference, info=replace(reference.info, terrain=(*reference.info.terrain, *task.ground(planned, rng)))
+    )
+    plans = [Plan(task.name, level, task.start_block(rng))]
+    replayer = Replayer(robot, terrain_slots(plans), threads=1)
+    (ready,) = prepare(plans, replayer, effects, course)
+    controller = ContinuousJumps(list(method(task)), robot, world.sequence)
+    run = run_controlled(ready, controller, replayer, effects, world.sensing, rng)
+    period = run.log.info.sample_period_s
+    began = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
+    starts = tuple(round(start / period) for start in began)
+    landings = tuple(landing(run, robot, first) for first in starts)
+    return Outcome(run, starts, landings, controller.fallbacks, tuple(controller.jumps))
+
+
+def length_s(task: Task, reference: Reference, sequence: SequenceConfig) -> float:
+    """How long a task's run is watched: its jumps, and half a second after the last landing."""
+    one = reference.schedule.landing_s + sequence.latest_touch_s + sequence.landing.duration_s + sequence.settle_s
+    return LONGEST_STAND_S + task.jumps * one + 0.2
