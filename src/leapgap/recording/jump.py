@@ -92,6 +92,10 @@ class Jump:
         object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))
         check(self)
 
+    def __reduce__(self) -> tuple[type["Jump"], tuple[str, dict[str, np.ndarray], JumpInfo]]:
+        """To travel to a worker process: a read-only view of columns does not."""
+        return type(self), (self.name, dict(self.columns), self.info)
+
     def __len__(self) -> int:
         return len(self.columns["time"])
 
