@@ -165,5 +165,32 @@ def write_case(withheld: Withheld, logs: Path, proof: Path) -> dict[str, Any]:
 def real_case(jumps: Sequence[Jump], salt_seed: int) -> Withheld:
     """Real jumps split by jump: every other one is diagnosed, the rest is what the answer must close."""
     salt = hashlib.sha256(f"{salt_seed}".encode()).hexdigest()[:32]
-    truth = {"salt": salt, "half": "real", "kind": "real", "effects": [], "detectable": False, "where": [], "change": None}
+    truth = {
+        "salt": salt,
+        "half": "real",
+        "kind": "real",
+        "effects": [],
+        "detectable": False,
+        "where": [],
+        "change": None,
+    }
     return Withheld(tuple(jumps[::2]), tuple(jumps[1::2]), truth)
+
+
+def further_jumps(
+    truth: Mapping[str, Any],
+    references: Sequence[Jump],
+    block_height_m: tuple[float, float],
+    robot: Robot,
+    world: World,
+) -> list[Jump]:
+    """More jumps of a case's own robot, nuisances included: one to each reference."""
+    nuisance = Nuisance(seed=int(np.random.default_rng(truth["seed"]).integers(2**31)), sizes=world.nuisances)
+    rng = np.random.default_rng([truth["seed"], 1])
+    acting = [restored(entry) for entry in truth["effects"]]
+    heights = rng.uniform(*block_height_m, len(references))
+    plans = [Plan(f"next_{i}", r, round(float(h), 4)) for i, (r, h) in enumerate(zip(references, heights, strict=True))]
+    scatter = 1 + world.period_scatter * rng.standard_normal(len(plans))
+    own: list[Effects] = [(nuisance, *(on_log(e, s) for e in acting)) for s in scatter]
+    generator = Generator(robot, terrain_slots=1, step_s=world.step_s)
+    return [made.log for made in make(plans, own, generator, world.noise, world.course, rng)]
