@@ -77,7 +77,7 @@ def diagnose_section(config: DictConfig, overrides: Mapping[str, Any]) -> dict[s
     read_config(Diagnosing, OmegaConf.merge(config.diagnose.settings, overrides), "diagnose_withheld.settings")
     section = OmegaConf.merge(config.diagnose, {"settings": overrides})
     own = {"logs": None, "robot": None, "out": None, "replays": None, "metrics": None, "recordings": False}
-    return {**OmegaConf.to_container(section), **own}  # type: ignore[dict-item]
+    return {**OmegaConf.to_container(section), **own}
 
 
 def run_jobs(jobs: list[Job], executor: Executor) -> None:
@@ -87,12 +87,30 @@ def run_jobs(jobs: list[Job], executor: Executor) -> None:
         write_text(jobs[0].out.parent / SCRIPT, plotly.offline.get_plotlyjs())
     todo = [job for job in jobs if not has_key(job.out, job.key)]
     print(f"{len(jobs)} cases, {len(jobs) - len(todo)} of them diagnosed already", flush=True)
-    for number, (name, sentence) in enumerate(executor.map(judge, todo), start=1):
-        print(f"{number}/{len(todo)} {name}: {sentence}", flush=True)
+    failed = {}
+    for number, (name, sentence, error) in enumerate(executor.map(judge, todo), start=1):
+        print(f"{number}/{len(todo)} {name}: {error or sentence}", flush=True)
+        if error:
+            failed[name] = error
+    if failed:
+        raise InputError(
+            ", ".join(failed),
+            "; ".join(sorted(set(failed.values()))),
+            "a verdict for every case",
+            "mend the diagnosis and run again: the other cases are kept",
+        )
 
 
-def judge(job: Job) -> tuple[str, str]:
-    """Diagnose one case by the very stage a user calls, in a folder of its own."""
+def judge(job: Job) -> tuple[str, str, str]:
+    """Name, conclusion and error of one case; an error leaves no verdict and stops no other case."""
+    try:
+        return job.out.name, verdict_of(job), ""
+    except Exception as error:
+        return job.out.name, "", f"{type(error).__name__}: {error}"
+
+
+def verdict_of(job: Job) -> str:
+    """Diagnose one case by the very stage a user calls, in a folder of its own; its conclusion."""
     with tempfile.TemporaryDirectory() as name, whole_folder(job.out) as out:
         folder = Path(name)
         shutil.copytree(job.logs, folder / "logs")
@@ -104,7 +122,7 @@ def judge(job: Job) -> tuple[str, str]:
         write_text(verdict / "report.html", page.replace(inline, f'<script src="../{SCRIPT}"></script>'))
         shutil.copytree(verdict, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("replays"))
         write_json(out / KEY, {"key": job.key})
-    return job.out.name, said
+    return said
 
 
 def run_in(folder: Path, section: Mapping[str, Any]) -> str:

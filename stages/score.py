@@ -118,7 +118,7 @@ def scored_half(
 
 def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The reported half at the top, the half that thresholds may have been tuned on below it."""
-    flat = {}
+    flat: dict[str, dict[str, Any]] = {}
     for half in (REPORTED, TUNING):
         flat[half] = {}
         for key, value in halves[half].items():

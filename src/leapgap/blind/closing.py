@@ -47,4 +47,5 @@ def on_log(effect: Effect, jump: Jump, judged: Judged, robot: Robot, report: Map
     (clock,) = found.per_log.values()
     parameter = effect.parameters()[0]
     value = float(np.clip(1 + np.median(shares) * (clock - 1), parameter.lower, parameter.upper))
-    return replace(effect, **{name: value})
+    changed: dict[str, Any] = {name: value}
+    return replace(effect, **changed)

@@ -105,11 +105,7 @@ class Generator(Replayer):
         model, control = self.model(trial), self._controls(trial, rows)
         data = mujoco.MjData(model)
         start = self.full_state(trial, model, control)
-        data.qpos[:nq], data.qvel[:nv], data.act[:] = (
-            start[1 : 1 + nq],
-            start[1 + nq : 1 + nq + nv],
-            start[1 + nq + nv :],
-        )
+        _, data.qpos[:nq], data.qvel[:nv], data.act[:] = np.split(start, [1, 1 + nq, 1 + nq + nv])
         processes = self._processes(trial, model)
         data.ctrl[:] = control[0]
         mujoco.mj_forward(model, data)

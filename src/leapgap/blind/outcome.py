@@ -140,11 +140,10 @@ def place(where: list[Mapping[str, Any]]) -> tuple[str, str] | None:
 
 
 def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping[str, Any]) -> list[Compared]:
-    """Every parameter of one true effect that the report estimates; the mean where it differed by log."""
+    """Every parameter of one true effect that the report estimates; the median where it differed by log."""
     found = []
-    known = (
-        {p.name: p for p in effects.known()[effect["name"]].parameters()} if effect["name"] in effects.known() else {}
-    )
+    kind = effects.known().get(effect["name"])
+    known = {p.name: p for p in kind.parameters()} if kind else {}
     index = [e["name"] for e in truth["effects"]].index(effect["name"])
     logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
     for name, parameter in known.items():

@@ -34,9 +34,9 @@ def places(
             for phase in np.unique(phases[half:]):
                 square[phase] += ((error[half:][phases[half:] == phase] / scale) ** 2).sum(axis=0)
     share = square / max(square.sum(), 1e-300)
-    fields = [
+    fields: list[dict[str, Any]] = [
         {"phase": PHASES[p], "channel": c.name, "share": round(float(share[p, k]), 5)}
         for p in range(len(PHASES))
         for k, c in enumerate(channels)
     ]
-    return sorted((f for f in fields if f["share"] >= 0.001), key=lambda f: -float(f["share"]))
+    return sorted((f for f in fields if f["share"] >= 0.001), key=lambda f: -f["share"])

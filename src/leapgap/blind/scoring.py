@@ -91,10 +91,8 @@ def brier(outcomes: Iterable[Outcome]) -> float | None:
 
 def calibration_error(outcomes: Iterable[Outcome], bins: int) -> float | None:
     """Expected calibration error: |mean probability − share right| over bins, weighted by their claims."""
-    probability, right = claims(outcomes)
-    if not len(right):
-        return None
-    return float(sum(n * abs(p - r) for p, r, n in reliability(outcomes, bins)) / len(right))
+    found = reliability(outcomes, bins)
+    return sum(n * abs(p - r) for p, r, n in found) / sum(n for _, _, n in found) if found else None
 
 
 def reliability(outcomes: Iterable[Outcome], bins: int) -> list[tuple[float, float, int]]:

@@ -165,15 +165,8 @@ def write_case(withheld: Withheld, logs: Path, proof: Path) -> dict[str, Any]:
 def real_case(jumps: Sequence[Jump], salt_seed: int) -> Withheld:
     """Real jumps split by jump: every other one is diagnosed, the rest is what the answer must close."""
     salt = hashlib.sha256(f"{salt_seed}".encode()).hexdigest()[:32]
-    truth = {
-        "salt": salt,
-        "half": "real",
-        "kind": "real",
-        "effects": [],
-        "detectable": False,
-        "where": [],
-        "change": None,
-    }
+    nothing_known = {"effects": [], "detectable": False, "where": [], "change": None}
+    truth = {"salt": salt, "half": "real", "kind": "real", **nothing_known}
     return Withheld(tuple(jumps[::2]), tuple(jumps[1::2]), truth)
 
 

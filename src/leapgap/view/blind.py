@@ -186,9 +186,8 @@ def parameters(rows: Sequence[Mapping[str, Any]]) -> go.Figure:
         )
     )
     figure.add_vline(x=1, line={"color": RIGHT, "dash": "dot"})
-    figure.update_xaxes(
-        title_text="estimated / true departure from nominal (95 % interval as reported)", range=[-0.5, 3]
-    )
+    title = "estimated / true departure from nominal (95 % interval as reported)"
+    figure.update_xaxes(title_text=title, range=[-0.5, 3])
     figure.update_layout(height=100 + 20 * len(names), margin={"l": 280, "r": 20, "t": 10, "b": 45})
     return figure
 
