@@ -157,12 +157,13 @@ def make_experiment(case: Seen, config: DictConfig, settings: Settings, robot: R
     if not set(keys) <= set(RUNNABLE):
         print(f"{case.name}: cannot make {', '.join(overrides)}", flush=True)
         return None
-    collect = OmegaConf.merge(config.collect, OmegaConf.from_dotlist(overrides).collect)
-    listed = collect.targets if collect.target is None else [collect.target]
-    targets = read_targets(listed, f"next experiment of {case.name}")
-    count = int(collect.jumps) if "jumps" in keys else len(targets)
+    own = {"target": None, "targets": config.withhold.targets, "jumps": None}
+    own |= {"block_height_m": config.withhold.world.block_height_m}
+    asked = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
+    targets = read_targets(asked.targets if asked.target is None else [asked.target], f"experiment of {case.name}")
+    count = int(asked.jumps or len(targets))
     references = [reference_to(targets[i % len(targets)], Path(settings.references)) for i in range(count)]
-    low, high = collect.block_height_m
+    low, high = asked.block_height_m
     world = read_config(World, config.withhold.world, "withhold.world")
     folder = out / "experiment_logs" / case.name
     shutil.rmtree(folder, ignore_errors=True)

@@ -38,7 +38,6 @@ class MovingMass(Nameless):
         slide.name, slide.type, slide.axis = self.name, mujoco.mjtJoint.mjJNT_SLIDE, [1.0, 0.0, 0.0]
         slide.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         slide.range = [-BATTERY_PLAY_M, BATTERY_PLAY_M]
-        slide.armature, slide.damping, slide.frictionloss = 0.0, 0.0, 1e-9  # present, so that a model may set it
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Take the mass from the trunk and give it to the slide."""

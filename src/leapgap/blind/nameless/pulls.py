@@ -26,7 +26,7 @@ class Tether(Nameless):
 
     name = "tether"
 
-    stiffness_n_m: float = parameter(0.0, "N/m", 0.0, 200.0)
+    stiffness_n_m: float = parameter(0.0, "N/m", 0.0, 500.0)
 
     def process(self, model: mujoco.MjModel, robot: Robot, jump: Jump) -> Process | None:
         """Pull at the origin of the trunk."""
@@ -46,7 +46,7 @@ class Tether(Nameless):
 
 @dataclass(frozen=True)
 class Wind(Nameless):
-    """Steady wind along x, positive from behind: drag of the trunk against moving air."""
+    """Steady wind along x, positive from behind: what it adds to the drag of the trunk in still air."""
 
     name = "wind"
 
@@ -57,8 +57,9 @@ class Wind(Nameless):
         body, wind = robot.base_body, np.array([self.speed_m_s, 0.0, 0.0])
 
         def blow(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-            air = wind - data.qvel[:3]
-            data.xfrc_applied[body, :3] += DRAG_AREA * np.linalg.norm(air) * air
+            still = -data.qvel[:3]
+            air = wind + still
+            data.xfrc_applied[body, :3] += DRAG_AREA * (np.linalg.norm(air) * air - np.linalg.norm(still) * still)
 
         return blow
 
