@@ -65,6 +65,8 @@ class Outcome:
     promised: float | None
     realised: float | None
     sentence: str
+    next_experiment: str
+    """What the report proposes to do; empty: nothing."""
 
     @property
     def answered(self) -> set[str]:
@@ -125,6 +127,7 @@ def outcome(case: str, truth: Mapping[str, Any], report: Mapping[str, Any], real
         promised=(report["closure_of_answer"] or {}).get("heldout") if claims else None,
         realised=realised if claims else None,
         sentence=report["sentence"],
+        next_experiment=(report.get("next_experiment") or {}).get("sentence", ""),
     )
 
 

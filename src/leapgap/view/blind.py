@@ -1,6 +1,7 @@
 """The blind check as one HTML page: self-contained, no network but for links to the reports beside it."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ BARS = {
 }
 """Score → its words, the bar, and the side that is good."""
 COVERAGE_MOST = 0.98
+NOTHING = '<p class="note">No such case.</p>'
 HALVES = {"reported": "reported: unseen seed, other families", "tuning": "tuning: thresholds may have seen it"}
 
 
@@ -45,7 +47,7 @@ def html(
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     figures = {
-        f"{kind}_{half}": embedded(figure, f"{kind}-{half}")
+        f"{kind}_{half}": embedded(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
         for half in halves
         for kind, figure in (
             ("confusion", confusion_matrix(confusion[half])),
@@ -61,6 +63,7 @@ def html(
         figures=figures,
         halves=HALVES,
         table=score_table(halves),
+        missed=missed_bars(halves, rows),
         counts={half: (halves[half]["cases"], halves[half]["detectable"]) for half in halves},
         wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
         rows=rows,
@@ -91,6 +94,45 @@ def score_table(halves: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]
             line[half] = {"text": text, "reaches": reaches}
         lines.append(line)
     return lines
+
+
+AGAINST: dict[str, Callable[[Mapping[str, Any]], bool]] = {
+    "named_first": lambda r: r["kind"] == "single" and r["detectable"] and r["first"] not in r["true"],
+    "named_in_set": lambda r: (
+        r["kind"] == "single" and r["detectable"] and r["true"][0] not in {n for names in r["answer"] for n in names}
+    ),
+    "wrongly_named": lambda r: r["wrongly_named"],
+    "unknown_recall": lambda r: r["kind"] == "nameless" and r["detectable"] and r["verdict"] != "unknown",
+    "where_right": lambda r: r["detectable"] and not r["where_right"],
+    "parameter_error_median": lambda r: r["detectable"] and any(c["value"] != c["true"] for c in r["compared"]),
+}
+"""Which cases count against a score."""
+
+
+def missed_bars(halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Every bar a half misses, with the cases that count against it, the most frequent first."""
+    lines = []
+    for line, key in zip(score_table(halves), BARS, strict=True):
+        for half in HALVES:
+            if line[half]["reaches"] is False and key in AGAINST:
+                against = [r for r in rows if r["half"] == half and AGAINST[key](r)]
+                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {said_where(r, key)}" for r in against)
+                cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
+                lines.append({"half": half, "words": line["words"], "cases": cases})
+    return lines
+
+
+def said_where(row: Mapping[str, Any], key: str) -> str:
+    """What was said in one case, as far as a score is concerned."""
+    if key != "where_right":
+        return str(row["said"])
+    places = (" ".join(place) if place else "nowhere" for place in (row["where_said"], row["where_true"]))
+    return " instead of ".join(places)
+
+
+def has_points(figure: go.Figure) -> bool:
+    """Whether a figure shows anything of the cases."""
+    return any(len(trace.y or ()) and getattr(trace, "mode", None) != "lines" for trace in figure.data)
 
 
 def confusion_matrix(table: Mapping[str, Mapping[str, int]]) -> go.Figure:
