@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export DVC_NO_ANALYTICS := 1
 
-.PHONY: run test lint renderer
+.PHONY: run test lint renderer blind
 
 .venv/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -21,6 +21,21 @@ lint: .venv/ready
 	ruff check
 	ruff format --check
 	mypy
+
+# The full blind check, about 240 cases: killed, it goes on where it was. Its page: data/blind/page/index.html.
+BLIND := data/blind
+BLIND_WORLD := $(shell find src/leapgap conf/withhold conf/size/blind.yaml -name '*.py' -o -name '*.xml' -o -name '*.yaml')
+
+$(BLIND)/logs/seals.json: .venv/ready $(BLIND_WORLD)
+	python -m stages.withhold size=blind withhold.logs=$(BLIND)/logs withhold.truth=$(BLIND)/truth
+
+blind: $(BLIND)/logs/seals.json
+	python -m stages.diagnose_withheld size=blind diagnose_withheld.logs=$(BLIND)/logs diagnose_withheld.out=$(BLIND)/verdicts
+	python -m stages.revisit size=blind revisit.logs=$(BLIND)/logs revisit.truth=$(BLIND)/truth \
+	  revisit.verdicts=$(BLIND)/verdicts revisit.out=$(BLIND)/revisits
+	python -m stages.score size=blind score.logs=$(BLIND)/logs score.truth=$(BLIND)/truth score.verdicts=$(BLIND)/verdicts \
+	  score.revisits=$(BLIND)/revisits score.out=$(BLIND)/page score.metrics=metrics/blind.json \
+	  score.real_metrics=metrics/real/blind.json
 
 # A software renderer, for the test that takes a screenshot; without it that test is skipped.
 renderer:

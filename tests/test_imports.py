@@ -13,10 +13,12 @@ MAY_IMPORT = {
     "learning": {"robot", "recording"},
     "simulation": {"robot", "recording", "effects", "control"},
     "diagnosis": {"robot", "recording", "effects", "simulation"},
+    "blind": {"robot", "recording", "effects", "simulation", "diagnosis"},  # and no diagnosis imports it
+    "experiment": {"robot", "recording", "effects", "planning", "control", "simulation"},
     "view": {"robot", "recording", "diagnosis", "effects"},
 }
 ONLY_IN = {
-    "mujoco": {"robot", "effects", "simulation", "diagnosis"},
+    "mujoco": {"robot", "effects", "simulation", "diagnosis", "blind"},
     "rerun": {"view"},
     "torch": {"learning"},
     "lightning": {"learning"},

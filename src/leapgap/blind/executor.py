@@ -1,0 +1,48 @@
+"""Where independent cases run: here one by one, in processes of this machine, or on a Ray cluster."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from leapgap.errors import InputError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Executor:
+    """Configuration group ``executor``."""
+
+    kind: str
+    """local, joblib or ray."""
+    workers: int
+    """Processes; of no meaning to local."""
+    address: str | None = None
+    """Of the Ray cluster; null: one on this machine."""
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """Results in the order of the items; each is independent, so the kind changes no result."""
+        if self.kind == "local":
+            yield from map(function, items)
+        elif self.kind == "joblib":
+            import joblib
+
+            yield from joblib.Parallel(n_jobs=self.workers, return_as="generator", batch_size=1)(
+                joblib.delayed(function)(item) for item in items
+            )
+        elif self.kind == "ray":
+            yield from self._by_ray(function, items)
+        else:
+            raise InputError("executor.kind", self.kind, "local, joblib or ray", "choose one: executor=joblib")
+
+    def _by_ray(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        try:
+            import ray
+        except ImportError:
+            raise InputError(
+                "executor", "ray, which is not installed", "an installed package", "pip install ray, or executor=joblib"
+            ) from None
+        ray.init(address=self.address, num_cpus=None if self.address else self.workers, ignore_reinit_error=True)
+        remote = ray.remote(num_cpus=1)(function)
+        yield from (ray.get(handle) for handle in [remote.remote(item) for item in items])

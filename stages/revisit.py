@@ -1,0 +1,191 @@
+"""What needs truth and verdict both: a known effect struck from the hypotheses, and proposed next experiments made.
+
+Nothing here leads to a first verdict.
+"""
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from leapgap import effects
+from leapgap.blind.executor import Executor
+from leapgap.blind.keys import code_hash
+from leapgap.blind.outcome import Outcome, outcome
+from leapgap.blind.seal import opened
+from leapgap.blind.withholding import World, further_jumps
+from leapgap.files import read_json, write_json
+from leapgap.planning.batch import read_targets
+from leapgap.planning.library import reference_to
+from leapgap.recording import jump as jump_log
+from leapgap.robot.model import Robot
+from stages.common import output_folder, read_config, run_stage
+from stages.diagnose_withheld import Job, diagnose_section, remove_unknown, run_jobs
+
+RUNNABLE = ("target", "targets", "jumps", "block_height_m")
+"""Settings of ``collect`` that a case's own robot can follow."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Section ``revisit``."""
+
+    logs: str
+    truth: str
+    verdicts: str
+    references: str
+    out: str | None
+    struck: int
+    experiments: int
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A case whose first verdict stands."""
+
+    name: str
+    truth: Mapping[str, Any]
+    report: Mapping[str, Any]
+    first: Outcome
+
+
+def revisit(config: DictConfig) -> None:
+    """Choose the cases, diagnose them anew, and write what came of it."""
+    settings = read_config(Settings, config.revisit, "revisit")
+    executor = read_config(Executor, config.executor, "executor")
+    out = output_folder(settings.out).resolve()
+    cases = seen_cases(settings)
+    robot = Robot.load(config.robot.model)
+    base, code = diagnose_section(config, config.diagnose_withheld.settings), code_hash()
+    logs = Path(settings.logs).resolve()
+    struck = struck_cases(cases, settings.struck)
+    jobs = [
+        Job(logs / case.name, out / "struck" / case.name, robot.path.resolve(), without(base, case.first.true[0]), code)
+        for case in struck
+    ]
+    remove_unknown(out / "struck", {case.name for case in struck})
+    run_jobs(jobs, executor)
+    write_json(out / "struck.json", {case.name: second_look(case, out / "struck") for case in struck})
+    asked = asking_cases(cases, settings.experiments)
+    remove_unknown(out / "experiments", {case.name for case in asked})
+    jobs = []
+    for case in asked:
+        folder = make_experiment(case, config, settings, robot, out)
+        if folder is not None:
+            jobs.append(Job(folder, out / "experiments" / case.name, robot.path.resolve(), base, code))
+    run_jobs(jobs, executor)
+    made = {job.out.name for job in jobs}
+    write_json(
+        out / "experiments.json",
+        {case.name: after_experiment(case, out / "experiments") for case in asked if case.name in made},
+    )
+
+
+def seen_cases(settings: Settings) -> list[Seen]:
+    """Cases with a verdict, their truths opened and their seals checked."""
+    found = []
+    for path in sorted(Path(settings.verdicts).glob("*/report.json")):
+        name = path.parent.name
+        truth, report = opened(Path(settings.truth), Path(settings.logs), name), read_json(path)
+        if truth["kind"] != "real":
+            found.append(Seen(name, truth, report, outcome(name, truth, report, None)))
+    return found
+
+
+def struck_cases(cases: list[Seen], number: int) -> list[Seen]:
+    """Detectable single effects that were found: one case for each effect, at most ``number`` (−1: all) of a half."""
+    chosen: dict[tuple[str, str], Seen] = {}
+    for case in cases:
+        first = case.first
+        if first.kind == "single" and first.detectable and first.first == first.true[0]:
+            chosen.setdefault((first.half, first.true[0]), case)
+    kept: list[Seen] = []
+    for half in sorted({half for half, _ in chosen}):
+        of_half = [case for key, case in sorted(chosen.items()) if key[0] == half]
+        kept += of_half if number < 0 else of_half[:number]
+    return kept
+
+
+def without(section: Mapping[str, Any], effect: str) -> dict[str, Any]:
+    """The diagnosis's settings without one hypothesis."""
+    names = section["settings"]["effects"] or list(effects.known())
+    return {**section, "settings": {**section["settings"], "effects": [name for name in names if name != effect]}}
+
+
+def second_look(case: Seen, folder: Path) -> dict[str, Any]:
+    """What was said without the effect: honest is ``unknown``, or a cause that the first report called confusable."""
+    report = read_json(folder / case.name / "report.json")
+    again = outcome(case.name, case.truth, report, None)
+    effect = case.first.true[0]
+    confusable = {
+        other
+        for cause in case.report["causes"]
+        for other in (cause["effect"], *cause["confusable_with"])
+        if effect in (cause["effect"], *cause["confusable_with"])
+    }
+    told = again.verdict in ("unknown", "none") or again.answered <= confusable
+    return {
+        "effect": effect,
+        "half": case.first.half,
+        "verdict": again.verdict,
+        "answer": [list(names) for names in again.answer],
+        "where_right": again.where_right,
+        "honest": told and again.verdict != "none" and again.where_right,
+    }
+
+
+def asking_cases(cases: list[Seen], number: int) -> list[Seen]:
+    """Ambiguous verdicts on detectable table effects that propose jumps to make."""
+    asking = [
+        case
+        for case in cases
+        if case.first.kind in ("single", "pair")
+        and case.first.verdict == "ambiguous"
+        and case.first.detectable
+        and (case.report.get("next_experiment") or {}).get("collect")
+    ]
+    return asking if number < 0 else asking[:number]
+
+
+def make_experiment(case: Seen, config: DictConfig, settings: Settings, robot: Robot, out: Path) -> Path | None:
+    """The case's logs with the proposed jumps beside them; ``None`` where the proposal asks for something else."""
+    overrides = [str(line) for line in case.report["next_experiment"]["collect"]]
+    keys = [line.split("=", 1)[0].removeprefix("collect.") for line in overrides]
+    if not set(keys) <= set(RUNNABLE):
+        print(f"{case.name}: cannot make {', '.join(overrides)}", flush=True)
+        return None
+    own = {"target": None, "targets": config.withhold.targets, "jumps": None}
+    own |= {"block_height_m": config.withhold.world.block_height_m}
+    asked = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
+    targets = read_targets(asked.targets if asked.target is None else [asked.target], f"experiment of {case.name}")
+    count = int(asked.jumps or len(targets))
+    references = [reference_to(targets[i % len(targets)], Path(settings.references), robot) for i in range(count)]
+    low, high = asked.block_height_m
+    world = read_config(World, config.withhold.world, "withhold.world")
+    folder = out / "experiment_logs" / case.name
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(Path(settings.logs) / case.name, folder)
+    for jump in further_jumps(case.truth, references, (low, high), robot, world):
+        jump_log.write(jump, folder / f"{jump.name}.parquet")
+    return folder
+
+
+def after_experiment(case: Seen, folder: Path) -> dict[str, Any]:
+    """Whether old and new jumps together are rightly named."""
+    again = outcome(case.name, case.truth, read_json(folder / case.name / "report.json"), None)
+    return {
+        "half": case.first.half,
+        "truth": list(again.true),
+        "collect": list(case.report["next_experiment"]["collect"]),
+        "before": [list(names) for names in case.first.answer],
+        "verdict": again.verdict,
+        "answer": [list(names) for names in again.answer],
+        "resolved": again.verdict == "named" and again.answered == set(again.true),
+    }
+
+
+if __name__ == "__main__":
+    run_stage(revisit)

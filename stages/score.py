@@ -1,0 +1,179 @@
+"""Truths unsealed and verdicts scored: metrics, and a page for a person."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import DictConfig
+
+from leapgap.blind import scoring
+from leapgap.blind.closing import realised_closure
+from leapgap.blind.outcome import Outcome, outcome
+from leapgap.blind.seal import SEALS, opened
+from leapgap.diagnosis.report import rounded
+from leapgap.errors import InputError
+from leapgap.files import read_json, whole_folder, write_json, write_text
+from leapgap.recording import jump as jump_log
+from leapgap.robot.model import Robot
+from leapgap.simulation.corrected import read_corrected
+from leapgap.view.blind import html
+from stages.common import output_folder, read_config, run_stage
+
+REPORTED, TUNING, REAL = "reported", "tuning", "real"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Section ``score``."""
+
+    logs: str
+    truth: str
+    verdicts: str
+    revisits: str | None
+    out: str | None
+    metrics: str | None
+    real_metrics: str | None
+    bootstrap_draws: int
+    bins: int
+    seed: int
+
+
+def score(config: DictConfig) -> None:
+    """Open every truth whose case has a verdict, and count."""
+    settings = read_config(Settings, config.score, "score")
+    robot = Robot.load(config.robot.model)
+    cases = sorted(read_json(Path(settings.logs) / SEALS))
+    judged = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
+    if not judged:
+        raise InputError(settings.verdicts, "no report of a withheld case", "<case>/report.json", "diagnose them first")
+    for name in sorted(set(cases) - set(judged)):
+        print(f"{name}: not diagnosed, not scored")
+    outcomes = [opened_outcome(name, settings, robot) for name in judged]
+    revisits = read_revisits(settings.revisits)
+    halves = {
+        half: scored_half([o for o in outcomes if o.half == half], half, revisits, settings)
+        for half in (REPORTED, TUNING)
+    }
+    real = [o for o in outcomes if o.half == REAL]
+    out = output_folder(settings.out)
+    with whole_folder(out) as folder:
+        data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
+        write_json(folder / "scores.json", rounded(data))
+        write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
+    if settings.metrics:
+        write_json(Path(settings.metrics), rounded(metrics(halves)))
+    if settings.real_metrics and real:
+        write_json(Path(settings.real_metrics), rounded(real_metrics(real[0])))
+    for o in outcomes:
+        print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {said(o)}")
+    print(f"page: {out / 'index.html'}")
+
+
+def opened_outcome(name: str, settings: Settings, robot: Robot) -> Outcome:
+    """One case, its seal checked, with the closure its answer brings on jumps nobody saw."""
+    truth = opened(Path(settings.truth), Path(settings.logs), name)
+    verdict = Path(settings.verdicts) / name
+    report = read_json(verdict / "report.json")
+    check_judged_logs(name, truth, report)
+    closes = None
+    if report["closure_of_answer"]:
+        _, correction = read_corrected(verdict / "corrected")
+        proof = jump_log.read_folder(Path(settings.truth) / name)
+        closes = realised_closure(proof, robot, correction, report, settings.seed)
+    return outcome(name, truth, report, closes)
+
+
+def check_judged_logs(name: str, truth: Mapping[str, Any], report: Mapping[str, Any]) -> None:
+    """Refuse a report that was made of other logs than those sealed."""
+    expected = {file.removesuffix(".parquet"): digest for file, digest in truth["logs"].items()}
+    if report["provenance"]["logs"] != expected:
+        raise InputError(f"report of {name}", "logs other than those sealed", "just those", "diagnose the case anew")
+
+
+def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:
+    """Struck hypotheses and next experiments; empty where nothing was revisited."""
+    if folder is None:
+        return {"struck": {}, "experiments": {}}
+    return {kind: read_json(Path(folder) / f"{kind}.json") for kind in ("struck", "experiments")}
+
+
+def scored_half(
+    outcomes: list[Outcome], half: str, revisits: Mapping[str, Mapping[str, Any]], settings: Settings
+) -> dict[str, Any]:
+    """All figures of one half."""
+    rng = np.random.default_rng(settings.seed)
+    own = {kind: {n: e for n, e in entries.items() if e["half"] == half} for kind, entries in revisits.items()}
+    return {
+        **scoring.scores(outcomes, settings.bootstrap_draws, settings.bins, rng),
+        "next_experiment_resolves": scoring.resolved(own["experiments"]),
+        "next_experiments_made": len(own["experiments"]),
+        "struck_honest": scoring.honest(own["struck"]),
+        "struck_cases": len(own["struck"]),
+        "detection_limit_floors": {n: d["limit_floors"] for n, d in scoring.detection_limits(outcomes).items()},
+    }
+
+
+def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The reported half at the top, the half that thresholds may have been tuned on below it."""
+    flat: dict[str, dict[str, Any]] = {}
+    for half in (REPORTED, TUNING):
+        flat[half] = {}
+        for key, value in halves[half].items():
+            if isinstance(value, Mapping) and "ci95" in value:
+                flat[half] |= {key: value["value"], f"{key}_ci95": value["ci95"]}
+            else:
+                flat[half][key] = value
+    return {**flat[REPORTED], TUNING: flat[TUNING]}
+
+
+def real_metrics(o: Outcome) -> dict[str, Any]:
+    """What was named on some real jumps, and what it closes on the others."""
+    return {
+        "verdict": o.verdict,
+        "answer": " + ".join(" or ".join(names) for names in o.answer),
+        "closure_promised": o.promised,
+        "closure_realised": o.realised,
+    }
+
+
+def said(o: Outcome) -> str:
+    """A verdict in words."""
+    return o.verdict + (": " + " + ".join(" or ".join(names) for names in o.answer) if o.answer else "")
+
+
+def page(
+    outcomes: list[Outcome],
+    halves: Mapping[str, Mapping[str, Any]],
+    revisits: Mapping[str, Mapping[str, Any]],
+    settings: Settings,
+    out: Path,
+) -> str:
+    """The page, with links to the reports relative to where it will lie."""
+    at = os.path.relpath(settings.verdicts, out)
+    rows = [
+        {
+            **asdict(o),
+            "right": o.right,
+            "wrongly_named": o.wrongly_named,
+            "where_right": o.where_right,
+            "said": said(o),
+            "report": f"{at}/{o.case}/report.html",
+        }
+        for o in outcomes
+    ]
+    of_half = {half: [o for o in outcomes if o.half == half] for half in halves}
+    return html(
+        halves=halves,
+        rows=rows,
+        revisits=revisits,
+        confusion={half: scoring.confusion(these) for half, these in of_half.items()},
+        limits={half: scoring.detection_limits(these) for half, these in of_half.items()},
+        reliability={half: scoring.reliability(these, settings.bins) for half, these in of_half.items()},
+    )
+
+
+if __name__ == "__main__":
+    run_stage(score)

@@ -1,0 +1,88 @@
+"""Cases whose cause is withheld: logs for the diagnosis, sealed truths for the score."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from leapgap.blind.cases import Case, Half, draw_cases
+from leapgap.blind.executor import Executor
+from leapgap.blind.seal import SEALS, seal
+from leapgap.blind.withholding import World, real_case, withhold, write_case
+from leapgap.files import whole_folder, write_json
+from leapgap.planning.batch import read_targets
+from leapgap.planning.library import reference_to
+from leapgap.recording import jump as jump_log
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from stages.common import output_folder, read_config, run_stage
+
+REAL = "real"
+"""Name of the case of real jumps; that they are real is no secret, their columns differ."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Section ``withhold``."""
+
+    logs: str | None
+    truth: str | None
+    references: str
+    real: str | None
+    targets: Any
+    world: dict[str, Any]
+    halves: dict[str, Any]
+    sizes: dict[str, dict[str, list[float]]]
+    signed: list[str]
+
+
+def withhold_all(config: DictConfig) -> None:
+    """Draw the cases, make their jumps, seal their truths."""
+    settings = read_config(Settings, config.withhold, "withhold")
+    section = config.withhold
+    world = read_config(World, section.world, "withhold.world")
+    halves = {name: read_config(Half, section.halves[name], f"withhold.halves.{name}") for name in section.halves}
+    executor = read_config(Executor, config.executor, "executor")
+    robot = Robot.load(config.robot.model)
+    references = references_of(settings.targets, settings.references, robot)
+    cases = draw_cases(halves, settings.sizes, settings.signed, robot)
+    names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
+    logs_out, truth_out = (
+        Path(chosen) if chosen else output_folder(None) / kind
+        for chosen, kind in ((settings.logs, "logs"), (settings.truth, "truth"))
+    )
+    with whole_folder(truth_out) as truths, whole_folder(logs_out) as logs:
+        job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)
+        seals = dict(executor.map(job, list(names.items())))
+        real = jump_log.read_folder(Path(settings.real)) if settings.real else []
+        if len(real) > 1:
+            truth = write_case(real_case(real, len(real)), logs / REAL, truths / REAL)
+            seals[REAL] = sealed(truth, truths, REAL)
+        write_json(logs / SEALS, seals)
+    print(f"{len(names)} cases{' and the real jumps' if REAL in seals else ''} withheld; seals: {logs_out / SEALS}")
+
+
+def references_of(targets: Any, folder: str, robot: Robot) -> list[Jump]:
+    """The planned jumps to all targets."""
+    return [reference_to(target, Path(folder), robot) for target in read_targets(targets, "withhold.targets")]
+
+
+def make_case(
+    named: tuple[str, Case], references: list[Jump], robot: Robot, world: World, logs: Path, truths: Path
+) -> tuple[str, str]:
+    """Write one case's two sides; its name and seal."""
+    name, case = named
+    truth = write_case(withhold(case, references, robot, world), logs / name, truths / name)
+    return name, sealed(truth, truths, name)
+
+
+def sealed(truth: dict[str, Any], truths: Path, name: str) -> str:
+    """Write a truth and return its seal."""
+    write_json(truths / f"{name}.json", truth)
+    return seal(truth)
+
+
+if __name__ == "__main__":
+    run_stage(withhold_all)
