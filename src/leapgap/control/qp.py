@@ -154,6 +154,8 @@ class Osqp(QpSolver):
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
         """As said in ``QpSolver``."""
         start = time.perf_counter()
+        if not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all()):
+            return nothing(qp, FAILED, start)
         try:
             to_x = np.linalg.inv(np.linalg.cholesky(qp.hessian)).T
         except np.linalg.LinAlgError:
@@ -175,7 +177,7 @@ class Osqp(QpSolver):
             adaptive_rho_interval=25,  # the default follows the clock, and with it the answer's last digits
             time_limit=time_limit_s or 1e10,
         )
-        found = splitting.solve()
+        found = splitting.solve(raise_error=False)
         status = self.STATUS.get(found.info.status_val, FAILED)
         if status != SOLVED:
             return nothing(qp, status, start)
