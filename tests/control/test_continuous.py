@@ -67,7 +67,7 @@ def test_forces_bring_the_body_to_rest(robot: Robot, component: int, off: float)
         assert ((force[FORCE_Z] >= 10 - 1e-6) & (force[FORCE_Z] <= 350 + 1e-6)).all()
         state = body.step(state, (foot_in_world - state[:2]).ravel(), force, 0.001)
     assert not controller.fallbacks
-    assert abs(state[2:]).max() < 0.2 * worst.max()
+    assert abs(state[2:]).max() < 0.3 * worst.max()
 
 
 def test_a_landing_without_a_solution_sends_the_weight(robot: Robot) -> None:

@@ -99,7 +99,7 @@ class QpConfig:
     backend: str = "daqp"
     primal_tolerance: float = 1e-6
     """Of the constraints, in the units of x, of ``daqp``."""
-    max_iterations: int = 4000
+    max_iterations: int = 20_000
     eps: float = 1e-6
     """Absolute and relative tolerance of ``osqp``."""
     rho: float = 1e-3
