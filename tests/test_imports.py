@@ -23,6 +23,8 @@ ONLY_IN = {
     "torch": {"learning"},
     "lightning": {"learning"},
     "casadi": {"planning", "control"},
+    "daqp": {"control"},
+    "osqp": {"control"},
     "hydra": set(),
     "omegaconf": set(),
     "dvc": set(),

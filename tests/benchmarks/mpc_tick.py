@@ -1,0 +1,340 @@
+"""How long does an MPC update take, from the estimate to joint torques, beside a plain torch + numpy + OSQP version?
+
+With networks of the paper's sizes (h 7-400-400-3, G 7-1000-1000-12, random orthogonal weights: time does not depend
+on their values), on the states of logged jumps at 40 Hz, one thread. Versions take turns at each state. The plain
+version evaluates all networks in torch for the K samples at every update, multiplies the condensed matrices out as
+the paper writes them, and solves with OSQP at its default tolerance, set up once and updated. Accuracy, N, is the
+largest deviation of any force of a plan from the independent method of tests/control/test_qp.py. Run as
+``python -m tests.benchmarks.mpc_tick --json <file>``; on a shared machine only ratios of one run mean something.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy and torch read it
+
+import argparse
+import gc
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import osqp
+import torch
+from scipy import sparse
+
+from leapgap.control.controller import Estimate
+from leapgap.control.gains import PhaseGains
+from leapgap.control.horizon import Horizon, horizon
+from leapgap.control.mpc import JumpMpc
+from leapgap.control.planner import MpcConfig
+from leapgap.control.qp import QpConfig
+from leapgap.control.reference import Reference, StartFrame
+from leapgap.files import write_json
+from leapgap.recording import jump as jump_log
+from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, Jump
+from leapgap.recording.windows import TimeGrid
+from leapgap.robot.legs import Legs
+from leapgap.robot.model import Robot
+from leapgap.robot.prediction import Affine, PredictionModel, Situation, columns
+from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, GRAVITY, RigidBody
+from tests.control.test_qp import by_least_distance
+
+INPUTS = ("x_from_start", "z_from_start", "pitch", "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
+PAPER = ((400, 400), (1000, 1000))
+SMALL = ((64, 64), (64, 64))
+GRIDS = {"k10": TimeGrid(0.025, 0.1, 10), "k22": TimeGrid(0.025, 0.025, 22)}
+"""As in the paper: variable steps, and fixed ones that see the landing too."""
+ROUNDS = 2
+LIKE_CONTROL = 0.01
+"""Outputs this small keep the plans sensible."""
+Layers = list[tuple[np.ndarray, np.ndarray]]
+
+
+def layers(widths: tuple[int, ...], outputs: int, rng: np.random.Generator) -> Layers:
+    """Random orthogonal weights (out, in) and zero biases, float32."""
+    sizes = (len(INPUTS), *widths, outputs)
+    made = []
+    for before, after in pairwise(sizes):
+        q, _ = np.linalg.qr(rng.normal(size=(max(before, after), min(before, after))))
+        weight = (q if after >= before else q.T).astype(np.float32)
+        made.append((np.ascontiguousarray(weight), np.zeros(after, np.float32)))
+    return [*made[:-1], (LIKE_CONTROL * made[-1][0], made[-1][1])]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Of h1 (contact), h2 (flight) and G1 (forces in contact)."""
+
+    h1: Layers
+    h2: Layers
+    g1: Layers
+
+    @staticmethod
+    def of(widths: tuple[tuple[int, ...], tuple[int, ...]]) -> "Weights":
+        rng = np.random.default_rng(0)
+        return Weights(layers(widths[0], 3, rng), layers(widths[0], 3, rng), layers(widths[1], 12, rng))
+
+
+def forward(net: Layers, x: np.ndarray) -> np.ndarray:
+    """Tanh network in NumPy, (n, inputs) → (n, outputs)."""
+    for weight, bias in net[:-1]:
+        x = np.tanh(x @ weight.T + bias)
+    return x @ net[-1][0].T + net[-1][1]
+
+
+class Networks(PredictionModel):
+    """Rigid body plus networks, in NumPy."""
+
+    def __init__(self, weights: Weights) -> None:
+        self.weights, self.body = weights, RigidBody()
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
+        x = np.stack(columns(INPUTS, situation), axis=-1).astype(np.float32)
+        bias, by_force = np.zeros((len(x), 3)), np.zeros((len(x), 3, 4))
+        for mask, h in ((contact, self.weights.h1), (~contact, self.weights.h2)):
+            if mask.any():
+                bias[mask] = forward(h, x[mask])
+        if contact.any():
+            nominal = self.body.force_rows(situation.foot[contact])
+            by_force[contact] = nominal + forward(self.weights.g1, x[contact]).reshape(-1, 3, 4) * LIKE_CONTROL
+        bias[:, 1] -= GRAVITY
+        return Affine(bias, by_force)
+
+
+class Plain:
+    """The plain version of one jump: torch, matrices multiplied out, OSQP."""
+
+    def __init__(self, reference: Reference, robot: Robot, weights: Weights, config: MpcConfig) -> None:
+        self.reference, self.config, self.legs = reference, config, Legs(robot)
+        self.h1, self.h2, self.g1 = (self._torch(net) for net in (weights.h1, weights.h2, weights.g1))
+        self.body = RigidBody()
+        self.frame: StartFrame | None = None
+        self.solvers: dict[int, osqp.OSQP] = {}
+        self.force = np.zeros((0, 4))
+
+    @staticmethod
+    def _torch(net: Layers) -> torch.nn.Module:
+        parts: list[torch.nn.Module] = []
+        for weight, bias in net:
+            linear = torch.nn.Linear(weight.shape[1], weight.shape[0])
+            linear.weight.data, linear.bias.data = torch.from_numpy(weight.copy()), torch.from_numpy(bias.copy())
+            parts += [linear, torch.nn.Tanh()]
+        return torch.nn.Sequential(*parts[:-1]).eval()
+
+    def command(self, estimate: Estimate) -> np.ndarray:
+        """Joint torques of an update."""
+        self.frame = self.frame or StartFrame.of(estimate)
+        state, foot = self.frame.state(estimate), self.frame.foot(estimate, self.legs)
+        steps = horizon(self.config.grid, self.reference.schedule, estimate.time_s)
+        rows = self.reference.rows(steps.time_s)
+        target = self.reference.state[rows[1:]]
+        feet = np.concatenate([foot[None], self.reference.foot[rows[1:-1]]])
+        states = np.concatenate([state[None], self.reference.state[rows[1:-1]]])
+        bias, by_force = self._networks(states, feet, self.reference.state[rows[0]], steps.contact)
+        free, gain = self._multiplied_out(state, bias, by_force, steps)
+        self.force = self._solve(free, gain, target, self.reference.mean_force(steps.time_s), steps)
+        pair_force = self.frame.in_world(self.force[0])
+        return self.legs.torque(estimate.base_quaternion, estimate.joint_pos, pair_force)
+
+    def _networks(
+        self, states: np.ndarray, feet: np.ndarray, start: np.ndarray, contact: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        starts = np.concatenate([states[:1], np.tile(start, (len(states) - 1, 1))])
+        situation = Situation(states, feet, np.zeros(len(states)), starts)
+        x = torch.from_numpy(np.stack(columns(INPUTS, situation), axis=-1).astype(np.float32))
+        with torch.no_grad():
+            h1, h2, g1 = (net(x).numpy() for net in (self.h1, self.h2, self.g1))
+        bias = np.where(contact[:, None], h1, h2).astype(float)
+        bias[:, 1] -= GRAVITY
+        by_force = self.body.force_rows(feet) + g1.reshape(-1, 3, 4) * LIKE_CONTROL
+        return bias, by_force * contact[:, None, None]
+
+    @staticmethod
+    def _multiplied_out(
+        state: np.ndarray, bias: np.ndarray, by_force: np.ndarray, steps: Horizon
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Free states (n, 6) and gain (n, 6, 4 n) of all forces, step by step."""
+        n = len(steps)
+        free, gain = np.zeros((n, 6)), np.zeros((n, 6, 4 * n))
+        x, g = state, np.zeros((6, 4 * n))
+        for k, dt in enumerate(steps.step_s):
+            a = np.eye(6)
+            a[:3, 3:] = dt * np.eye(3)
+            x, g = a @ x, a @ g
+            x[3:] += dt * bias[k]
+            g[3:, 4 * k : 4 * k + 4] += dt * by_force[k]
+            free[k], gain[k] = x, g
+        return free, gain
+
+    def _solve(
+        self, free: np.ndarray, gain: np.ndarray, target: np.ndarray, force: np.ndarray, steps: Horizon
+    ) -> np.ndarray:
+        n, config = len(steps), self.config
+        q = np.tile(config.weights.diagonal, n)
+        flat = gain.reshape(6 * n, 4 * n)
+        hessian = 2 * (flat.T @ (q[:, None] * flat) + config.force_weight * np.eye(4 * n))
+        gradient = 2 * flat.T @ (q * (free - target).ravel()) - 2 * config.force_weight * force.ravel()
+        pushing = np.repeat(steps.share > 0, 2, axis=1)
+        upper = np.concatenate([(config.limits.largest_n * pushing).ravel(), np.zeros(4 * n)])
+        lower = np.concatenate([(-config.limits.largest_n * pushing).ravel(), np.full(4 * n, -1e30)])
+        index = np.arange(4 * n).reshape(n, 4)
+        lower[index[:, FORCE_Z]] = 0.0
+        triangle = np.triu_indices(4 * n)
+        if n not in self.solvers:
+            cone = np.zeros((4 * n, 4 * n))
+            x, z = index[:, FORCE_X].ravel(), index[:, FORCE_Z].ravel()
+            up, down = np.arange(0, 4 * n, 2), np.arange(1, 4 * n, 2)
+            cone[up, x], cone[down, x] = 1.0, -1.0
+            cone[up, z] = cone[down, z] = -config.limits.friction
+            dense = sparse.csc_matrix((np.ones(len(triangle[0])), triangle), shape=(4 * n, 4 * n))
+            dense.data = hessian.T[np.tril_indices(4 * n)]
+            self.solvers[n] = osqp.OSQP()
+            rows = sparse.csc_matrix(np.concatenate([np.eye(4 * n), cone]))
+            self.solvers[n].setup(dense, gradient, rows, lower, upper, verbose=False, adaptive_rho_interval=25)
+        else:  # the upper triangle column by column is the lower one row by row
+            self.solvers[n].update(Px=hessian.T[np.tril_indices(4 * n)], q=gradient, l=lower, u=upper)
+        return self.solvers[n].solve(raise_error=False).x.reshape(n, 4)
+
+
+def estimates(jump: Jump, robot: Robot) -> list[Estimate]:
+    """What the controller would have been told at each update of a logged jump."""
+    position, quaternion, velocity = (jump.stack(c) for c in (BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY))
+    joint_pos, joint_vel = (jump.per_joint(c, robot.joints) for c in ("joint_pos", "joint_vel"))
+    turning = np.stack([0 * jump.time, jump["base_angvel_y"], 0 * jump.time], axis=1)
+    touching = np.ones(len(robot.feet), dtype=bool)
+    rows = [int(np.argmin(np.abs(jump.time - t))) for t in np.arange(0, jump.info.schedule.take_off_s - 1e-6, 0.025)]
+    measured = (position, quaternion, velocity, turning, joint_pos, joint_vel)
+    return [Estimate(0.025 * i, *(part[row] for part in measured), touching) for i, row in enumerate(rows)]
+
+
+def recorded(robot: Robot) -> tuple[str, list[tuple[Reference, list[Estimate]]]]:
+    """Jumps with a reference to their target: real ones, where there are some, else simulated ones."""
+    references = {
+        (j.info.target.x_m, j.info.target.z_m): Reference.of(j, robot)
+        for j in jump_log.read_folder(Path("data/references"))
+    }
+    for folder in ("real", "simulated"):
+        path = Path("data/jumps") / folder
+        jumps = jump_log.read_folder(path) if path.is_dir() else []
+        found = [
+            (references[key], estimates(jump, robot))
+            for jump in jumps
+            if (key := (jump.info.target.x_m, jump.info.target.z_m)) in references
+        ]
+        if len(found) >= 4:
+            return folder, found
+    raise SystemExit("no four jumps with a reference: run `dvc repro collect optimize import_logs` first")
+
+
+@dataclass
+class Timed:
+    """Of one version."""
+
+    microseconds: list[float] = field(default_factory=list)
+    """By the clock on the wall, a tick each."""
+    cpu_microseconds: list[float] = field(default_factory=list)
+    """Of this thread alone: what other programmes on the machine took is not in it."""
+    qp_microseconds: list[float] = field(default_factory=list)
+    error_n: float = 0.0
+
+    def tick(self, work: Callable[[], object]) -> None:
+        """Do it and note how long it took."""
+        wall, cpu = time.perf_counter(), time.thread_time()
+        work()
+        self.cpu_microseconds.append(1e6 * (time.thread_time() - cpu))
+        self.microseconds.append(1e6 * (time.perf_counter() - wall))
+
+    def row(self) -> dict[str, float]:
+        found = {}
+        for name, ticks in (("", self.microseconds), ("cpu_", self.cpu_microseconds)):
+            of_ticks = {"median": np.median(ticks), "p99": np.percentile(ticks, 99), "worst": max(ticks)}
+            found |= {name + k: v for k, v in of_ticks.items()}
+        return {**{k: round(float(v), 1) for k, v in found.items()}, "force_error_n": float(f"{self.error_n:.2g}")}
+
+
+def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[Estimate]]], robot: Robot) -> dict[str, Timed]:
+    """All versions at all recorded states, taking turns."""
+    weights, small = Weights.of(PAPER), Weights.of(SMALL)
+    kinds = {
+        "daqp": (weights, "daqp"),
+        "osqp": (weights, "osqp"),
+        "daqp_small_networks": (small, "daqp"),
+    }
+    plain_kinds = {"torch_osqp": weights, "torch_osqp_small_networks": small}
+    timed = {name: Timed() for name in (*plain_kinds, *kinds)}
+    for reference, told in jumps * ROUNDS:
+        ours = {
+            name: JumpMpc(reference, robot, PhaseGains(), Networks(w), MpcConfig(grid, qp=QpConfig(backend)))
+            for name, (w, backend) in kinds.items()
+        }
+        plain = {name: Plain(reference, robot, w, MpcConfig(grid)) for name, w in plain_kinds.items()}
+        gc.collect()
+        gc.disable()
+        for estimate in told:
+            exact: dict[str, np.ndarray] = {}
+            for name, mpc in ours.items():
+                timed[name].tick(lambda mpc=mpc: mpc.command(estimate))  # noqa: B023
+                plan = mpc.plan_now
+                if plan is None or plan.solution is None or plan.fallback is not None:
+                    raise SystemExit(f"{name} at {estimate.time_s:g} s: {plan.fallback if plan else 'no plan'}")
+                timed[name].qp_microseconds.append(1e6 * plan.solution.seconds)
+                x = by_least_distance(plan.solution.problem)
+                exact[name] = x
+                timed[name].error_n = max(timed[name].error_n, float(np.abs(plan.solution.x - x).max()))
+            for name, version in plain.items():
+                timed[name].tick(lambda version=version: version.command(estimate))  # noqa: B023
+                same = "daqp" + name.removeprefix("torch_osqp")
+                mpc_plan = ours[same].plan_now
+                assert mpc_plan is not None
+                pushing = np.repeat(mpc_plan.horizon.share > 0, 2, axis=1)
+                error = float(np.abs(version.force[pushing] - exact[same]).max())
+                timed[name].error_n = max(timed[name].error_n, error)
+        gc.enable()
+    return timed
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, required=True)
+    file = parser.parse_args().json
+    torch.set_num_threads(1)
+    robot = Robot.load()
+    source, jumps = recorded(robot)
+    results = {name: measure(grid, jumps, robot) for name, grid in GRIDS.items()}
+    of_ours = {k: results[k]["daqp"].row() for k in GRIDS}
+    ratio = {k: round(of_ours[k]["median"] / results[k]["torch_osqp"].row()["median"], 3) for k in GRIDS}
+    cpu = {k: {n: results[k][n].row()["cpu_median"] for n in ("daqp", "torch_osqp")} for k in GRIDS}
+    cpu_ratio = {k: round(cpu[k]["daqp"] / cpu[k]["torch_osqp"], 3) for k in GRIDS}
+    result = {
+        "tick_us_median": {k: of_ours[k]["median"] for k in GRIDS},
+        "tick_us_p99": {k: of_ours[k]["p99"] for k in GRIDS},
+        "tick_us_worst": {k: of_ours[k]["worst"] for k in GRIDS},
+        "qp_us_median": {
+            b: {k: round(float(np.median(results[k][b].qp_microseconds)), 1) for k in GRIDS} for b in ("daqp", "osqp")
+        },
+        "force_error_n": {
+            b: {k: results[k][b].row()["force_error_n"] for k in GRIDS} for b in ("daqp", "osqp", "torch_osqp")
+        },
+        "ratio_to_torch_osqp": ratio,
+        "ratio_to_torch_osqp_cpu": cpu_ratio,
+        "versions": {k: {name: timed.row() for name, timed in results[k].items()} for k in GRIDS},
+        "updates": {k: len(results[k]["daqp"].microseconds) for k in GRIDS},
+        "states": f"{len(jumps)} {source} jumps",
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread, torch {torch.__version__}",
+    }
+    write_json(file, result)
+    for k in GRIDS:
+        print(f"{k}, µs a tick (median, p99, worst; the same of this thread) and largest force error, N:")
+        for name, timed in results[k].items():
+            print(f"  {name:27}" + "".join(f" {value:9.3g}" for value in timed.row().values()))
+        print(f"  ratio to torch_osqp: {ratio[k]}, of this thread {cpu_ratio[k]}")
+    print(f"{result['states']}, {result['machine']}")
+
+
+if __name__ == "__main__":
+    main()
