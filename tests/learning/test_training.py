@@ -19,7 +19,7 @@ from leapgap.learning.model import Nominal, squared_errors
 from leapgap.learning.splits import folds
 from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.recording import windows as windows_module
-from leapgap.recording.windows import ARRAYS, TimeGrid, Windows
+from leapgap.recording.windows import ARRAYS, Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import Situation
 from leapgap.robot.rigid_body import RigidBody
 
@@ -78,7 +78,7 @@ def our_model(windows: Windows):
 def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
     model = make(windows)
     twin = training.Residual(model, dropout=0.5).eval()
-    store.save(store.Stored(model, store.Purpose.of(windows), windows.jumps, "k"), tmp_path, "m")
+    store.save(store.Stored(model, Purpose.of(windows), windows.jumps, "k"), tmp_path, "m")
     read = store.load(tmp_path, "m").model
     assert isinstance(read, type(model)) and same(read, model)
     state = windows.state[:, 1] * 1.01

@@ -13,8 +13,8 @@ from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file
 from leapgap.learning.experiment import FORECAST
 from leapgap.learning.model import squared_errors
-from leapgap.learning.store import Purpose, load
-from leapgap.recording.windows import Windows
+from leapgap.learning.store import load
+from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import STATE
 
 MEASURED = "measured"

@@ -20,9 +20,9 @@ from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Model, Nominal
 from leapgap.learning.network import NetworkModel
 from leapgap.learning.splits import Split, everything, folds, sessions
-from leapgap.learning.store import Purpose, Stored, save, stored_key
+from leapgap.learning.store import Stored, save, stored_key
 from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
-from leapgap.recording.windows import ARRAYS, Windows
+from leapgap.recording.windows import ARRAYS, Purpose, Windows
 from leapgap.robot.rigid_body import PUBLISHED, RigidBody
 
 CODE = ("learning", "recording/windows.py", "robot/rigid_body.py", "robot/schedule.py")
