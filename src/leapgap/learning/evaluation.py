@@ -18,8 +18,8 @@ from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import STATE
 
 MEASURED = "measured"
-WITHOUT_FUTURE = {"constant_velocity": "constant_velocity", "playback": "playback", FORECAST: "kernel"}
-"""Models that need neither measured future feet nor forces, and the name of their forecast's figure."""
+WITHOUT_FUTURE = ("constant_velocity", "playback")
+"""Models that look at neither measured future feet nor forces, in both protocols then, as forecasts do in theirs."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def held_out(windows: Windows, folder: Path, prefix: str) -> HeldOut | None:
                     "run stages.train anew",
                 )
             inputs = mine.inputs
-            states[model][which] = stored.model.predict(inputs.without_measured_future if model == FORECAST else inputs)
+            states[model][which] = stored.model.predict(inputs.without_measured_future if is_forecast(model) else inputs)
     return HeldOut(windows, states)
 
 
@@ -75,15 +75,15 @@ def metrics(folds: HeldOut | None, sessions: HeldOut | None, windows: Windows) -
     found: dict[str, object] = {"jumps": len(windows.jumps), "windows": len(windows)}
     if folds is not None:
         errors = {model: folds.error_by_jump(model) for model in folds.states}
-        shown = {model: error for model, error in errors.items() if model != FORECAST}
+        shown = {model: error for model, error in errors.items() if not is_forecast(model)}
         found["cv_mse"] = {model: rounded(error.mean()) for model, error in shown.items()}
-        found["cv_mse_se"] = {model: rounded(error.std(ddof=1) / np.sqrt(len(error))) for model, error in shown.items()}
-        found["forecast_cv_mse"] = {
-            name: rounded(errors[model].mean()) for model, name in WITHOUT_FUTURE.items() if model in errors
-        }
+        found["cv_mse_se"] = {model: rounded(standard_error(error)) for model, error in shown.items()}
+        blind = {m.removesuffix(FORECAST): e for m, e in errors.items() if m in WITHOUT_FUTURE or is_forecast(m)}
+        found["forecast_cv_mse"] = {model: rounded(error.mean()) for model, error in blind.items()}
+        found["forecast_cv_mse_se"] = {model: rounded(standard_error(error)) for model, error in blind.items()}
     if sessions is not None:
         found["cv_mse_sessions"] = {
-            model: rounded(sessions.error_by_jump(model).mean()) for model in sessions.states if model != FORECAST
+            model: rounded(sessions.error_by_jump(model).mean()) for model in sessions.states if not is_forecast(model)
         }
     return found
 
@@ -94,9 +94,19 @@ def of_unseen(windows: Windows, folder: Path, split: str = "all") -> dict[str, f
     for model in read_json(folder / "splits.json")[split]["models"]:
         stored = load(folder / split, model)
         stored.purpose.require(Purpose.of(windows), folder / split / f"{model}.json")
-        if model != FORECAST:
+        if not is_forecast(model):
             found[model] = rounded(squared_errors(stored.model.predict(windows.inputs), windows).mean())
     return found
+
+
+def is_forecast(model: str) -> bool:
+    """Whether a model is judged without measured future feet and forces."""
+    return model.endswith(FORECAST)
+
+
+def standard_error(error: np.ndarray) -> float:
+    """Of the mean over jumps."""
+    return float(error.std(ddof=1) / np.sqrt(len(error)))
 
 
 def rounded(value: float) -> float:

@@ -7,14 +7,25 @@ from typing import Any
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback
+from leapgap.learning.blend import Blend
 from leapgap.learning.kernel import KernelForecast, KernelModel
 from leapgap.learning.model import Model
-from leapgap.learning.network import NetworkModel
+from leapgap.learning.network import NetworkForecast, NetworkModel
 from leapgap.recording.windows import Purpose, read_npz, write_npz
 
 FORMAT_VERSION = 1
 KINDS: dict[str, type[Model]] = {
-    kind.kind: kind for kind in (NominalModel, ConstantVelocity, Playback, KernelModel, KernelForecast, NetworkModel)
+    kind.kind: kind
+    for kind in (
+        NominalModel,
+        ConstantVelocity,
+        Playback,
+        KernelModel,
+        KernelForecast,
+        NetworkModel,
+        NetworkForecast,
+        Blend,
+    )
 }
 
 
