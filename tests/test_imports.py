@@ -13,7 +13,7 @@ MAY_IMPORT = {
     "learning": {"robot", "recording"},
     "simulation": {"robot", "recording", "effects", "control"},
     "diagnosis": {"robot", "recording", "effects", "simulation"},
-    "view": {"robot", "recording", "diagnosis", "effects"},
+    "view": {"robot", "recording", "learning", "diagnosis", "effects"},
 }
 ONLY_IN = {
     "mujoco": {"robot", "effects", "simulation", "diagnosis"},

@@ -22,6 +22,7 @@ from leapgap.recording import windows as windows_module
 from leapgap.recording.windows import ARRAYS, Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import Situation
 from leapgap.robot.rigid_body import RigidBody
+from stages.params import composed
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
 QUIET = {"enable_progress_bar": False}
@@ -196,7 +197,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     learner.batches = {"stopping": training.Batch.of(last_two, torch.device("cpu"))}
     assert learner.error_on("stopping") == pytest.approx(min(seen), rel=1e-4)
     assert not same(model, start)
-    with pytest.raises(InputError, match="fitting.stopping_jumps: found 6 of 6 training jumps"):
+    with pytest.raises(InputError, match=r"fitting.stopping_jumps: found 6 of 6 training jumps"):
         fit(windows, None, tmp_path / "bad", replace(fitting, stopping_jumps=6))
 
 
@@ -287,7 +288,7 @@ def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path
 
 def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_path):
     """With the configured inputs, on one fold and in a third of the steps."""
-    section = OmegaConf.load(Path(__file__).parents[2] / "conf/train/default.yaml").networks
+    section = OmegaConf.create(composed()).train.networks
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))

@@ -102,8 +102,8 @@ def test_rows_are_found_by_the_clock_not_by_their_number(jump, robot):
         (
             lambda j: j,
             TimeGrid(flight_step_s=0.15),
-            "jump_01, time grid, flight: found 0.4 s, which is not a whole number of 0.15 s steps; expected for instance 0.3 s "
-            "or 0.45 s; choose a step that divides the phase, or another schedule",
+            "jump_01, time grid, flight: found 0.4 s, which is not a whole number of 0.15 s steps; "
+            "expected for instance 0.3 s or 0.45 s; choose a step that divides the phase, or another schedule",
         ),
         (
             lambda j: j.first_rows(200),

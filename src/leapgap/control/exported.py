@@ -90,6 +90,9 @@ class Exported(PredictionModel):
     purpose: Purpose
     contact: Phase
     flight: Phase
+    deviation: np.ndarray | None = None
+    """Standard deviations of predicted states, by the step of the jump at which the prediction starts and by the step
+    predicted, (starts, K, 6), m, rad, m/s, rad/s; calibrated on training jumps left out in turn. ``None``: unknown."""
 
     def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
         """At n moments of contact or flight (bool, (n,)), in one batch a phase."""
@@ -120,7 +123,7 @@ def load(folder: Path, name: str, needed: Purpose) -> Exported:
             path, f"a model that does not fit ({error!r})", "a model of this version", "run stages.train anew"
         ) from None
     purpose.require(needed, path)
-    return Exported(name, purpose, contact, flight)
+    return Exported(name, purpose, contact, flight, arrays.get("deviation"))
 
 
 def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:

@@ -14,16 +14,16 @@ import numpy as np
 import leapgap
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
-from leapgap.learning import export, kernel, untrained
+from leapgap.learning import export, kernel, spread, untrained
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
 from leapgap.learning.blend import Blend
-from leapgap.learning.kernel import KernelConfig
+from leapgap.learning.kernel import KernelConfig, KernelModel
 from leapgap.learning.model import Model, Nominal, ResidualModel
 from leapgap.learning.network import NetworkForecast, NetworkModel
 from leapgap.learning.splits import Split, everything, folds, sessions
 from leapgap.learning.store import Stored, load, save, stored_key
 from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
-from leapgap.recording.windows import ARRAYS, Purpose, Windows
+from leapgap.recording.windows import ARRAYS, Purpose, Windows, read_npz
 from leapgap.robot.rigid_body import PUBLISHED, RigidBody
 
 CODE = ("learning", "recording/windows.py", "robot/rigid_body.py", "robot/schedule.py")
@@ -217,6 +217,7 @@ def train(
         (split.name, name): key_of(windows, split, name, config) for split in splits for name in config.models_of(split)
     }
     wanted = {f"{split}/{name}" for split, name in keys} | {f"{EXPORTED}/{name}" for name in used}
+    wanted |= {spread_name(split, variant) for split in splits for variant in spread_variants(config, split)}
     forget(out, wanted, {f"{name}-{key[:12]}" for (_, name), key in keys.items()})
     fitted = []
     for number, split in enumerate(splits):
@@ -230,6 +231,10 @@ def train(
                 write_json(out / split.name / f"{name}.curve.json", {"rows": curve})
                 save(Stored(model, Purpose.of(windows), split.train, key), out / split.name, name)
                 fitted.append(f"{split.name}/{name}")
+        for variant in spread_variants(config, split):
+            path = out / f"{spread_name(split, variant)}.npz"
+            if not path.is_file() or f"{split.name}/kernel{variant}" in fitted:
+                fit_spread(windows.of_jumps(split.train), config, variant, path)
     write_json(
         out / "splits.json",
         {
@@ -239,9 +244,41 @@ def train(
     )
     for name in used:
         if stored_key(out / EXPORTED, name) != keys[splits[-1].name, name]:
-            export.write(load(out / splits[-1].name, name), out / EXPORTED, name)
+            export.write(load(out / splits[-1].name, name), out / EXPORTED, name, deviation_of(out, splits[-1], name))
     write_all_curves(out, {split.name: config.models_of(split) for split in splits})
     return fitted
+
+
+def spread_variants(config: TrainConfig, split: Split) -> list[str]:
+    """Kernels whose errors are learned too; a whole session held out is another distribution, which none foresees."""
+    if split.name.startswith("session") or len(split.train) < 2:
+        return []
+    return [variant for variant in ("", NO_PHASE, FORECAST) if f"kernel{variant}" in config.models_of(split)]
+
+
+def spread_name(split: Split, variant: str) -> str:
+    """``<split>/spread<variant>``."""
+    return f"{split.name}/spread{variant}"
+
+
+def deviation_of(out: Path, split: Split, name: str) -> np.ndarray | None:
+    """Expected errors of a learned model in familiar situations, (starts, K, 6), where they were learned."""
+    family, _, variant = name.partition("_")
+    path = out / f"{spread_name(split, f'_{variant}' if variant else '')}.npz"
+    return np.sqrt(read_npz(path)["variance"]) if family in (*BLENDED, "blend") and path.is_file() else None
+
+
+def fit_spread(windows: Windows, config: TrainConfig, variant: str, path: Path) -> None:
+    """By leaving out each training jump in turn."""
+    fit = FITS[f"kernel{variant}"]
+
+    def fit_kernel(train: Windows) -> KernelModel:
+        split = Split("", train.jumps, ())
+        model, _ = fit(Task(config, split, f"kernel{variant}", train, train.of_jumps([]), path.parent, path.parent))
+        assert isinstance(model, KernelModel)
+        return model
+
+    spread.save(spread.fit(windows, fit_kernel, config.kernel), path)
 
 
 def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:

@@ -72,8 +72,8 @@ def blended(members: Sequence[dict[str, FlatPhase]]) -> dict[str, FlatPhase]:
     share = 1 / len(members)
     return {
         phase: FlatPhase(
-            sum(m[phase].constant for m in members) * share,  # type: ignore[call-overload]
-            sum(m[phase].feet for m in members) * share,  # type: ignore[call-overload]
+            np.mean([member[phase].constant for member in members], axis=0),
+            np.mean([member[phase].feet for member in members], axis=0),
             tuple(scaled(part, share) for m in members for part in m[phase].parts),
         )
         for phase in PHASES
@@ -162,10 +162,13 @@ def kernel_part(names: tuple[str, ...], part: KernelPart) -> Part:
     )
 
 
-def write(stored: Stored, folder: Path, name: str) -> None:
-    """Write ``<name>.npz``, ``<name>.onnx`` and, last, ``<name>.json``."""
+def write(stored: Stored, folder: Path, name: str, deviation: np.ndarray | None = None) -> None:
+    """Write ``<name>.npz``, ``<name>.onnx`` and, last, ``<name>.json``.
+
+    ``deviation``: of predicted states by start of the prediction and step, (starts, K, 6), where known.
+    """
     phases = flatten(stored.model)
-    arrays = {}
+    arrays = {} if deviation is None else {"deviation": deviation}
     for phase, flat in phases.items():
         arrays |= {f"{phase}/constant": flat.constant, f"{phase}/feet": flat.feet}
         for i, part in enumerate(flat.parts):
