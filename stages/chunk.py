@@ -20,6 +20,7 @@ class ChunkConfig:
     contact_step_s: float
     flight_step_s: float
     steps: int
+    force: str
     out: str | None = None
 
     @property
@@ -32,7 +33,9 @@ def chunk(config: DictConfig) -> None:
     """Read a folder of jump logs, write their windows."""
     section = read_config(ChunkConfig, config.chunk, "chunk")
     out = output_folder(section.out)
-    found = windows.cut(jump.read_folder(Path(section.logs)), section.grid, Robot.load(config.robot.model))
+    found = windows.cut(
+        jump.read_folder(Path(section.logs)), section.grid, Robot.load(config.robot.model), section.force
+    )
     with whole_folder(out) as folder:
         windows.write(found, folder)
     print("no logs: no windows" if not len(found) else f"{len(found)} windows of {len(found.jumps)} jumps", "->", out)

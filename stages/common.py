@@ -14,6 +14,7 @@ from typing import Any, NoReturn, TypeVar
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -26,13 +27,16 @@ CONF = ROOT / "conf"
 T = TypeVar("T")
 
 
-def run_stage(stage: Callable[[DictConfig], None]) -> None:
-    """Run a stage's function with its configuration; the ``__main__`` of every stage module."""
+def run_stage(stage: Callable[[DictConfig], Any]) -> None:
+    """Run a stage's function with its configuration; the ``__main__`` of every stage module.
+
+    What the function returns, figures by name, is what a sweep tabulates (``stages.sweep``).
+    """
     name = Path(sys.argv[0]).stem
 
-    def told(config: DictConfig) -> None:
+    def told(config: DictConfig) -> Any:
         try:
-            stage(config)
+            return stage(config)
         except InputError as error:
             refuse(name, error)
 
@@ -51,7 +55,7 @@ def refuse(name: str, error: InputError) -> NoReturn:
     raise SystemExit(2) from None
 
 
-def run_with_hydra(stage: Callable[[DictConfig], None], name: str) -> None:
+def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
     """Compose ``conf/`` with the command line (``key=value``, ``-m`` for sweeps) and run the stage."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hand errors to us instead of exit code 1
     sys.argv.append(f"hydra.job.name={name}")  # names the run folder
@@ -108,6 +112,11 @@ def unlock(node: DictConfig) -> None:
         child = node._get_node(key)
         if isinstance(child, DictConfig) and not child._is_none() and not child._is_missing():
             unlock(child)
+
+
+def in_sweep() -> bool:
+    """Whether this is a job of a Hydra multirun."""
+    return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
 def output_folder(out: Any) -> Path:

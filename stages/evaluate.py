@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig
 
-from leapgap.files import read_json, whole_folder, write_json
-from leapgap.learning import evaluation, store
+from leapgap.files import read_json, whole_folder, write_json, write_text
+from leapgap.learning import evaluation, frequency, store
+from leapgap.learning.evaluation import HeldOut
+from leapgap.learning.frequency import RollOut
 from leapgap.recording import jump, windows
 from leapgap.robot.model import Robot
+from leapgap.view import learning as page
 from stages.common import output_folder, read_config, run_stage
 
 
@@ -18,7 +22,10 @@ class EvaluateConfig:
 
     models: str
     windows: str
+    fixed_models: str | None = None
+    fixed_windows: str | None = None
     metrics: str | None = None
+    timing: str | None = None
     logs: str | None = None
     out: str | None = None
 
@@ -40,14 +47,37 @@ def evaluate(config: DictConfig) -> None:
             write_json(metrics, {"jumps": 0})
         return
     folds, sessions = (evaluation.held_out(found, models, prefix) for prefix in ("fold", "session"))
+    figures = evaluation.metrics(folds, sessions, found)
+    roll_outs = None if folds is None else from_650_ms(folds, section)
+    if roll_outs is not None:
+        figures["landing_rms"] = frequency.landing_rms(roll_outs)
     with whole_folder(out) as folder:
         if folds is not None:
             evaluation.write_predictions(folds, folder)
             evaluation.write_error_by_step(folds, folder / "error_by_step.csv")
+            evaluation.write_calibration(folds, folder / "calibration.csv")
+            write_text(folder / "report.html", report(section, figures, folder, roll_outs))
         else:
             write_json(folder / "note.json", {"note": "one jump: none could be held out"})
-    write_json(metrics, evaluation.metrics(folds, sessions, found))
+    write_json(metrics, figures)
     print(f"{len(found)} windows of {len(found.jumps)} jumps predicted -> {metrics}, {out}")
+
+
+def from_650_ms(folds: HeldOut, section: EvaluateConfig) -> dict[str, RollOut] | None:
+    """Roll-outs on variable and on fixed steps, where models of fixed steps are at hand."""
+    if section.fixed_models is None or section.fixed_windows is None:
+        return None
+    fixed = evaluation.held_out(windows.read(Path(section.fixed_windows)), Path(section.fixed_models), "fold")
+    return None if fixed is None else frequency.compare(folds, fixed)
+
+
+def report(
+    section: EvaluateConfig, figures: dict[str, Any], predictions: Path, roll_outs: dict[str, RollOut] | None
+) -> str:
+    """The page for a person."""
+    seconds = read_json(Path(section.timing))["fit_seconds"] if section.timing else {}
+    about = read_json(Path(section.windows) / "windows.json")
+    return page.html(figures, seconds, about, Path(section.models) / "curves.csv", predictions, roll_outs)
 
 
 def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:

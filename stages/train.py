@@ -5,22 +5,27 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.learning import experiment
+from leapgap.learning import evaluation, experiment
 from leapgap.learning.experiment import TrainConfig
 from leapgap.recording import windows
-from stages.common import output_folder, read_config, run_stage
+from stages.common import in_sweep, output_folder, read_config, run_stage
 
 
-def train(config: DictConfig) -> None:
-    """Read windows, write models as <out>/<split>/<model>.npz and .json, and curves.csv."""
+def train(config: DictConfig) -> dict[str, float] | None:
+    """Read windows, write models as <out>/<split>/<model>.npz and .json, and curves.csv.
+
+    In a sweep, the cross-validated errors are returned for its table.
+    """
     section = read_config(TrainConfig, config.train, "train")
     out = output_folder(section.out)
     found, began = windows.read(Path(section.windows)), time.monotonic()
     fitted = experiment.train(found, section, out, progress=lambda text: print(text, flush=True))
     if not len(found):
         print(f"no logs: nothing trained -> {out}")
-        return
+        return None
     print(f"{len(fitted)} models fitted in {time.monotonic() - began:.0f} s, the others kept -> {out}")
+    folds = evaluation.held_out(found, out, "fold") if in_sweep() else None
+    return None if folds is None else evaluation.cv_figures(folds)
 
 
 if __name__ == "__main__":

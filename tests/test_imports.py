@@ -15,7 +15,7 @@ MAY_IMPORT = {
     "diagnosis": {"robot", "recording", "effects", "simulation"},
     "blind": {"robot", "recording", "effects", "simulation", "diagnosis"},  # and no diagnosis imports it
     "experiment": {"robot", "recording", "effects", "planning", "control", "simulation"},
-    "view": {"robot", "recording", "diagnosis", "effects"},
+    "view": {"robot", "recording", "learning", "diagnosis", "effects"},
 }
 ONLY_IN = {
     "mujoco": {"robot", "effects", "simulation", "diagnosis", "blind"},

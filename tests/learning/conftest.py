@@ -38,11 +38,16 @@ def law(robot: Robot, state: np.ndarray, force: np.ndarray) -> np.ndarray:
     return rows @ force + [0.0, -9.81, 0.0]
 
 
-def synthetic_jump(name: str, robot: Robot, schedule: ContactSchedule | None = None, start_x: float = 0.3) -> Jump:
-    """A jump of random forces, different for every name, that obeys ``law`` on 25 ms / 100 ms steps."""
+def synthetic_jump(
+    name: str,
+    robot: Robot,
+    schedule: ContactSchedule | None = None,
+    start_x: float = 0.3,
+    grid: TimeGrid = TimeGrid(),  # noqa: B008 - frozen
+) -> Jump:
+    """A jump of random forces, different for every name, that obeys ``law`` on the steps of a grid."""
     schedule = schedule or ContactSchedule()
     random = np.random.default_rng(sum(map(ord, name)))
-    grid = TimeGrid()
     times, steps = grid.sample_times(schedule), grid.step_lengths(schedule)
     contact = np.arange(len(steps)) < grid.contact_steps(schedule)
     force, states = [], [np.array([start_x, 0.3, 0.02 * random.normal(), 0.0, 0.0, 0.0])]

@@ -15,6 +15,7 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.model import DEFAULT_MODEL
 from stages.chunk import chunk
 from stages.evaluate import evaluate
+from stages.params import composed
 from stages.train import train
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -22,7 +23,8 @@ CONF = Path(__file__).parents[2] / "conf"
 
 def config(folder: Path, **changes: object) -> DictConfig:
     """The defaults of conf/, with folders below ``folder`` and models that are fitted at once."""
-    sections = {name: OmegaConf.load(CONF / name / "default.yaml") for name in ("chunk", "train", "evaluate")}
+    conf = OmegaConf.create(composed())
+    sections = {name: conf[name] for name in ("chunk", "train", "evaluate")}
     places = {
         "chunk.logs": folder / "logs",
         "chunk.out": folder / "windows",
@@ -60,6 +62,8 @@ def test_logs_become_metrics_and_predictions(jumps, tmp_path):
     assert found["cv_mse"]["nominal_fitted"] < 1e-12 < found["cv_mse"]["playback"]
     assert {path.name for path in (tmp_path / "predictions").iterdir()} == {
         "error_by_step.csv",
+        "calibration.csv",
+        "report.html",
         *(f"{jump.name}.parquet" for jump in jumps),
     }
     models = set(pq.read_table(tmp_path / "predictions" / "jump_00.parquet")["model"].to_pylist())

@@ -19,9 +19,10 @@ from leapgap.learning.model import Nominal, squared_errors
 from leapgap.learning.splits import folds
 from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.recording import windows as windows_module
-from leapgap.recording.windows import ARRAYS, TimeGrid, Windows
+from leapgap.recording.windows import ARRAYS, Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import Situation
 from leapgap.robot.rigid_body import RigidBody
+from stages.params import composed
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
 QUIET = {"enable_progress_bar": False}
@@ -78,7 +79,7 @@ def our_model(windows: Windows):
 def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
     model = make(windows)
     twin = training.Residual(model, dropout=0.5).eval()
-    store.save(store.Stored(model, store.Purpose.of(windows), windows.jumps, "k"), tmp_path, "m")
+    store.save(store.Stored(model, Purpose.of(windows), windows.jumps, "k"), tmp_path, "m")
     read = store.load(tmp_path, "m").model
     assert isinstance(read, type(model)) and same(read, model)
     state = windows.state[:, 1] * 1.01
@@ -159,6 +160,47 @@ def test_a_killed_training_goes_on_to_the_same_bits(windows: Windows, tmp_path, 
     assert same(resumed, whole) and resumed_curve == curve
 
 
+def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(windows: Windows, tmp_path, monkeypatch):
+    """With a learning rate that soon overshoots: the error on the stopping jumps rises, training ends."""
+    fitting = replace(NETWORKS.fitting, steps=200, learning_rate=0.3, cosine_decay=False, patience=3, stopping_jumps=2)
+    model, curve = fit(windows, None, tmp_path / "whole", fitting)
+    stopped = curve[-1][0]
+    assert 16 <= stopped < 200
+
+    best = training.Learner.error_on
+    seen = []
+
+    def noted(self, name):
+        found = best(self, name)
+        if name == training.STOPPING:
+            seen.append(found)
+        return found
+
+    step = training.Learner.training_step
+
+    def killed(self, *arguments):
+        if self.trainer.global_step == stopped - 3:
+            raise RuntimeError("killed")
+        return step(self, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training.Learner, "error_on", noted)
+        patch.setattr(training.Learner, "training_step", killed)
+        with pytest.raises(RuntimeError, match="killed"):
+            fit(windows, None, tmp_path / "cut", fitting)
+    resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
+    assert same(resumed, model) and resumed_curve == curve
+
+    start = untrained.networks(windows, Nominal(RigidBody()), NETWORKS, np.random.default_rng(0))
+    last_two = windows.of_jumps(windows.jumps[-2:])
+    learner = training.Learner(training.Residual(model, 0.0), windows, {}, fitting, 0)
+    learner.batches = {"stopping": training.Batch.of(last_two, torch.device("cpu"))}
+    assert learner.error_on("stopping") == pytest.approx(min(seen), rel=1e-4)
+    assert not same(model, start)
+    with pytest.raises(InputError, match=r"fitting.stopping_jumps: found 6 of 6 training jumps"):
+        fit(windows, None, tmp_path / "bad", replace(fitting, stopping_jumps=6))
+
+
 def corrupted(windows: Windows, jump: str) -> Windows:
     mask = windows.jump == windows.jumps.index(jump)
     arrays = {n: getattr(windows, n).copy() for n in ("state", "force", "foot")}
@@ -196,7 +238,7 @@ def test_finished_models_are_kept_and_unknown_ones_removed(windows: Windows, tmp
 
 
 def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
-    models = [name for name in FITS if not name.startswith(("networks", "published"))]
+    models = [name for name in FITS if not name.startswith(("networks", "published", "blend"))]
     groups = [["jump_0[012]"], ["jump_0[345]"]]
     experiment.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
     quarters, halves = (evaluation.held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session"))
@@ -206,6 +248,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     gained = NominalModel(fit_gains(windows, RigidBody()))  # the law of these jumps: held-out error of its fits is nil
     assert found["cv_mse"]["nominal_fitted"] < 1e-12 and found["cv_mse"]["nominal"] > 0.01
     assert set(found["forecast_cv_mse"]) == {"constant_velocity", "playback", "kernel"}
+    assert set(found["forecast_cv_mse"]) == set(found["forecast_cv_mse_se"])
     assert "kernel" not in found["cv_mse_sessions"] and "kernel_forecast" not in found["cv_mse"]
     error = squared_errors(quarters.states["playback"], windows).mean(axis=(1, 2)).reshape(6, 27).mean(axis=1)
     assert found["cv_mse"]["playback"] == pytest.approx(error.mean(), rel=1e-5)
@@ -245,7 +288,7 @@ def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path
 
 def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_path):
     """With the configured inputs, on one fold and in a third of the steps."""
-    section = OmegaConf.load(Path(__file__).parents[2] / "conf/train/default.yaml").networks
+    section = OmegaConf.create(composed()).train.networks
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))

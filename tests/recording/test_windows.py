@@ -102,8 +102,8 @@ def test_rows_are_found_by_the_clock_not_by_their_number(jump, robot):
         (
             lambda j: j,
             TimeGrid(flight_step_s=0.15),
-            "time grid, flight: found 0.4 s, which is not a whole number of 0.15 s steps; expected for instance 0.3 s "
-            "or 0.45 s; choose a step that divides the phase, or another schedule",
+            "jump_01, time grid, flight: found 0.4 s, which is not a whole number of 0.15 s steps; "
+            "expected for instance 0.3 s or 0.45 s; choose a step that divides the phase, or another schedule",
         ),
         (
             lambda j: j.first_rows(200),
@@ -166,3 +166,48 @@ def test_windows_of_some_jumps_are_those_of_these_jumps_alone(jumps, robot):  # 
     assert some.jumps == alone.jumps
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(some, name), getattr(alone, name))
+
+
+def test_planned_forces_leave_the_joint_pd_out(jump, robot):
+    total, planned = (windows.cut([jump], TimeGrid(), robot, force) for force in ("total", "planned"))
+    np.testing.assert_allclose(planned.force, 0.75 * total.force, atol=1e-12)  # of the synthetic jumps' law
+    with pytest.raises(InputError, match=r"jump_01: found no planned forces \(no mpc_force\)"):
+        windows.cut([without(jump, "mpc_force")], TimeGrid(), robot, "planned")
+    with pytest.raises(InputError, match=r"chunk.force: found all; expected one of total, planned"):
+        windows.cut([jump], TimeGrid(), robot, "all")
+
+
+@pytest.mark.parametrize(
+    "contact_s, flight_s, k, schedule",
+    [
+        (0.025, 0.08, 10, ContactSchedule()),
+        (0.05, 0.05, 10, ContactSchedule()),
+        (0.025, 0.025, 10, ContactSchedule()),
+        (0.02, 0.1, 7, ContactSchedule(0.3, 0.2, 0.3)),
+        (0.1, 0.05, 1, ContactSchedule(0.4, 0.2, 0.25)),
+    ],
+)
+def test_the_switch_inside_a_window_falls_on_its_step(robot, contact_s, flight_s, k, schedule):
+    """Against a clock: each step begins where the last ended, and pushes iff it begins before take-off."""
+    one = synthetic_jump("any", robot, replace(schedule), grid=TimeGrid(contact_s, flight_s))
+    found = windows.cut([one], TimeGrid(contact_s, flight_s, k), robot)
+    clock = [0.0]
+    while clock[-1] < schedule.landing_s - 1e-9:
+        clock.append(clock[-1] + (contact_s if clock[-1] < schedule.take_off_s - 1e-9 else flight_s))
+    assert len(found) == len(clock) - k
+    for window in range(len(found)):
+        times = np.array(clock[window : window + k + 1])
+        np.testing.assert_allclose(found.time_s[window], times, atol=1e-9)
+        np.testing.assert_array_equal(found.contact[window], times[:-1] < schedule.take_off_s - 1e-9)
+        rows = np.round(times / one.info.sample_period_s).astype(int)
+        np.testing.assert_array_equal(found.state[window, :, 1], one["base_pos_z"][rows])
+    switching = found.contact.any(axis=1) & ~found.contact.all(axis=1)
+    assert switching.any() == (k > 1)
+    assert (found.force[~found.contact] == 0).all() and (found.force[found.contact] != 0).any(axis=-1).all()
+
+
+def test_a_nan_is_found_when_the_log_is_read(jump):
+    height = jump["base_pos_z"].copy()
+    height[17] = np.nan
+    with pytest.raises(InputError, match=r"jump_01, column base_pos_z: found 1 values .*first in row 17"):
+        replace(jump, columns={**jump.columns, "base_pos_z": height})

@@ -8,18 +8,25 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from scipy.stats import norm
 
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file
+from leapgap.learning import spread
 from leapgap.learning.experiment import FORECAST
-from leapgap.learning.model import squared_errors
-from leapgap.learning.store import Purpose, load
-from leapgap.recording.windows import Windows
+from leapgap.learning.kernel import KernelModel
+from leapgap.learning.model import Model, squared_errors
+from leapgap.learning.spread import Spread
+from leapgap.learning.store import load
+from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import STATE
 
 MEASURED = "measured"
-WITHOUT_FUTURE = {"constant_velocity": "constant_velocity", "playback": "playback", FORECAST: "kernel"}
-"""Models that need neither measured future feet nor forces, and the name of their forecast's figure."""
+LEARNED = ("networks", "kernel", "blend")
+LEVELS = (0.5, 0.8, 0.95)
+"""Of the intervals whose coverage is checked."""
+WITHOUT_FUTURE = ("constant_velocity", "playback")
+"""Models that look at neither measured future feet nor forces, in both protocols then, as forecasts do in theirs."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +36,10 @@ class HeldOut:
     windows: Windows
     states: Mapping[str, np.ndarray]
     """By model, (W, K + 1, 6)."""
+    deviation: Mapping[str, np.ndarray]
+    """How far off they were expected to be, by model where it is known, (W, K, 6)."""
+    models: Mapping[str, Mapping[str, Model]]
+    """By jump and name, those that did not see it."""
 
     def error_by_jump(self, model: str) -> np.ndarray:
         """Mean square over a jump's windows, steps and six components, of the jumps predicted, (H,)."""
@@ -47,6 +58,8 @@ def held_out(windows: Windows, folder: Path, prefix: str) -> HeldOut | None:
     if not splits:
         return None
     states = {model: np.full_like(windows.state, np.nan) for split in splits.values() for model in split["models"]}
+    deviation: dict[str, np.ndarray] = {}
+    models: dict[str, dict[str, Model]] = {}
     for name, split in splits.items():
         missing = sorted(set(split["held_out"]) - set(windows.jumps))
         if missing:
@@ -65,9 +78,53 @@ def held_out(windows: Windows, folder: Path, prefix: str) -> HeldOut | None:
                     "none",
                     "run stages.train anew",
                 )
-            inputs = mine.inputs
-            states[model][which] = stored.model.predict(inputs.without_measured_future if model == FORECAST else inputs)
-    return HeldOut(windows, states)
+            inputs = mine.inputs.without_measured_future if is_forecast(model) else mine.inputs
+            states[model][which] = stored.model.predict(inputs)
+            for jump in split["held_out"]:
+                models.setdefault(jump, {})[model] = stored.model
+            expected = spread_of(folder / name, model)
+            if expected is not None:
+                expecting = deviation.setdefault(model, np.full_like(windows.state[:, 1:], np.nan))
+                expecting[which] = expected.deviation(inputs)
+    return HeldOut(windows, states, deviation, models)
+
+
+def spread_of(folder: Path, model: str) -> Spread | None:
+    """What is known of a model's errors: of the kernel of the same variant, fitted to the same jumps."""
+    family, _, variant = model.partition("_")
+    variant = f"_{variant}" if variant else ""
+    path = folder / f"spread{variant}.npz"
+    if family not in LEARNED or not path.is_file():
+        return None
+    kernel = load(folder, f"kernel{variant}").model
+    assert isinstance(kernel, KernelModel)
+    return spread.load(path, kernel)
+
+
+def coverage(found: HeldOut) -> dict[str, dict[str, float]]:
+    """Share of held-out states inside their predicted intervals, by model and nominal level in per cent."""
+    shares: dict[str, dict[str, float]] = {}
+    for model in found.deviation:
+        shares[model] = {f"{100 * level:.0f}": rounded(inside(found, model, level).mean()) for level in LEVELS}
+    return shares
+
+
+def inside(found: HeldOut, model: str, level: float) -> np.ndarray:
+    """Whether each held-out state lies in its predicted interval of a nominal level, bool, (W, K, 6)."""
+    error = np.abs(found.states[model][:, 1:] - found.windows.state[:, 1:])
+    return error <= norm.ppf(0.5 + level / 2) * found.deviation[model]
+
+
+def write_calibration(found: HeldOut, path: Path) -> None:
+    """Coverage at many levels: model, component (and all), nominal, observed, as CSV."""
+    with whole_file(path) as beside, beside.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["model", "component", "nominal", "observed"])
+        for model in found.deviation:
+            for level in np.arange(5, 100, 5) / 100:
+                held = inside(found, model, level)
+                for component, part in {"all": held, **{name: held[..., i] for i, name in enumerate(STATE)}}.items():
+                    writer.writerow([model, component, f"{level:.2f}", f"{part.mean():.6g}"])
 
 
 def metrics(folds: HeldOut | None, sessions: HeldOut | None, windows: Windows) -> dict[str, object]:
@@ -75,17 +132,27 @@ def metrics(folds: HeldOut | None, sessions: HeldOut | None, windows: Windows) -
     found: dict[str, object] = {"jumps": len(windows.jumps), "windows": len(windows)}
     if folds is not None:
         errors = {model: folds.error_by_jump(model) for model in folds.states}
-        shown = {model: error for model, error in errors.items() if model != FORECAST}
+        shown = {model: error for model, error in errors.items() if not is_forecast(model)}
         found["cv_mse"] = {model: rounded(error.mean()) for model, error in shown.items()}
-        found["cv_mse_se"] = {model: rounded(error.std(ddof=1) / np.sqrt(len(error))) for model, error in shown.items()}
-        found["forecast_cv_mse"] = {
-            name: rounded(errors[model].mean()) for model, name in WITHOUT_FUTURE.items() if model in errors
-        }
+        found["cv_mse_se"] = {model: rounded(standard_error(error)) for model, error in shown.items()}
+        blind = {m.removesuffix(FORECAST): e for m, e in errors.items() if m in WITHOUT_FUTURE or is_forecast(m)}
+        found["coverage"] = coverage(folds)
+        found["forecast_cv_mse"] = {model: rounded(error.mean()) for model, error in blind.items()}
+        found["forecast_cv_mse_se"] = {model: rounded(standard_error(error)) for model, error in blind.items()}
     if sessions is not None:
         found["cv_mse_sessions"] = {
-            model: rounded(sessions.error_by_jump(model).mean()) for model in sessions.states if model != FORECAST
+            model: rounded(sessions.error_by_jump(model).mean()) for model in sessions.states if not is_forecast(model)
         }
     return found
+
+
+def cv_figures(found: HeldOut) -> dict[str, float]:
+    """``<model>`` and ``<model>_se``: mean squared error on held-out jumps, and its standard error over jumps."""
+    figures: dict[str, float] = {}
+    for model in found.states:
+        error = found.error_by_jump(model)
+        figures |= {model: rounded(error.mean()), f"{model}_se": rounded(standard_error(error))}
+    return figures
 
 
 def of_unseen(windows: Windows, folder: Path, split: str = "all") -> dict[str, float]:
@@ -94,9 +161,19 @@ def of_unseen(windows: Windows, folder: Path, split: str = "all") -> dict[str, f
     for model in read_json(folder / "splits.json")[split]["models"]:
         stored = load(folder / split, model)
         stored.purpose.require(Purpose.of(windows), folder / split / f"{model}.json")
-        if model != FORECAST:
+        if not is_forecast(model):
             found[model] = rounded(squared_errors(stored.model.predict(windows.inputs), windows).mean())
     return found
+
+
+def is_forecast(model: str) -> bool:
+    """Whether a model is judged without measured future feet and forces."""
+    return model.endswith(FORECAST)
+
+
+def standard_error(error: np.ndarray) -> float:
+    """Of the mean over jumps."""
+    return float(error.std(ddof=1) / np.sqrt(len(error)))
 
 
 def rounded(value: float) -> float:

@@ -5,7 +5,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Set
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +14,26 @@ import numpy as np
 import leapgap
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
-from leapgap.learning import kernel, untrained
+from leapgap.learning import export, kernel, spread, untrained
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
-from leapgap.learning.kernel import KernelConfig
-from leapgap.learning.model import Model, Nominal
-from leapgap.learning.network import NetworkModel
+from leapgap.learning.blend import Blend
+from leapgap.learning.kernel import KernelConfig, KernelModel
+from leapgap.learning.model import Model, Nominal, ResidualModel
+from leapgap.learning.network import NetworkForecast, NetworkModel
 from leapgap.learning.splits import Split, everything, folds, sessions
-from leapgap.learning.store import Purpose, Stored, save, stored_key
+from leapgap.learning.store import Stored, load, save, stored_key
 from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
-from leapgap.recording.windows import ARRAYS, Windows
+from leapgap.recording.windows import ARRAYS, Purpose, Windows, read_npz
 from leapgap.robot.rigid_body import PUBLISHED, RigidBody
 
 CODE = ("learning", "recording/windows.py", "robot/rigid_body.py", "robot/schedule.py")
 """What a trained model depends on, in this package."""
-FORECAST = "kernel_forecast"
+FORECAST = "_forecast"
 NO_PHASE = "_no_phase"
+EXPORTED = "exported"
+"""Folder of the models fitted on all jumps as others read them: ``control.exported``, ONNX."""
+NOT_EXPORTED = (FORECAST, "constant_velocity", "playback")
+"""No models of how forces move the base."""
 
 
 @dataclass
@@ -76,6 +81,8 @@ class Task:
     name: str
     train: Windows
     held_out: Windows
+    folder: Path
+    """Of the split's models; those fitted before are there."""
     scratch: Path
 
     @property
@@ -89,6 +96,7 @@ class Task:
         }
 
 
+BLENDED = ("networks", "kernel")
 Curve = list[list[float | None]]
 
 
@@ -111,6 +119,35 @@ def fit_networks(task: Task) -> tuple[Model, Curve]:
     return descend(start, task, config.fitting)
 
 
+def fit_networks_forecast(task: Task) -> tuple[Model, Curve]:
+    """What acts later is not known: whole accelerations of state and phase, no nominal body under them."""
+    inputs = {name: weight for name, weight in task.config.networks.inputs.items() if "foot" not in name}
+    config = NetworksConfig(**{**vars(task.config.networks), "inputs": inputs})
+    blind = replace(task, train=without_forces(task.train), held_out=without_forces(task.held_out))
+    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf))
+    start = untrained.networks(blind.train, nothing, config, np.random.default_rng(task.config.seed))
+    model, curve = descend(start, blind, config.fitting)
+    return NetworkForecast(**vars(model)), curve
+
+
+def without_forces(windows: Windows) -> Windows:
+    """The same motion, as if nothing pushed."""
+    return replace(windows, force=np.zeros_like(windows.force), foot=np.zeros_like(windows.foot))
+
+
+def fit_blend(task: Task) -> tuple[Model, Curve]:
+    """Mean of networks and kernel of the same split, with or without phase."""
+    members = []
+    for kind in BLENDED:
+        name = task.name.replace("blend", kind)
+        if name not in task.config.models_of(task.split) or stored_key(task.folder, name) is None:
+            raise InputError("train.models", f"{task.name} before {name}", f"{name} before it", "correct conf/train")
+        model = load(task.folder, name).model
+        assert isinstance(model, ResidualModel)
+        members.append(model)
+    return Blend(tuple(members)), []
+
+
 def fit_published(task: Task) -> tuple[Model, Curve]:
     """The paper's."""
     config = task.config.published_recipe
@@ -119,7 +156,7 @@ def fit_published(task: Task) -> tuple[Model, Curve]:
     return descend(start, task, config.fitting)
 
 
-def descend(start: NetworkModel, task: Task, fitting: Fitting) -> tuple[Model, Curve]:
+def descend(start: NetworkModel, task: Task, fitting: Fitting) -> tuple[NetworkModel, Curve]:
     """Train; torch and Lightning take seconds to import, so only here."""
     from leapgap.learning import training
 
@@ -143,9 +180,12 @@ FITS: dict[str, Callable[[Task], tuple[Model, Curve]]] = {
     "playback": lambda task: (Playback.fit(task.train), []),
     "kernel": fit_kernel,
     "kernel" + NO_PHASE: fit_kernel,
-    FORECAST: fit_forecast,
+    "kernel" + FORECAST: fit_forecast,
     "networks": fit_networks,
     "networks" + NO_PHASE: fit_networks,
+    "networks" + FORECAST: fit_networks_forecast,
+    "blend": fit_blend,
+    "blend" + NO_PHASE: fit_blend,
     "published_recipe": fit_published,
 }
 """Every model, by the name its figures go under."""
@@ -172,10 +212,13 @@ def train(
         *sessions(windows.jumps, config.sessions or []),
         everything(windows.jumps),
     ]
+    used = [name for name in config.models_of(splits[-1]) if not name.endswith(NOT_EXPORTED)]
     keys = {
         (split.name, name): key_of(windows, split, name, config) for split in splits for name in config.models_of(split)
     }
-    forget(out, {f"{split}/{name}" for split, name in keys}, {f"{name}-{key[:12]}" for (_, name), key in keys.items()})
+    wanted = {f"{split}/{name}" for split, name in keys} | {f"{EXPORTED}/{name}" for name in used}
+    wanted |= {spread_name(split, variant) for split in splits for variant in spread_variants(config, split)}
+    forget(out, wanted, {f"{name}-{key[:12]}" for (_, name), key in keys.items()})
     fitted = []
     for number, split in enumerate(splits):
         progress(f"{split.name} ({number + 1} of {len(splits)}): {', '.join(config.models_of(split))}")
@@ -184,10 +227,14 @@ def train(
             if stored_key(out / split.name, name) != key:
                 scratch = out / split.name / f".{name}-{key[:12]}"
                 train_on, held_out = (windows.of_jumps(jumps) for jumps in (split.train, split.held_out))
-                model, curve = FITS[name](Task(config, split, name, train_on, held_out, scratch))
+                model, curve = FITS[name](Task(config, split, name, train_on, held_out, out / split.name, scratch))
                 write_json(out / split.name / f"{name}.curve.json", {"rows": curve})
                 save(Stored(model, Purpose.of(windows), split.train, key), out / split.name, name)
                 fitted.append(f"{split.name}/{name}")
+        for variant in spread_variants(config, split):
+            path = out / f"{spread_name(split, variant)}.npz"
+            if not path.is_file() or f"{split.name}/kernel{variant}" in fitted:
+                fit_spread(windows.of_jumps(split.train), config, variant, path)
     write_json(
         out / "splits.json",
         {
@@ -195,8 +242,43 @@ def train(
             for split in splits
         },
     )
+    for name in used:
+        if stored_key(out / EXPORTED, name) != keys[splits[-1].name, name]:
+            export.write(load(out / splits[-1].name, name), out / EXPORTED, name, deviation_of(out, splits[-1], name))
     write_all_curves(out, {split.name: config.models_of(split) for split in splits})
     return fitted
+
+
+def spread_variants(config: TrainConfig, split: Split) -> list[str]:
+    """Kernels whose errors are learned too; a whole session held out is another distribution, which none foresees."""
+    if split.name.startswith("session") or len(split.train) < 2:
+        return []
+    return [variant for variant in ("", NO_PHASE, FORECAST) if f"kernel{variant}" in config.models_of(split)]
+
+
+def spread_name(split: Split, variant: str) -> str:
+    """``<split>/spread<variant>``."""
+    return f"{split.name}/spread{variant}"
+
+
+def deviation_of(out: Path, split: Split, name: str) -> np.ndarray | None:
+    """Expected errors of a learned model in familiar situations, (starts, K, 6), where they were learned."""
+    family, _, variant = name.partition("_")
+    path = out / f"{spread_name(split, f'_{variant}' if variant else '')}.npz"
+    return np.sqrt(read_npz(path)["variance"]) if family in (*BLENDED, "blend") and path.is_file() else None
+
+
+def fit_spread(windows: Windows, config: TrainConfig, variant: str, path: Path) -> None:
+    """By leaving out each training jump in turn."""
+    fit = FITS[f"kernel{variant}"]
+
+    def fit_kernel(train: Windows) -> KernelModel:
+        split = Split("", train.jumps, ())
+        model, _ = fit(Task(config, split, f"kernel{variant}", train, train.of_jumps([]), path.parent, path.parent))
+        assert isinstance(model, KernelModel)
+        return model
+
+    spread.save(spread.fit(windows, fit_kernel, config.kernel), path)
 
 
 def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:
@@ -205,7 +287,7 @@ def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> st
     for place in ("windows", "out", "models", "not_in_sessions", "folds", "sessions"):
         settings.pop(place)
     for section in ("kernel", "networks", "published_recipe"):
-        if not name.startswith(section):
+        if not name.startswith(section) and not (name.startswith("blend") and section in BLENDED):
             settings.pop(section)
     settings["trainer"].pop("enable_progress_bar", None)
     digest = hashlib.sha256(json.dumps([name, settings, split.train, split.held_out], sort_keys=True).encode())

@@ -1,13 +1,14 @@
 """Residual networks read without torch: h1, G1 in contact and h2 in flight, in NumPy, ensembles in one batch."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 
 from leapgap.learning.model import Nominal, ResidualModel
+from leapgap.recording.windows import RolloutInputs
 from leapgap.robot.prediction import Affine, Situation, columns
 
 NETWORKS = ("contact/h", "contact/G", "flight/h")
@@ -111,6 +112,17 @@ class NetworkModel(ResidualModel):
                 tuple(arrays[f"{name}/weight_{i}"] for i in layers), tuple(arrays[f"{name}/bias_{i}"] for i in layers)
             )
         return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), contact, flight, networks)
+
+
+@dataclass(frozen=True)
+class NetworkForecast(NetworkModel):
+    """Predicts from the first state and the phase alone; measured feet and forces are not looked at."""
+
+    kind: ClassVar[str] = "network_forecast"
+
+    def predict(self, inputs: RolloutInputs) -> np.ndarray:
+        """Roll out without forces."""
+        return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
 
 
 def random_mlp(

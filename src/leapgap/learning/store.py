@@ -7,44 +7,26 @@ from typing import Any
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback
+from leapgap.learning.blend import Blend
 from leapgap.learning.kernel import KernelForecast, KernelModel
 from leapgap.learning.model import Model
-from leapgap.learning.network import NetworkModel
-from leapgap.recording.windows import TimeGrid, Windows, read_npz, write_npz
-from leapgap.robot.schedule import ContactSchedule
+from leapgap.learning.network import NetworkForecast, NetworkModel
+from leapgap.recording.windows import Purpose, read_npz, write_npz
 
 FORMAT_VERSION = 1
 KINDS: dict[str, type[Model]] = {
-    kind.kind: kind for kind in (NominalModel, ConstantVelocity, Playback, KernelModel, KernelForecast, NetworkModel)
+    kind.kind: kind
+    for kind in (
+        NominalModel,
+        ConstantVelocity,
+        Playback,
+        KernelModel,
+        KernelForecast,
+        NetworkModel,
+        NetworkForecast,
+        Blend,
+    )
 }
-
-
-@dataclass(frozen=True)
-class Purpose:
-    """What a model was trained for; another grid, schedule or robot needs another model."""
-
-    grid: TimeGrid
-    schedule: ContactSchedule
-    robot: str
-    robot_sha256: str
-
-    @staticmethod
-    def of(windows: Windows) -> "Purpose":
-        """What models of these windows are for."""
-        assert windows.schedule is not None, "there are windows"
-        return Purpose(windows.grid, windows.schedule, windows.robot, windows.robot_sha256)
-
-    def require(self, needed: "Purpose", where: object) -> None:
-        """Refuse a model that was trained for something else than ``needed``."""
-        for name, mine in asdict(self).items():
-            wanted = asdict(needed)[name]
-            if mine != wanted and name != "robot":
-                raise InputError(
-                    where,
-                    f"a model for {name} {mine}",
-                    f"{name} {wanted}, as is needed here",
-                    "train models for it (stages.chunk, stages.train), or use what they were trained for",
-                )
 
 
 @dataclass(frozen=True)
@@ -89,9 +71,7 @@ def load(folder: Path, name: str) -> Stored:
         settings: dict[str, Any] = about["settings"]
         return Stored(
             KINDS[about["kind"]].from_parts(arrays, settings),
-            Purpose(
-                TimeGrid(**about["grid"]), ContactSchedule(**about["schedule"]), about["robot"], about["robot_sha256"]
-            ),
+            Purpose.from_json(about),
             tuple(about["trained_on"]),
             about["key"],
         )

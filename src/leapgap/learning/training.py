@@ -7,7 +7,7 @@ import logging
 import shutil
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,11 @@ from leapgap.errors import InputError
 from leapgap.learning.network import NETWORKS, Mlp, NetworkModel, Scaling
 from leapgap.learning.untrained import Fitting
 from leapgap.recording.windows import Windows
-from leapgap.robot.prediction import Situation, columns
+from leapgap.robot.prediction import Situation, selection
 from leapgap.robot.rigid_body import GRAVITY
 
+HELD_OUT, STOPPING = "held_out", "stopping"
+"""Windows that are looked at besides those trained on: for the curve, and to stop by."""
 CURVE = ("step", "train_loss", "validation_loss")
 
 
@@ -56,12 +58,6 @@ class Batch:
             tensor(inputs.step_s),
             inputs.contact[order].sum(axis=0).tolist(),
         )
-
-
-def selection(names: tuple[str, ...]) -> np.ndarray:
-    """The inputs, all linear, as a matrix: (state, start, foot, time) @ selection, shape (17, inputs)."""
-    unit = np.eye(17)
-    return np.stack(columns(names, Situation(unit[:, :6], unit[:, 12:16], unit[:, 16], unit[:, 6:12])), axis=-1)
 
 
 class Residual(torch.nn.Module):
@@ -171,19 +167,19 @@ class Learner(lightning.LightningModule):
     """The residual, its loss and its optimiser, as Lightning drives them."""
 
     def __init__(
-        self, residual: Residual, train: Windows, validation: Windows | None, fitting: Fitting, seed: int
+        self, residual: Residual, train: Windows, others: Mapping[str, Windows], fitting: Fitting, seed: int
     ) -> None:
         super().__init__()
         self.residual, self.fitting, self.seed = residual, fitting, seed
-        self.windows = {"train": train} | ({"validation": validation} if validation is not None else {})
+        self.windows = {"train": train, **others}
         self.batches: dict[str, Batch] = {}
 
     def setup(self, stage: str) -> None:
         """Put the windows where the weights are; with several devices, each takes every n-th window."""
         mine = slice(self.trainer.global_rank, None, self.trainer.world_size)
-        self.batches = {"train": Batch.of(self.windows["train"], self.trainer.strategy.root_device, mine)}
-        if "validation" in self.windows:
-            self.batches["validation"] = Batch.of(self.windows["validation"], self.trainer.strategy.root_device)
+        for name, windows in self.windows.items():
+            part = mine if name == "train" else slice(None)
+            self.batches[name] = Batch.of(windows, self.trainer.strategy.root_device, part)
 
     def training_step(self, *_: Any) -> torch.Tensor:
         """Squared errors over the horizon, summed over the members, and the penalty of the outputs.
@@ -198,11 +194,11 @@ class Learner(lightning.LightningModule):
         self.log("train_loss", squared.mean().detach(), batch_size=1)
         return per_member.sum() + self.fitting.output_penalty * penalty
 
-    def validation_loss(self) -> float | None:
-        """Mean squared error of the members' mean path, for the curve only: nothing is chosen by it."""
-        if "validation" not in self.batches:
+    def error_on(self, name: str) -> float | None:
+        """Mean squared error of the members' mean path on other windows than those trained on, if there are such."""
+        if name not in self.batches:
             return None
-        batch = self.batches["validation"]
+        batch = self.batches[name]
         self.eval()
         with torch.no_grad():
             states, _penalty = self.residual.roll_out(batch)
@@ -245,7 +241,7 @@ class Curve(Callback):
         if trainer.global_step % self.every == 0 or trainer.global_step == trainer.max_steps:
             assert isinstance(pl_module, Learner)
             train_loss = float(trainer.callback_metrics["train_loss"])
-            self.rows.append([trainer.global_step, train_loss, pl_module.validation_loss()])
+            self.rows.append([trainer.global_step, train_loss, pl_module.error_on(HELD_OUT)])
 
     def state_dict(self) -> dict[str, Any]:
         """For the checkpoint."""
@@ -254,6 +250,47 @@ class Curve(Callback):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """From the checkpoint."""
         self.rows = list(state_dict["rows"])
+
+
+class Patience(Callback):
+    """Ends training when the error on the stopping jumps has not fallen for a while, and keeps the best weights.
+
+    Lightning's own looks at the ends of epochs; this one is in the checkpoint of the same step, so that a resumed
+    training stops where the whole one does.
+    """
+
+    def __init__(self, every: int, patience: int) -> None:
+        self.every, self.patience = every, patience
+        self.least, self.waited = float("inf"), 0
+        self.best: dict[str, torch.Tensor] = {}
+
+    def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
+        """Look, and stop."""
+        if trainer.global_step % self.every:
+            return
+        assert isinstance(pl_module, Learner)
+        error = pl_module.error_on(STOPPING)
+        assert error is not None
+        if error < self.least:
+            self.least, self.waited = error, 0
+            self.best = {name: value.detach().clone() for name, value in pl_module.residual.state_dict().items()}
+        else:
+            self.waited += 1
+        trainer.should_stop = self.waited >= self.patience
+
+    def on_train_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Hand the best weights over."""
+        assert isinstance(pl_module, Learner)
+        if self.best:
+            pl_module.residual.load_state_dict(self.best)
+
+    def state_dict(self) -> dict[str, Any]:
+        """For the checkpoint."""
+        return {"least": self.least, "waited": self.waited, "best": self.best}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """From the checkpoint."""
+        self.least, self.waited, self.best = state_dict["least"], state_dict["waited"], dict(state_dict["best"])
 
 
 class Bar(TQDMProgressBar):
@@ -291,18 +328,22 @@ class Run:
 
 
 def fit(
-    model: NetworkModel, train: Windows, validation: Windows | None, fitting: Fitting, run: Run
+    model: NetworkModel, train: Windows, held_out: Windows | None, fitting: Fitting, run: Run
 ) -> tuple[NetworkModel, list[list[float | None]]]:
     """Train from a model's weights; the trained one and its curve (rows of ``CURVE``).
 
-    A killed run goes on from its last checkpoint. Validation windows are only looked at for the curve.
+    A killed run goes on from its last checkpoint. Held-out windows are looked at for the curve, and nothing is
+    chosen by them.
     """
     if fitting.loss not in ("mean", "sum"):
         raise InputError("train, fitting.loss", fitting.loss, "mean or sum", "correct it in conf/train")
     quiet()
     torch.set_num_threads(run.threads)
     lightning.seed_everything(run.seed, verbose=False)
-    learner = Learner(Residual(model, fitting.dropout), train, validation, fitting, run.seed)
+    others = {} if held_out is None else {HELD_OUT: held_out}
+    if fitting.patience:
+        train, others[STOPPING] = stopping_split(train, fitting.stopping_jumps)
+    learner = Learner(Residual(model, fitting.dropout), train, others, fitting, run.seed)
     every = min(run.steps_an_epoch, fitting.steps)
     curve = Curve(every)
     driver = trainer_of(fitting, run, every, curve)
@@ -313,12 +354,25 @@ def fit(
     return learner.residual.trained(model), curve.rows
 
 
+def stopping_split(windows: Windows, jumps: int) -> tuple[Windows, Windows]:
+    """Jumps to train on, and the last ones to stop by."""
+    if not 0 < jumps < len(windows.jumps):
+        raise InputError(
+            "train, fitting.stopping_jumps",
+            f"{jumps} of {len(windows.jumps)} training jumps",
+            "one or more, and some left to train on, with fitting.patience",
+            "correct it in conf/train, or set patience to 0",
+        )
+    return windows.of_jumps(windows.jumps[:-jumps]), windows.of_jumps(windows.jumps[-jumps:])
+
+
 def trainer_of(fitting: Fitting, run: Run, every: int, curve: Curve) -> lightning.Trainer:
     """Lightning's trainer with the configured options; ``InputError`` where it refuses them."""
     options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
     shown = options.get("enable_progress_bar", True) and sys.stderr.isatty()  # a log file wants no bars
     options["enable_progress_bar"] = shown
     bars = [Bar(run.title)] if shown else []
+    stops = [Patience(every, fitting.patience)] if fitting.patience else []
     checkpoint = ModelCheckpoint(run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)
     try:
         return lightning.Trainer(
@@ -329,7 +383,7 @@ def trainer_of(fitting: Fitting, run: Run, every: int, curve: Curve) -> lightnin
             log_every_n_steps=every,
             use_distributed_sampler=False,
             enable_model_summary=False,
-            callbacks=[curve, *bars, checkpoint],
+            callbacks=[curve, *stops, *bars, checkpoint],
             **options,
         )
     except (TypeError, ValueError, MisconfigurationException) as error:

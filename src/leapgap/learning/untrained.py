@@ -39,6 +39,10 @@ class Fitting:
     """Weight of the mean absolute outputs of h and G (paper, loss)."""
     loss: str = "mean"
     """Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published."""
+    patience: int = 0
+    """Points of the curve without a smaller error on the stopping jumps until training ends; 0: all steps."""
+    stopping_jumps: int = 0
+    """How many of the training jumps, the last ones, are kept for that; the held-out ones are never asked."""
 
 
 @dataclass

@@ -5,10 +5,11 @@ and slides by one step (paper, training). D = H (N − K + 1) windows for H jump
 """
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -157,8 +158,48 @@ class Windows:
 ARRAYS = tuple(field.name for field in fields(Windows) if field.type == np.ndarray)
 
 
-def cut(jumps: Sequence[Jump], grid: TimeGrid, robot: Robot) -> Windows:
-    """Cut jump logs, which share one contact schedule, into windows; none gives valid windows without any."""
+@dataclass(frozen=True)
+class Purpose:
+    """What a model of windows predicts; another grid, schedule or robot needs another model."""
+
+    grid: TimeGrid
+    schedule: ContactSchedule
+    robot: str
+    robot_sha256: str
+
+    @staticmethod
+    def of(windows: Windows) -> "Purpose":
+        """What models of these windows are for."""
+        assert windows.schedule is not None, "there are windows"
+        return Purpose(windows.grid, windows.schedule, windows.robot, windows.robot_sha256)
+
+    @staticmethod
+    def from_json(about: Mapping[str, Any]) -> "Purpose":
+        """Read back what ``asdict`` made of it."""
+        return Purpose(
+            TimeGrid(**about["grid"]), ContactSchedule(**about["schedule"]), about["robot"], about["robot_sha256"]
+        )
+
+    def require(self, needed: "Purpose", where: object) -> None:
+        """Refuse a model that was trained for something else than ``needed``."""
+        for name, mine in asdict(self).items():
+            wanted = asdict(needed)[name]
+            if mine != wanted and name != "robot":
+                raise InputError(
+                    where,
+                    f"a model for {name} {mine}",
+                    f"{name} {wanted}, as is needed here",
+                    "train models for it (stages.chunk, stages.train), or use what they were trained for",
+                )
+
+
+def cut(jumps: Sequence[Jump], grid: TimeGrid, robot: Robot, force: str = "total") -> Windows:
+    """Cut jump logs, which share one contact schedule, into windows; none gives valid windows without any.
+
+    ``force``: which forces the windows carry, a key of ``FORCES``.
+    """
+    if force not in FORCES:
+        raise InputError("chunk.force", force, f"one of {', '.join(FORCES)}", "correct conf/chunk")
     for jump in jumps[1:]:
         if jump.info.schedule != jumps[0].info.schedule:
             raise InputError(
@@ -168,7 +209,7 @@ def cut(jumps: Sequence[Jump], grid: TimeGrid, robot: Robot) -> Windows:
                 "keep jumps of different schedules in different folders",
             )
     schedule = jumps[0].info.schedule if jumps else None
-    pieces = [cut_jump(jump, grid, robot) for jump in jumps] or [no_windows(grid)]
+    pieces = [cut_jump(jump, grid, robot, FORCES[force]) for jump in jumps] or [no_windows(grid)]
     arrays = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     numbers = np.concatenate([np.full(len(piece["start"]), i) for i, piece in enumerate(pieces)])
     return Windows(grid, schedule, robot.name, robot.sha256, tuple(jump.name for jump in jumps), jump=numbers, **arrays)
@@ -188,10 +229,15 @@ def no_windows(grid: TimeGrid) -> dict[str, np.ndarray]:
     }
 
 
-def cut_jump(jump: Jump, grid: TimeGrid, robot: Robot) -> dict[str, np.ndarray]:
+def cut_jump(
+    jump: Jump, grid: TimeGrid, robot: Robot, forces_of: Callable[[Jump], np.ndarray]
+) -> dict[str, np.ndarray]:
     """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``."""
     schedule = jump.info.schedule
-    total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
+    try:
+        total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
+    except InputError as error:
+        raise InputError(f"{jump.name}, {error.where}", error.found, error.expected, error.do) from None
     if grid.steps > total:
         raise InputError(
             jump.name,
@@ -202,7 +248,7 @@ def cut_jump(jump: Jump, grid: TimeGrid, robot: Robot) -> dict[str, np.ndarray]:
     times = grid.sample_times(schedule)
     rows = rows_at(jump, times)
     state = states(jump)[rows]
-    force = np.where(np.arange(total)[:, None] < contact, forces(jump)[rows[:-1]], 0.0)
+    force = np.where(np.arange(total)[:, None] < contact, forces_of(jump)[rows[:-1]], 0.0)
     foot = feet(jump, robot, rows[:-1])
     start = np.arange(total - grid.steps + 1)
     step, sample = start[:, None] + np.arange(grid.steps), start[:, None] + np.arange(grid.steps + 1)
@@ -257,7 +303,7 @@ def states(jump: Jump) -> np.ndarray:
     return np.stack([x, z, jump.pitch, vx, vz, pitch_rate], axis=-1)
 
 
-def forces(jump: Jump) -> np.ndarray:
+def total_forces(jump: Jump) -> np.ndarray:
     """Ground forces on the robot at every row, front x z, rear x z, N, (rows, 4): u = u_mpc + u_pd.
 
     A source that filtered them itself supplies ``train_force``.
@@ -274,6 +320,22 @@ def forces(jump: Jump) -> np.ndarray:
         "train_force, or mpc_force and pd_force, of both pairs",
         "log them, or leave this log out",
     )
+
+
+def planned_forces(jump: Jump) -> np.ndarray:
+    """u_mpc alone, (rows, 4): what an MPC decides on; a model of it learns what joint PD will add."""
+    if "mpc_force/front_x" not in jump:
+        raise InputError(
+            jump.name,
+            "no planned forces (no mpc_force)",
+            "mpc_force of both pairs",
+            "log them, leave this log out, or set chunk.force=total",
+        )
+    return jump.pair_force("mpc_force")
+
+
+FORCES: dict[str, Callable[[Jump], np.ndarray]] = {"total": total_forces, "planned": planned_forces}
+"""Which force u of a log a model is trained on: all that acts, or what the MPC asks for."""
 
 
 def feet(jump: Jump, robot: Robot, rows: np.ndarray) -> np.ndarray:

@@ -75,6 +75,26 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
     return [FEATURES[name](situation) for name in names]
 
 
+KNOWN = 17
+"""Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
+
+
+def rows(situation: Situation) -> np.ndarray:
+    """Situations as rows of ``KNOWN`` numbers, (n, 17)."""
+    known = np.concatenate(
+        [situation.state, situation.start, situation.foot, np.asarray(situation.time_s)[..., None]], axis=-1
+    )
+    known[..., 0] -= known[..., 6]
+    known[..., 6] = 0.0
+    return known
+
+
+def selection(names: Sequence[str]) -> np.ndarray:
+    """The named inputs, all linear, as a matrix: inputs = rows @ selection, shape (17, inputs)."""
+    unit = np.eye(KNOWN)
+    return np.stack(columns(names, Situation(unit[:, :6], unit[:, 12:16], unit[:, 16], unit[:, 6:12])), axis=-1)
+
+
 def check_names(names: Sequence[str], where: str) -> None:
     """Refuse inputs nobody knows."""
     unknown = [name for name in names if name not in FEATURES]

@@ -1,17 +1,15 @@
 """The report as one HTML page for a person: self-contained, interactive, no network."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
-import jinja2
 import numpy as np
 import plotly.graph_objects as go
-import plotly.offline
 
 from leapgap.diagnosis.channels import BASE_UNITS, HEADLINE, is_logged, measured
 from leapgap.diagnosis.gap import PHASES
 from leapgap.diagnosis.report import Report
 from leapgap.recording.jump import Jump
+from leapgap.view.page import rendered
 
 REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
 GREY = "#8a93a3"
@@ -29,12 +27,6 @@ ROWS_SHOWN = 4
 
 def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]) -> str:
     """The whole page; the same report gives the same bytes."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     figures = {
         "map": gap_map(report),
         "overlay": overlay(report, jumps, nominal, corrected),
@@ -42,26 +34,14 @@ def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], cor
         "profiles": profiles(report),
         "logs": gap_per_log(report),
     }
-    return environment.get_template("report.html").render(
+    return rendered(
+        "report.html",
+        figures,
         report=report,
-        plotly=plotly.offline.get_plotlyjs(),
-        figures={name: embedded(figure, name) for name, figure in figures.items()},
         loudest=list(report.where[:6]),
         labels=LABELS,
         jumps=len(jumps),
         judged_until=max(jump.time[-1] for jump in jumps),
-    )
-
-
-def embedded(figure: go.Figure, name: str) -> str:
-    """A figure as a fragment of the page, under a fixed name so that bytes repeat."""
-    figure.update_layout(
-        template="plotly_white",
-        font={"family": "system-ui, sans-serif", "size": 13},
-        hoverlabel={"namelength": -1},
-    )
-    return figure.to_html(
-        full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config={"displaylogo": False}
     )
 
 

@@ -1,0 +1,136 @@
+"""How long does each model take to fit, and what does vectorising the paper's training over windows buy?
+
+The peer is the paper's training as its formulas read: a loop over windows and steps, one small batch each, summed to
+one loss. Both move the same first weights for a few steps of Adam on the published windows; their losses must agree
+to single precision. Run as ``python -m tests.benchmarks.train --json <file>``; needs the published jumps' windows
+(``dvc repro chunk``). Two threads, as the published script's 0.90 s a step were measured on two cores.
+"""
+
+import argparse
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import OmegaConf
+
+from leapgap.files import write_json
+from leapgap.learning import store, training, untrained
+from leapgap.learning.experiment import FITS, Task, TrainConfig
+from leapgap.learning.model import Nominal
+from leapgap.learning.network import NetworkModel
+from leapgap.learning.splits import everything
+from leapgap.recording import windows as windows_module
+from leapgap.recording.windows import Purpose, Windows
+from leapgap.robot.rigid_body import RigidBody
+from stages.common import read_config
+from stages.params import composed
+
+THREADS = 2
+PUBLISHED_S = 0.90
+"""A step of the published script on two server cores (shared/design/learning, as measured there)."""
+STEPS = 3
+
+
+class Looped(training.Residual):
+    """The same weights and loss, one window and step at a time."""
+
+    def roll_out(self, batch: training.Batch) -> tuple[torch.Tensor, torch.Tensor]:
+        states, penalty = [], torch.zeros(())
+        for w in range(len(batch.state)):
+            state, path = batch.state[None, w : w + 1, 0], []
+            for k, contact in enumerate(batch.in_contact):
+                asked = training.Situation(
+                    state, batch.foot[w : w + 1, k], batch.time_s[w : w + 1, k], batch.state[None, w : w + 1, 0]
+                )
+                acceleration, outputs = self(asked, batch.force[w : w + 1, k], w < contact)
+                dt = batch.step_s[w, k]
+                state = torch.cat([state[..., :3] + dt * state[..., 3:], state[..., 3:] + dt * acceleration], dim=-1)
+                penalty = penalty + outputs / len(batch.state)
+                path.append(state[0, 0])
+            states.append(torch.stack(path))
+        return torch.stack(states)[None], penalty / len(batch.in_contact)
+
+
+def descent(residual: training.Residual, windows: Windows, rate: float, penalty: float) -> Iterator[float]:
+    """The loss before each step of Adam, summed as published."""
+    batch = training.Batch.of(windows, torch.device("cpu"))
+    optimiser = torch.optim.Adam(residual.parameters(), lr=rate)
+    while True:
+        states, outputs = residual.roll_out(batch)
+        loss = ((states - batch.state[:, 1:]) ** 2).sum() + penalty * outputs
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        yield loss.item()
+
+
+def timed(steps: Iterator[float]) -> tuple[list[float], float]:
+    """Losses, and the median of seconds a step."""
+    losses, seconds = [], []
+    for _ in range(STEPS):
+        began = time.perf_counter()
+        losses.append(next(steps))
+        seconds.append(time.perf_counter() - began)
+    return losses, float(np.median(seconds))
+
+
+def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
+    """The paper's networks before training."""
+    recipe = config.published_recipe
+    nominal = Nominal(RigidBody(recipe.mass_kg, recipe.pitch_inertia_kgm2))
+    return untrained.published(windows.grid, nominal, recipe, np.random.default_rng(config.seed))
+
+
+def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
+    """Wall seconds of fitting each configured model on all jumps, torch already imported."""
+    split, seconds = everything(windows.jumps), {}
+    with tempfile.TemporaryDirectory() as place:
+        for name in config.models:
+            task = Task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")
+            began = time.perf_counter()
+            model, _ = FITS[name](task)
+            seconds[name] = time.perf_counter() - began
+            store.save(store.Stored(model, Purpose.of(windows), windows.jumps, ""), Path(place), name)
+    return seconds
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--windows", type=Path, default=Path("data/windows/real"))
+    given = parser.parse_args()
+    windows = windows_module.read(given.windows)
+    config = read_config(TrainConfig, OmegaConf.create(composed()).train, "train")
+    config.trainer["enable_progress_bar"] = False
+    torch.set_num_threads(THREADS)
+    start, fitting = published_start(windows, config), config.published_recipe.fitting
+    recipe = (windows, fitting.learning_rate, fitting.output_penalty)
+    ours, ours_s = timed(descent(training.Residual(start, 0.0), *recipe))
+    looped, looped_s = timed(descent(Looped(start, 0.0), *recipe))
+    apart = max(abs(a - b) / b for a, b in zip(ours, looped, strict=True))
+    result = {
+        "fit_seconds": fit_seconds(windows, config),
+        "published_recipe_seconds_per_step": ours_s,
+        "looped_seconds_per_step": looped_s,
+        "ratio_to_looped": looped_s / ours_s,
+        "ratio_to_published_script": PUBLISHED_S / ours_s,
+        "losses": ours,
+        "looped_losses": looped,
+        "losses_apart_relative": apart,
+        "windows": len(windows),
+        "threads": THREADS,
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, torch {torch.__version__}",
+    }
+    write_json(given.json, result)
+    for name, value in result.items():
+        print(f"{name}: {value}")
+
+
+if __name__ == "__main__":
+    main()
