@@ -9,7 +9,8 @@ import jinja2
 import plotly.graph_objects as go
 import plotly.offline
 
-from leapgap.view.report import CORRECTED, GREY, NOMINAL, embedded
+from leapgap.view.page import embedded
+from leapgap.view.report import CORRECTED, GREY, NOMINAL
 
 RIGHT, WRONG = "#14804a", "#c0391b"
 BARS = {
