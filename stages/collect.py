@@ -1,4 +1,4 @@
-"""Simulated jumps as jump logs: references tracked by hardware with effects its controller does not know."""
+"""Simulated jumps as jump logs: a controller makes them on hardware with effects that it does not know."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,15 +7,28 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from leapgap import effects
+from leapgap.control.excitation import Excitation
+from leapgap.control.gains import PhaseGains
+from leapgap.control.planner import MpcConfig
+from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.executor import Executor
+from leapgap.experiment.collecting import Collected, Collection
+from leapgap.experiment.methods import ByJointPd, ByMpc, Method, References
+from leapgap.experiment.tasks import Task
+from leapgap.experiment.trial import World
 from leapgap.files import whole_folder
 from leapgap.planning.batch import read_targets
 from leapgap.planning.library import reference_to
 from leapgap.recording import jump as jump_log
+from leapgap.recording.jump import Target
 from leapgap.robot.model import Robot
+from leapgap.robot.nominal import RigidBodyModel
+from leapgap.robot.rigid_body import RigidBody
+from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.corrected import read_corrected
-from leapgap.simulation.hardware import Course, Plan, SensorNoise, landing_error_cm, make_jumps
+from leapgap.simulation.hardware import Course
+from leapgap.simulation.variants import Variant
 from stages.common import output_folder, read_config, run_stage
 
 
@@ -26,13 +39,20 @@ class Settings:
     references: str
     robot: str | None
     hardware: str
+    hardware_seed: int
+    controller: str
     jumps: int
     target: Any
     targets: Any
+    distance_m: tuple[float, float]
     block_height_m: tuple[float, float]
     seed: int
     out: str | None
-    noise: SensorNoise = field(default_factory=SensorNoise)
+    gains: PhaseGains = field(default_factory=PhaseGains)
+    mpc: MpcConfig = field(default_factory=MpcConfig)
+    body: RigidBody = field(default_factory=RigidBody)
+    excitation: Excitation = field(default_factory=Excitation)
+    sensing: Sensing = field(default_factory=Sensing)
     course: Course = field(default_factory=Course)
     variants: dict[str, Any] = field(default_factory=dict)
 
@@ -40,35 +60,67 @@ class Settings:
 def collect(config: DictConfig) -> None:
     """Let the chosen hardware make the configured jumps."""
     settings = read_config(Settings, config.collect, "collect")
-    robot = Robot.load(config.robot.model)
-    on_top: tuple[effects.Effect, ...] = ()
-    if settings.robot is not None:
-        robot, on_top = read_corrected(Path(settings.robot))
-    if settings.hardware not in settings.variants:
-        raise InputError(
-            "collect.hardware", settings.hardware, f"one of {', '.join(settings.variants)}", "choose a known variant"
-        )
-    hidden = effects.from_config(settings.variants[settings.hardware]["effects"])
-    listed = settings.targets if settings.target is None else [settings.target]
-    targets = read_targets(listed, "collect.targets")
-    references = {target: reference_to(target, Path(settings.references), robot) for target in targets}
+    executor = read_config(Executor, config.executor, "executor")
+    robot, on_top = robot_of(settings, config.robot.model)
+    effects = (*on_top, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
     rng = np.random.default_rng(settings.seed)
-    plans = [
-        Plan(
-            f"{settings.hardware}_{i:02d}",
-            references[targets[i % len(targets)]],
-            round(float(rng.uniform(*settings.block_height_m)), 4),
+    targets = targets_of(settings, rng)
+    references = {target: reference_to(target, Path(settings.references), robot) for target in targets}
+    method = method_of(settings, robot, references)
+    world = World(robot, settings.sensing, course=settings.course)
+    planned = []
+    for i, target in enumerate(targets):
+        block = round(float(rng.uniform(*settings.block_height_m)), 4)
+        task = Task("collect", target.x_m, target.z_m, block_m=(block, block))
+        seed = int(rng.integers(2**31))
+        planned.append(
+            Collection(f"{settings.hardware}_{i:02d}", task, method, effects, world, seed, settings.excitation)
         )
-        for i in range(settings.jumps)
-    ]
-    jumps = make_jumps(plans, robot, (*on_top, *hidden), settings.noise, settings.course, rng)
     with whole_folder(output_folder(settings.out)) as folder:
-        for plan, jump in zip(plans, jumps, strict=True):
-            jump_log.write(jump, folder / f"{jump.name}.parquet")
-            print(
-                f"{jump.name}: {jump.info.target.x_m:.2f} m from a {100 * plan.block_height_m:.1f} cm block, "
-                f"lands {landing_error_cm(jump):+.1f} cm short"
-            )
+        for made in executor.map(Collection.made, planned):
+            jump_log.write(made.log, folder / f"{made.log.name}.parquet")
+            print(said(made), flush=True)
+
+
+def robot_of(settings: Settings, model: str) -> tuple[Robot, tuple[Effect, ...]]:
+    """The nominal robot, or a corrected one with the effects a diagnosis found."""
+    if settings.robot is None:
+        return Robot.load(model), ()
+    return read_corrected(Path(settings.robot))
+
+
+def hidden_effects(variants: dict[str, Any], hardware: str, seed: int) -> tuple[Effect, ...]:
+    """What the named hardware has and its controller does not know."""
+    if hardware not in variants:
+        raise InputError("collect.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
+    return Variant(**variants[hardware]).drawn(seed)
+
+
+def targets_of(settings: Settings, rng: np.random.Generator) -> list[Target]:
+    """One target a jump: the one, those listed in turn, or flat ones drawn to the millimetre."""
+    listed = settings.targets if settings.target is None else [settings.target]
+    if listed is None:
+        return [Target(round(float(rng.uniform(*settings.distance_m)), 3), 0.0) for _ in range(settings.jumps)]
+    targets = read_targets(listed, "collect.targets")
+    return [targets[i % len(targets)] for i in range(settings.jumps)]
+
+
+def method_of(settings: Settings, robot: Robot, references: References) -> Method:
+    """The configured controller."""
+    if settings.controller == "joint_pd":
+        return ByJointPd(robot, references, settings.gains)
+    if settings.controller == "nominal_mpc":
+        return ByMpc(robot, references, settings.gains, RigidBodyModel(settings.body), settings.mpc)
+    raise InputError("collect.controller", settings.controller, "joint_pd or nominal_mpc", "choose one")
+
+
+def said(made: Collected) -> str:
+    """One line for a person."""
+    fallbacks = f", {sum(made.fallbacks.values())} fallbacks" if made.fallbacks else ""
+    return (
+        f"{made.log.name}: {made.log.info.target.x_m:.2f} m from a {100 * made.block_m:.1f} cm block, lands "
+        f"{made.landing.error_cm:+.1f} cm short, pitched {made.landing.pitch_deg:+.0f} degrees{fallbacks}"
+    )
 
 
 if __name__ == "__main__":

@@ -8,9 +8,9 @@ from typing import Any
 from omegaconf import DictConfig
 
 from leapgap.blind.cases import Case, Half, draw_cases
-from leapgap.blind.executor import Executor
 from leapgap.blind.seal import SEALS, seal
 from leapgap.blind.withholding import World, real_case, withhold, write_case
+from leapgap.executor import Executor
 from leapgap.files import whole_folder, write_json
 from leapgap.planning.batch import read_targets
 from leapgap.planning.library import reference_to

@@ -94,12 +94,12 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Project:
 def test_without_real_logs_everything_runs_and_says_so(simulated: Project) -> None:
     said = simulated.said  # type: ignore[attr-defined]
     assert "no logs in data/raw" in said
-    assert (simulated.folder / "data/reports/simulated/report.html").exists()
+    assert (simulated.folder / "data/reports/damped/report.html").exists()
     assert not (simulated.folder / "data/reports/real/report.html").exists()
     assert list((simulated.folder / "data/views").glob("simulated_*.rrd"))
     assert list((simulated.folder / "data/views").glob("reference_*.rrd"))
     where = simulated.run(sys.executable, "-m", "leapgap.view.where")
-    assert "data/reports/simulated/report.html" in where
+    assert "data/reports/damped/report.html" in where
     assert "no logs of a real robot" in where
 
 
@@ -115,7 +115,7 @@ def test_second_run_does_nothing(simulated: Project) -> None:
 
 
 def test_the_simulated_diagnosis_names_what_was_injected(simulated: Project) -> None:
-    report = read_json(simulated.folder / "data/reports/simulated/report.json")
+    report = read_json(simulated.folder / "data/reports/damped/report.json")
     assert report["answer"] == [["joint_damping"]]
 
 
@@ -125,11 +125,14 @@ def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated:
     simulated.change("conf/collect/default.yaml", "seed: 1", "seed: 2")
     assert ran(simulated.dvc("repro")) == {
         "params",
-        "collect",
+        "collect@simulated",
+        "collect@damped",
         "chunk@simulated",
+        "chunk@simulated_25_25",
         "train@simulated",
+        "train@simulated_25_25",
         "evaluate@simulated",
-        "diagnose@simulated",
+        "diagnose@damped",
         "view",
     }
 
@@ -163,7 +166,7 @@ def test_an_experiment_sets_params_itself(simulated: Project) -> None:
 
 def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, tmp_path: Path) -> None:
     project = Project(tmp_path / "killed")
-    for victim in ("collect", "train@simulated", "diagnose@simulated"):
+    for victim in ("collect", "train@simulated", "diagnose@damped"):
         process = subprocess.Popen(
             [DVC, "repro"],
             cwd=project.folder,
@@ -176,7 +179,7 @@ def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, 
         assert process.stdout is not None
         for line in process.stdout:
             if f"Running stage '{victim}'" in line:
-                time.sleep({"collect": 1.5, "train@simulated": 8.0, "diagnose@simulated": 4.0}[victim])
+                time.sleep({"collect": 1.5, "train@simulated": 8.0, "diagnose@damped": 4.0}[victim])
                 break
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()

@@ -13,7 +13,7 @@ from tests.view.test_prediction import write_predictions
 @pytest.fixture
 def folders(tmp_path):
     names = (
-        "references", "simulated", "real", "replays_simulated", "replays_real", "predictions_simulated",
+        "references", "simulated", "damped", "real", "replays_damped", "replays_real", "predictions_simulated",
         "predictions_real",
     )  # fmt: skip
     return View(**{name: str(tmp_path / name) for name in names}, most=1, most_predictions=1, models=[])

@@ -25,8 +25,9 @@ class View:
 
     references: str
     simulated: str
+    damped: str
     real: str
-    replays_simulated: str
+    replays_damped: str
     replays_real: str
     predictions_simulated: str
     predictions_real: str
@@ -47,7 +48,8 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
     """Write every recording into ``out``; one line for each kind says what was written or skipped."""
     for kind, label, folder, replays in (
         ("reference", "reference", view.references, None),
-        ("simulated", "simulated", view.simulated, view.replays_simulated),
+        ("simulated", "simulated", view.simulated, None),
+        ("damped", "simulated", view.damped, view.replays_damped),
         ("real", "measured", view.real, view.replays_real),
     ):
         logs = logs_in(Path(folder))
@@ -63,7 +65,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
             )
         yield said(kind, folder, len(logs), view.most)
     for kind, folder, logs_folder in (
-        ("simulated", view.replays_simulated, view.simulated),
+        ("damped", view.replays_damped, view.damped),
         ("real", view.replays_real, view.real),
     ):
         path = Path(folder) / DIAGNOSED

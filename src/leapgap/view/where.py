@@ -7,7 +7,7 @@ REPORTS = Path("data/reports")
 
 def main() -> None:
     """Name the report that matters most, the others, and the recordings."""
-    real, simulated = REPORTS / "real" / "report.html", REPORTS / "simulated" / "report.html"
+    real, simulated = REPORTS / "real" / "report.html", REPORTS / "damped" / "report.html"
     if not real.exists():
         print("data/raw holds no logs of a real robot: this is the report of simulated hardware.")
     report = real if real.exists() else simulated

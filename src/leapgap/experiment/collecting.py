@@ -1,0 +1,52 @@
+"""Collection: jumps to different targets from random blocks, by a controller that does not know its hardware."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.control.excitation import Excitation, Excited
+from leapgap.control.tracking import JumpController
+from leapgap.effects.base import Effect
+from leapgap.experiment.methods import Method
+from leapgap.experiment.tasks import Task
+from leapgap.experiment.trial import World, attempt_task
+from leapgap.recording.jump import Jump
+from leapgap.simulation.landing import Landing
+
+
+@dataclass(frozen=True)
+class Collected:
+    """One jump that was made."""
+
+    log: Jump
+    landing: Landing
+    block_m: float
+    fallbacks: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Collection:
+    """One jump to make; data, so that it travels to worker processes."""
+
+    name: str
+    task: Task
+    method: Method
+    effects: tuple[Effect, ...]
+    world: World
+    seed: int
+    excitation: Excitation = field(default_factory=Excitation)
+
+    def made(self) -> Collected:
+        """Let the hardware jump."""
+        rng = np.random.default_rng(self.seed)
+
+        def controllers(task: Task) -> list[JumpController]:
+            made = self.method(task)
+            if self.excitation.force_n == 0:
+                return list(made)
+            return [Excited(one, self.excitation, rng) for one in made]
+
+        level = self.method.references[self.task.target]
+        outcome = attempt_task(self.task, controllers, level, self.effects, self.world, rng)
+        log = Jump(self.name, outcome.run.log.columns, outcome.run.log.info)
+        return Collected(log, outcome.landings[0], self.task.block_m[0], dict(outcome.fallbacks))

@@ -1,0 +1,78 @@
+"""How fast are whole jumps replayed, and how near is that to MuJoCo's own step?
+
+Sixteen logs of 1.1 s on one core: the real jumps where they are, else as many simulated ones. Beside them, in the same
+run, plain ``mj_step`` from the same first state with the same controls. Run as
+``python -m tests.benchmarks.replay --json <file>``.
+"""
+
+import argparse
+import itertools
+import os
+import platform
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from leapgap.files import write_json
+from leapgap.recording.jump import Jump, read_folder
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer, Trial
+
+JUMPS, ROWS, REPEATS = 16, 1101, 7
+
+
+def logs() -> list[Jump]:
+    """Sixteen jump logs of the pipeline."""
+    for folder in ("data/jumps/real", "data/jumps/damped", "data/jumps/simulated"):
+        if Path(folder).is_dir() and (jumps := read_folder(Path(folder))):
+            return list(itertools.islice(itertools.cycle(jumps), JUMPS))
+    raise SystemExit("no jumps: run dvc repro first")
+
+
+def raw_steps(replayer: Replayer, trial: Trial, rows: int) -> float:
+    """Seconds of plain ``mj_step`` over the same rows with the same controls, gains of the first row throughout."""
+    model = replayer.model(trial)
+    data = mujoco.MjData(model)
+    state = replayer.first_state(trial)
+    data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
+    controls = replayer._controls(trial, rows)
+    began = time.perf_counter()
+    for control in controls[:-1]:
+        data.ctrl[:] = control
+        mujoco.mj_step(model, data)
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--json", type=Path)
+    os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[0]})
+    jumps, robot = logs(), Robot.load()
+    replayer = Replayer(robot, terrain_slots=max(len(jump.info.terrain) for jump in jumps), threads=1)
+    trials = [Trial(jump) for jump in jumps]
+    replayer.motions(trials, ROWS)  # compile the models
+    whole, raw = [], []
+    for _ in range(REPEATS):  # alternate, so that a busy machine slows both
+        began = time.perf_counter()
+        replayer.motions(trials, ROWS)
+        whole.append(time.perf_counter() - began)
+        raw.append(sum(raw_steps(replayer, trial, ROWS) for trial in trials))
+    steps = JUMPS * (ROWS - 1)
+    found = {
+        "seconds_16_jumps": float(np.median(whole)),
+        "steps_per_second": steps / float(np.median(whole)),
+        "steps_per_second_mj_step": steps / float(np.median(raw)),
+        "share_of_mj_step": float(np.median(np.array(raw) / np.array(whole))),
+        "machine": f"{platform.processor() or platform.machine()}, one core",
+    }
+    for key, value in found.items():
+        print(f"{key}: {value if isinstance(value, str) else f'{value:.4g}'}")
+    if (path := parser.parse_args().json) is not None:
+        write_json(path, found)
+
+
+if __name__ == "__main__":
+    main()
