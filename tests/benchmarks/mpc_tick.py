@@ -1,7 +1,7 @@
 """How long does an MPC update take, from the estimate to joint torques, beside a plain torch + numpy + OSQP version?
 
 With networks of the paper's sizes (h 7-400-400-3, G 7-1000-1000-12, random orthogonal weights: time does not depend
-on their values), on the states of logged jumps at 40 Hz, one thread. Versions take turns at each state. The plain
+on their values), on the states of logged jumps at 40 Hz, one thread. Versions take turns jump by jump. The plain
 version evaluates all networks in torch for the K samples at every update, multiplies the condensed matrices out as
 the paper writes them, and solves with OSQP at its default tolerance, set up once and updated. Accuracy, N, is the
 largest deviation of any force of a plan from the independent method of tests/control/test_qp.py. Run as
@@ -30,7 +30,7 @@ from leapgap.control.controller import Estimate
 from leapgap.control.gains import PhaseGains
 from leapgap.control.horizon import Horizon, horizon
 from leapgap.control.mpc import JumpMpc
-from leapgap.control.planner import MpcConfig
+from leapgap.control.planner import MpcConfig, Plan
 from leapgap.control.qp import QpConfig
 from leapgap.control.reference import Reference, StartFrame
 from leapgap.files import write_json
@@ -95,12 +95,12 @@ class Networks(PredictionModel):
     def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
         x = np.stack(columns(INPUTS, situation), axis=-1).astype(np.float32)
         bias, by_force = np.zeros((len(x), 3)), np.zeros((len(x), 3, 4))
-        for mask, h in ((contact, self.weights.h1), (~contact, self.weights.h2)):
-            if mask.any():
-                bias[mask] = forward(h, x[mask])
-        if contact.any():
-            nominal = self.body.force_rows(situation.foot[contact])
-            by_force[contact] = nominal + forward(self.weights.g1, x[contact]).reshape(-1, 3, 4) * LIKE_CONTROL
+        pushing = slice(None) if contact.all() else contact
+        bias[pushing] = forward(self.weights.h1, x[pushing])
+        by_force[pushing] = forward(self.weights.g1, x[pushing]).reshape(-1, 3, 4) * LIKE_CONTROL
+        by_force[pushing] += self.body.force_rows(situation.foot[pushing])
+        if not contact.all():
+            bias[~contact] = forward(self.weights.h2, x[~contact])
         bias[:, 1] -= GRAVITY
         return Affine(bias, by_force)
 
@@ -257,7 +257,7 @@ class Timed:
 
 
 def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[Estimate]]], robot: Robot) -> dict[str, Timed]:
-    """All versions at all recorded states, taking turns."""
+    """All versions at all recorded states, taking turns jump by jump."""
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
     kinds = {
         "daqp": (weights, "daqp"),
@@ -274,27 +274,43 @@ def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[Estimate]]], robot
         plain = {name: Plain(reference, robot, w, MpcConfig(grid)) for name, w in plain_kinds.items()}
         gc.collect()
         gc.disable()
-        for estimate in told:
-            exact: dict[str, np.ndarray] = {}
-            for name, mpc in ours.items():
-                timed[name].tick(lambda mpc=mpc: mpc.command(estimate))  # noqa: B023
-                plan = mpc.plan_now
-                if plan is None or plan.solution is None or plan.fallback is not None:
-                    raise SystemExit(f"{name} at {estimate.time_s:g} s: {plan.fallback if plan else 'no plan'}")
-                timed[name].qp_microseconds.append(1e6 * plan.solution.seconds)
-                x = by_least_distance(plan.solution.problem)
-                exact[name] = x
-                timed[name].error_n = max(timed[name].error_n, float(np.abs(plan.solution.x - x).max()))
-            for name, version in plain.items():
-                timed[name].tick(lambda version=version: version.command(estimate))  # noqa: B023
-                same = "daqp" + name.removeprefix("torch_osqp")
-                mpc_plan = ours[same].plan_now
-                assert mpc_plan is not None
-                pushing = np.repeat(mpc_plan.horizon.share > 0, 2, axis=1)
-                error = float(np.abs(version.force[pushing] - exact[same]).max())
-                timed[name].error_n = max(timed[name].error_n, error)
+        plans = {name: followed(mpc, told, timed[name]) for name, mpc in ours.items()}
+        forces = {name: [] for name in plain}  # type: dict[str, list[np.ndarray]]
+        for name, version in plain.items():
+            for estimate in told:
+                timed[name].tick(lambda version=version, estimate=estimate: version.command(estimate))
+                forces[name].append(version.force)
         gc.enable()
+        judge(plans, forces, timed)
     return timed
+
+
+def followed(mpc: JumpMpc, told: list[Estimate], timed: Timed) -> list[Plan]:
+    """The plans of one jump, timed; a fallback would be no measurement."""
+    plans = []
+    for estimate in told:
+        timed.tick(lambda estimate=estimate: mpc.command(estimate))
+        plan = mpc.plan_now
+        if plan is None or plan.solution is None or plan.fallback is not None:
+            raise SystemExit(f"at {estimate.time_s:g} s: {plan.fallback if plan else 'no plan'}")
+        timed.qp_microseconds.append(1e6 * plan.solution.seconds)
+        plans.append(plan)
+    return plans
+
+
+def judge(plans: dict[str, list[Plan]], forces: dict[str, list[np.ndarray]], timed: dict[str, Timed]) -> None:
+    """Largest deviation of each version's forces from the exact ones of the same networks."""
+    for name, of_jump in plans.items():
+        for i, plan in enumerate(of_jump):
+            if plan.solution is None:
+                continue
+            x = by_least_distance(plan.solution.problem)
+            timed[name].error_n = max(timed[name].error_n, float(np.abs(plan.solution.x - x).max()))
+            plain = name.replace("daqp", "torch_osqp")
+            if plain in forces:
+                pushing = np.repeat(plan.horizon.share > 0, 2, axis=1)
+                error = float(np.abs(forces[plain][i][pushing] - x).max())
+                timed[plain].error_n = max(timed[plain].error_n, error)
 
 
 def main() -> None:

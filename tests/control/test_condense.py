@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from leapgap.control.condense import ForceLimits, rest, weighed
+from leapgap.control.condense import ForceLimits, rest
 from leapgap.control.horizon import Horizon, horizon
 from leapgap.control.qp import QpConfig, solver
 from leapgap.recording.windows import TimeGrid
@@ -26,12 +26,13 @@ class Case:
         feet = rng.normal(size=(n, 4)) * 0.2
         contact = steps.contact[:, None, None]
         model = Affine(rng.normal(size=(n, 3)) * 3, (RigidBody().force_rows(feet) + rng.normal(size=(n, 3, 4)) * 0.01))
-        self.model = weighed(Affine(model.bias, model.by_force * contact), steps.share)
+        plain = Affine(model.bias, model.by_force * contact)
+        self.model = Affine(plain.bias, plain.by_force * np.repeat(steps.share, 2, axis=1)[:, None])
         self.state, self.target = rng.normal(size=6), rng.normal(size=(n, 6))
         self.force = rng.normal(size=(n, 4)) * 50
-        later = Affine(self.model.bias[1:], self.model.by_force[1:])
+        later = Affine(plain.bias[1:], plain.by_force[1:])
         self.rest = rest(steps, later, self.target, self.force, WEIGHTS, FORCE_WEIGHT, ForceLimits())
-        self.qp = self.rest.qp(self.state, Affine(self.model.bias[:1], self.model.by_force[:1]))
+        self.qp = self.rest.qp(self.state, Affine(plain.bias[:1], plain.by_force[:1]))
 
     def cost(self, force: np.ndarray) -> float:
         """By rolling out: Σ ‖x − x*‖²_Q + w ‖u − u*‖² over what pushes."""

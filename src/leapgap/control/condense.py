@@ -11,6 +11,7 @@ of (x₁, U), a constant of the jump: the ``Rest``. What is left to do online is
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,9 +48,13 @@ class Rest:
     """p, (6 + m,)."""
     pushing: np.ndarray
     """Which forces of front x z, rear x z at each step are variables, the others being zero, bool, (n, 4)."""
+    first: np.ndarray
+    """Which of the four forces are variables in the first step, their numbers, (m₀,)."""
+    first_push_s: np.ndarray
+    """How long each of them pushes in the first step, (m₀,)."""
     force_weight: float
     first_force: np.ndarray
-    """Reference forces of the first step, of those pairs that push, (m₀,), N."""
+    """Their reference, (m₀,), N."""
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray
@@ -57,25 +62,25 @@ class Rest:
     """Bounds and friction cone of all variables, as in ``Qp``."""
 
     def qp(self, state: np.ndarray, first: Affine) -> Qp:
-        """The problem from a state (6,), with the model's word for the first step: ``Affine`` of one moment.
-
-        ``first`` already weighed by the part of the step in which each pair pushes, as from ``weighed``.
-        """
-        step = float(self.horizon.step_s[0])
-        free = advance(state, first.bias[0], step)
-        enters = np.zeros((STATES, len(self.first_force)))
-        enters[VELOCITY] = step * first.by_force[0][:, self.pushing[0]]
-        m0, weight = len(self.first_force), 2 * self.force_weight
-        of_state, of_rest = self.quadratic[:STATES, :STATES], self.quadratic[:STATES, STATES:]
-        hessian = np.empty((m0 + of_rest.shape[1],) * 2)
-        hessian[:m0, :m0] = enters.T @ of_state @ enters
-        hessian[range(m0), range(m0)] += weight
-        hessian[:m0, m0:] = enters.T @ of_rest
+        """The problem from a state (6,), with the model's word for the first step: ``Affine`` of one moment."""
+        m0, weight = len(self.first), 2 * self.force_weight
+        free = advance(state, first.bias[0], self.step_s)
+        enters = first.by_force[0][:, self.first] * self.first_push_s  # of x₁ only the velocities, (3, m₀)
+        of_rest = enters.T @ self.quadratic[VELOCITY]
+        hessian = np.empty((m0 + len(self.linear) - STATES,) * 2)
+        hessian[:m0, :m0] = of_rest[:, VELOCITY] @ enters
+        hessian[:m0, :m0] += weight * np.eye(m0)
+        hessian[:m0, m0:] = of_rest[:, STATES:]
         hessian[m0:, :m0] = hessian[:m0, m0:].T
         hessian[m0:, m0:] = self.quadratic[STATES:, STATES:]
-        by_free = free @ self.quadratic[:STATES] + self.linear
-        gradient = np.concatenate([by_free[:STATES] @ enters - weight * self.first_force, by_free[STATES:]])
+        slope = free @ self.quadratic[:STATES] + self.linear
+        gradient = np.concatenate([slope[VELOCITY] @ enters - weight * self.first_force, slope[STATES:]])
         return Qp(hessian, gradient, self.lower, self.upper, self.rows, self.row_upper)
+
+    @cached_property
+    def step_s(self) -> float:
+        """Length of the first step."""
+        return float(self.horizon.step_s[0])
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """Forces of every step, front x z, rear x z, N, (n, 4), of the QP's variables."""
@@ -100,11 +105,11 @@ def rest(
 ) -> Rest:
     """Prepare Σ_{k=1..n} ‖x_k − target_k‖²_Q + w Σ_{k=0..n−1} ‖u_k − force_k‖² for any first state.
 
-    ``later`` is the model at the steps 1…n − 1, weighed; ``target`` (n, 6) the states wanted at the ends of the
+    ``later`` is the model at the steps 1…n − 1; ``target`` (n, 6) the states wanted at the ends of the
     steps; ``force`` (n, 4) in N; ``state_weight`` (6,) the diagonal of Q; at least one step.
     """
     pushing = np.repeat(horizon.share > 0, 2, axis=1)
-    by_state, by_force, drift = after_first_step(horizon, later)
+    by_state, by_force, drift = after_first_step(horizon, weighed(later, horizon.share[1:]))
     by_force = by_force[:, :, pushing[1:]]
     z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
     weight = np.tile(state_weight, len(horizon))[:, None]
@@ -113,7 +118,10 @@ def rest(
     of_forces = np.arange(STATES, len(linear))
     quadratic[of_forces, of_forces] += 2 * force_weight
     linear[STATES:] -= 2 * force_weight * force[1:][pushing[1:]]
-    return Rest(horizon, quadratic, linear, pushing, force_weight, force[0][pushing[0]], *constraints(pushing, limits))
+    first = np.flatnonzero(pushing[0])
+    push_s = horizon.step_s[0] * np.repeat(horizon.share[0], 2)[first]
+    limited = constraints(pushing, limits)
+    return Rest(horizon, quadratic, linear, pushing, first, push_s, force_weight, force[0][first], *limited)
 
 
 def after_first_step(horizon: Horizon, later: Affine) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from leapgap.control.attempt import NOT_FINITE, Demands, attempt
-from leapgap.control.condense import ForceLimits, Rest, rest, weighed
+from leapgap.control.condense import ForceLimits, Rest, rest
 from leapgap.control.horizon import ROUNDING_S, Horizon, horizon
 from leapgap.control.qp import Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.control.reference import Reference
@@ -109,8 +109,7 @@ class ForcePlanner:
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):
             return None
         now = Situation(state[None], foot[None], prepared.horizon.time_s[:1], state[None])
-        first = weighed(self.model.affine(now, np.array([True])), prepared.horizon.share[:1])
-        return prepared.qp(state, first)
+        return prepared.qp(state, self.model.affine(now, IN_CONTACT))
 
     def _substitute(self, steps: Horizon) -> np.ndarray:
         """The last plan shifted to these steps while it is young enough, else the reference's forces."""
@@ -133,7 +132,7 @@ class ForcePlanner:
         affine = self.model.affine(there, steps.contact[1:]) if len(later) else Affine(np.zeros((0, 3)), NO_STEPS)
         return rest(
             steps,
-            weighed(affine, steps.share[1:]),
+            affine,
             reference.state[rows[1:]],
             reference.mean_force(steps.time_s),
             config.weights.diagonal,
@@ -142,7 +141,7 @@ class ForcePlanner:
         )
 
 
-NO_STEPS = np.zeros((0, 3, 4))
+NO_STEPS, IN_CONTACT = np.zeros((0, 3, 4)), np.array([True])
 
 
 def microseconds(time_s: float) -> int:

@@ -59,8 +59,9 @@ class QpSolution:
     def primal_residual(self) -> float:
         """Largest violation of a bound or row, in the units of x."""
         qp, x = self.problem, self.x
-        above = np.concatenate([x - qp.upper, qp.lower - x, qp.rows @ x - qp.row_upper])
-        return float(max(above.max(initial=0.0), 0.0)) if np.isfinite(x).all() else np.inf
+        beyond = (x - qp.upper, qp.lower - x, qp.rows @ x - qp.row_upper)
+        worst = max(float(each.max(initial=0.0)) for each in beyond)
+        return worst if np.isfinite(x).all() else np.inf
 
     @cached_property
     def dual_residual(self) -> float:
@@ -84,12 +85,10 @@ class QpSolution:
         """Why this must not be used, or None: the solver's word, numbers that are none, and the residuals."""
         if self.status != SOLVED:
             return self.status
-        if not np.isfinite(self.x).all():
-            return "not finite"
         size = 1.0 + float(np.abs(self.problem.gradient).max(initial=0.0))
-        if self.primal_residual > primal_tolerance or self.dual_residual > relative_dual_tolerance * size:
-            return "inaccurate"
-        return None
+        if self.primal_residual <= primal_tolerance and self.dual_residual <= relative_dual_tolerance * size:
+            return None
+        return "inaccurate" if np.isfinite(self.x).all() else "not finite"
 
 
 @dataclass(frozen=True)
