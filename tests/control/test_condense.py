@@ -104,7 +104,8 @@ def test_forces_equal_those_of_the_problem_with_states_as_variables() -> None:
     found = optimize.minimize(
         cost, np.zeros(10 * n), constraints=constraints, method="SLSQP", options={"ftol": 1e-12, "maxiter": 500}
     )
-    assert found.success
+    # SciPy may end for want of a better step at this tolerance; what counts is that nothing is violated.
+    assert max(np.abs(dynamics(found.x)).max(), np.abs(swing(found.x)).max(), -room(found.x).min()) < 1e-6
     condensed = case.rest.forces(solver(QpConfig()).solve(case.qp).x)
     assert case.cost(condensed) == pytest.approx(cost(found.x), rel=1e-6)
     assert condensed == pytest.approx(split(found.x)[1], abs=0.5)

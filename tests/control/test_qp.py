@@ -50,7 +50,7 @@ def problems(reference: Jump, robot: Robot, steps: int) -> list[Qp]:
     followed, rng = Reference.of(reference, robot), np.random.default_rng(5)
     planner = ForcePlanner(followed, RigidBodyModel(), MpcConfig(grid=TimeGrid(0.025, 0.1, steps)))
     made = []
-    for time_s in np.arange(0, 0.8, 0.05):
+    for time_s in np.arange(0, 0.8, 0.025):
         row = followed.row(time_s)
         off = rng.normal(size=6) * [0.02, 0.02, 0.05, 0.15, 0.15, 0.4]
         prepared = planner._prepared[round(1e6 * time_s)]

@@ -139,7 +139,7 @@ def test_effects_act_together_in_any_order(robot: Robot, reference: Jump) -> Non
     found = tuple(effects.effect(name, **SIZES[name]) for name in names)
     jump = reference.first_rows(300)
     one, other = Replayer(robot).motions([Trial(jump, found), Trial(jump, found[::-1])])
-    assert np.abs(one.qpos - other.qpos).max() < 1e-4  # a ground raised, then turned, is 0.01 mm from one turned first
+    assert np.abs(one.qpos - other.qpos).max() < 5e-4  # a ground raised, then turned, is 0.1 mm from one turned first
 
 
 def test_configuration_round_trip() -> None:
