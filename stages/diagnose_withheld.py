@@ -12,11 +12,11 @@ from typing import Any
 import plotly.offline
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.blind.keys import KEY, code_hash, has_key, key_of
 from leapgap.diagnosis.diagnose import Settings as Diagnosing
 from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.files import whole_folder, write_json, write_text
+from leapgap.keys import KEY, code_hash, has_key, key_of
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose import diagnose

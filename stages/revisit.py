@@ -12,12 +12,12 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from leapgap import effects
-from leapgap.blind.keys import code_hash
 from leapgap.blind.outcome import Outcome, outcome
 from leapgap.blind.seal import opened
 from leapgap.blind.withholding import World, further_jumps
 from leapgap.executor import Executor
 from leapgap.files import read_json, write_json
+from leapgap.keys import code_hash
 from leapgap.planning.batch import read_targets
 from leapgap.planning.library import reference_to
 from leapgap.recording import jump as jump_log

@@ -11,10 +11,10 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.blind.cases import Case
-from leapgap.blind.keys import code_hash
 from leapgap.blind.withholding import World, withhold, write_case
 from leapgap.errors import InputError
 from leapgap.executor import Executor
+from leapgap.keys import code_hash
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from stages.diagnose_withheld import Job, diagnose_section, run_jobs

@@ -1,8 +1,8 @@
-"""What a verdict was made from, as one hash, so that a run that was killed goes on where it ended."""
+"""What a result was made from, as one hash, so that a run that was killed goes on where it ended."""
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,16 +11,18 @@ import leapgap
 from leapgap.files import read_json
 
 KEY = "key.json"
-CODE = ("diagnosis", "effects", "recording", "robot", "simulation", "control", "view", "files.py", "errors.py")
+VERDICT = ("diagnosis", "effects", "recording", "robot", "simulation", "control", "view", "files.py", "errors.py")
 """Parts of the library that a verdict depends on."""
-TOOLS = ("mujoco", "numpy", "scipy", "plotly")
+LANDING = ("experiment", "control", "effects", "planning", "recording", "robot", "simulation", "files.py", "errors.py")
+"""Parts that a closed-loop experiment depends on."""
+TOOLS = ("casadi", "daqp", "mujoco", "numpy", "osqp", "plotly", "scipy")
 
 
-def code_hash() -> str:
-    """SHA-256 of the code behind a verdict and of the versions of its tools."""
+def code_hash(parts: Sequence[str] = VERDICT) -> str:
+    """SHA-256 of the code behind a result and of the versions of its tools."""
     root = Path(leapgap.__file__).parent
     digest = hashlib.sha256()
-    for part in CODE:
+    for part in parts:
         for path in sorted((root / part).rglob("*")) if (root / part).is_dir() else [root / part]:
             if path.suffix in (".py", ".html", ".xml"):
                 digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
