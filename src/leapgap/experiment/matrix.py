@@ -10,7 +10,7 @@ from leapgap.control.gains import PhaseGains
 from leapgap.effects.base import Effect
 from leapgap.experiment.aiming import LandingModel, Tried
 from leapgap.experiment.methods import ByAiming, ByJointPd, Method, References
-from leapgap.experiment.practice import Attempt, PracticeConfig, practise, tried_in
+from leapgap.experiment.practice import Attempt, Learned, PracticeConfig, practise, tried_in
 from leapgap.experiment.scores import Scored
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World, attempt_task
@@ -98,12 +98,12 @@ def best_shift(bench: Bench, tasks: Sequence[Task], extend: Callable[[Target], J
     return method
 
 
-def practised(bench: Bench, method: ByAiming, config: PracticeConfig, run: Mapper) -> Tried:
-    """The jumps from which ``ours`` learns where it lands, on this robot."""
+def practised(bench: Bench, method: ByAiming, config: PracticeConfig, run: Mapper) -> Learned:
+    """What ``ours`` learns from its own jumps on this robot."""
     rng = np.random.default_rng([bench.seed, 7])
     level = next(iter(bench.references.values()))
 
-    def make(attempts: Sequence[Attempt]) -> Sequence[Tried]:
+    def make(attempts: Sequence[Attempt]) -> Sequence[tuple[Tried, Jump]]:
         return list(run(Attempt.made, attempts))
 
     return practise(method, level, bench.effects, bench.world, config, rng, make)

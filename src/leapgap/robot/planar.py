@@ -133,8 +133,10 @@ class PlanarRobot:
         return self.trunk_mass + 2 * sum(leg.thigh.mass + leg.calf.mass for leg in self.legs)
 
 
-def planar_robot(robot: Robot) -> PlanarRobot:
+def planar_robot(robot: Robot, model: mujoco.MjModel | None = None) -> PlanarRobot:
     """The robot of a MuJoCo model in its plane: masses, lengths, armature and damping read from the model.
+
+    ``model`` is a changed version of the robot's own; None: as it stands in its file.
 
     Needs a free base and four legs with an abduction joint along x, then thigh and calf joints along y, mirrored left
     and right. The motors' voltage law is no part of such models and stays that of the A1.
@@ -143,14 +145,14 @@ def planar_robot(robot: Robot) -> PlanarRobot:
     if not robot.has_free_base or found != "2 legs front and 2 legs rear":
         base = "a free base" if robot.has_free_base else "no free base"
         raise InputError(robot.path, f"{base}, {found}", "a free base, two legs front and two rear", "plan by hand")
-    return PlanarReader(robot).planar()
+    return PlanarReader(robot, robot.model if model is None else model).planar()
 
 
 class PlanarReader:
     """Reads a model in the pose its file gives it, trunk level and abduction at zero."""
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot, self.model = robot, robot.model
+    def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
+        self.robot, self.model = robot, model
         self.data = mujoco.MjData(self.model)
         self.data.qpos[3:7] = [1, 0, 0, 0]
         self.data.qpos[robot.joint_qpos] = 0.0

@@ -1,0 +1,103 @@
+"""What the robot's joints lack in the nominal model, from its own jumps: so that plans can reckon with it.
+
+The logs' commands are replayed in the nominal robot with effects, and the effects' sizes fitted to the measured motion:
+the corrected robot of a diagnosis, with its hypotheses named beforehand.
+"""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from leapgap import effects
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from leapgap.robot.planar import PlanarRobot, planar_robot
+from leapgap.simulation.replay import Replayer, Trial
+
+IN_PLANS = ("armature", "com_offset", "joint_damping", "leg_mass", "payload", "trunk_inertia")
+"""Effects that a plan can reckon with; the others are no part of the planar robot."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One parameter of an effect to find, and a change of it that matters."""
+
+    effect: str
+    parameter: str
+    scale: float
+
+
+JOINTS = (
+    Unknown("joint_damping", "damping", 0.5),
+    Unknown("joint_friction", "torque_nm", 0.5),
+    Unknown("armature", "inertia", 0.02),
+    Unknown("command_delay", "delay_s", 0.003),
+)
+BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
+"""m, m, rad; rad: errors that count alike."""
+EVERY_ROWS = 20
+
+
+def identified(
+    logs: Sequence[Jump], robot: Robot, known: tuple[Effect, ...] = (), unknown: Sequence[Unknown] = JOINTS
+) -> tuple[Effect, ...]:
+    """The effects, at the sizes with which replays of the logs come nearest to what was measured.
+
+    ``known`` act too and are not fitted: what the motors' data sheet says.
+    """
+    replayer = Replayer(robot, max((len(log.info.terrain) for log in logs), default=0) or 1)
+    ranges = [next(p for p in effects.known()[u.effect].parameters() if p.name == u.parameter) for u in unknown]
+    scale = np.array([u.scale for u in unknown])
+    rows = [min(log.rows_before_gain_change, round(1.1 / log.info.sample_period_s)) for log in logs]
+
+    def acting(sizes: np.ndarray) -> tuple[Effect, ...]:
+        values = zip(unknown, sizes * scale, strict=True)
+        entries: list[Mapping[str, Any]] = [{"name": u.effect, u.parameter: float(value)} for u, value in values]
+        return effects.from_config(entries)
+
+    def missed(sizes: np.ndarray) -> np.ndarray:
+        found = (*known, *acting(sizes))
+        motions = [replayer.motions([Trial(log, found)], count)[0] for log, count in zip(logs, rows, strict=True)]
+        return np.concatenate([difference(m.qpos, log, robot) for m, log in zip(motions, logs, strict=True)])
+
+    bounds = np.array([[p.lower for p in ranges], [p.upper for p in ranges]]) / scale
+    start = np.clip(np.full(len(unknown), 0.3), *bounds)
+    fit = least_squares(missed, start, bounds=bounds, loss="soft_l1", diff_step=0.05, max_nfev=15)
+    return acting(np.clip(fit.x, *bounds))
+
+
+def difference(qpos: np.ndarray, log: Jump, robot: Robot) -> np.ndarray:
+    """Simulated less measured x, z, pitch and joints at some rows, in what counts alike."""
+    at = slice(0, len(qpos), EVERY_ROWS)
+    w, x, y, z = qpos[at, 3:7].T
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)) - log.pitch[: len(qpos)][at]
+    base = qpos[at, 0] - log["base_pos_x"][: len(qpos)][at], qpos[at, 2] - log["base_pos_z"][: len(qpos)][at]
+    joints = (qpos[at][:, robot.joint_qpos] - log.per_joint("joint_pos", robot.joints)[: len(qpos)][at]) / JOINT_SCALE
+    x_scale, z_scale, pitch_scale = BASE_SCALE
+    return np.concatenate([base[0] / x_scale, base[1] / z_scale, pitch / pitch_scale, joints.ravel()])
+
+
+def planned_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
+    """The planar robot with effects in it; one that no plan can reckon with is an ``InputError`` by its name."""
+    model = copy.copy(robot.model)
+    for effect in found:
+        if effect.name not in IN_PLANS or effect.location != "all":
+            raise InputError(
+                "effects in planning",
+                f"{effect.name} at {effect.location}",
+                f"one of {', '.join(IN_PLANS)}, at all",
+                "leave it out of the planned robot; the simulation can have it",
+            )
+        effect.change_model(model, robot)
+    return planar_robot(robot, model)
+
+
+def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those of the effects that a plan can reckon with."""
+    return tuple(effect for effect in found if effect.name in IN_PLANS and effect.location == "all")
