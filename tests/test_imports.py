@@ -20,6 +20,8 @@ ONLY_IN = {
     "rerun": {"view"},
     "torch": {"learning"},
     "lightning": {"learning"},
+    "onnx": {"learning"},
+    "onnxruntime": set(),
     "casadi": {"planning", "control"},
     "hydra": set(),
     "omegaconf": set(),
