@@ -22,6 +22,8 @@ ONLY_IN = {
     "rerun": {"view"},
     "torch": {"learning"},
     "lightning": {"learning"},
+    "onnx": {"learning"},
+    "onnxruntime": set(),
     "casadi": {"planning", "control"},
     "daqp": {"control"},
     "osqp": {"control"},

@@ -76,3 +76,11 @@ def test_intervals_on_real_jumps_hold_what_they_say(real_windows: Windows):
         off.append(np.abs(error) / found.deviation(held_out.inputs))
     for level in (0.5, 0.8, 0.95):
         assert (np.concatenate(off) < norm.ppf(0.5 + level / 2)).mean() == pytest.approx(level, abs=0.08)
+
+
+def test_few_jumps_need_wider_intervals():
+    """Normal errors: variances of three jumps are so uncertain that intervals must widen; of many, hardly."""
+    random = np.random.default_rng(0)
+    unfamiliar = np.ones((60, 8, 5))
+    few, many = (spread.widening(random.normal(size=(n, 8, 5, 6)) ** 2, unfamiliar[:n]) for n in (3, 60))
+    assert many == pytest.approx(1.0, abs=0.03) and 1.1 < few < 2.0

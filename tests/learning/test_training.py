@@ -279,6 +279,17 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
             evaluation.of_unseen(other, tmp_path / "models")
 
 
+def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
+    small = config(models=["playback", "kernel", "networks", "blend"])
+    for name, processes in (("one", 1), ("two", 2)):
+        experiment.train(windows, replace(small, processes=processes), tmp_path / name)
+    files = {
+        name: {p.relative_to(tmp_path / name): p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()}
+        for name in ("one", "two")
+    }
+    assert files["one"] == files["two"] and Path("exported/blend.onnx") in files["one"]
+
+
 def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path):
     experiment.train(windows, config(models=["playback"]), tmp_path)
     assert experiment.train(windows_module.cut([], TimeGrid(), robot), config(), tmp_path) == []

@@ -16,15 +16,13 @@ from leapgap.learning import spread
 from leapgap.learning.experiment import FORECAST
 from leapgap.learning.kernel import KernelModel
 from leapgap.learning.model import Model, squared_errors
-from leapgap.learning.spread import Spread
+from leapgap.learning.spread import LEVELS, Spread
 from leapgap.learning.store import load
 from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import STATE
 
 MEASURED = "measured"
 LEARNED = ("networks", "kernel", "blend")
-LEVELS = (0.5, 0.8, 0.95)
-"""Of the intervals whose coverage is checked."""
 WITHOUT_FUTURE = ("constant_velocity", "playback")
 """Models that look at neither measured future feet nor forces, in both protocols then, as forecasts do in theirs."""
 

@@ -4,8 +4,10 @@ import csv
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Sequence, Set
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +61,15 @@ class TrainConfig:
     steps_an_epoch: int = 25
     threads: int = 1
     """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
+    processes: int = 1
+    """Splits fitted at the same time."""
     trainer: dict[str, Any] = field(default_factory=dict)
 
     def models_of(self, split: Split) -> list[str]:
         """What is fitted on a split."""
         skipped = self.not_in_sessions if split.name.startswith("session") else []
-        return [name for name in self.models if name not in skipped]
+        judged = bool(split.held_out)  # forecasts are judged, never used
+        return [name for name in self.models if name not in skipped and (judged or not name.endswith(FORECAST))]
 
     @property
     def body(self) -> RigidBody:
@@ -219,22 +224,14 @@ def train(
     wanted = {f"{split}/{name}" for split, name in keys} | {f"{EXPORTED}/{name}" for name in used}
     wanted |= {spread_name(split, variant) for split in splits for variant in spread_variants(config, split)}
     forget(out, wanted, {f"{name}-{key[:12]}" for (_, name), key in keys.items()})
-    fitted = []
-    for number, split in enumerate(splits):
-        progress(f"{split.name} ({number + 1} of {len(splits)}): {', '.join(config.models_of(split))}")
-        for name in config.models_of(split):
-            key = keys[split.name, name]
-            if stored_key(out / split.name, name) != key:
-                scratch = out / split.name / f".{name}-{key[:12]}"
-                train_on, held_out = (windows.of_jumps(jumps) for jumps in (split.train, split.held_out))
-                model, curve = FITS[name](Task(config, split, name, train_on, held_out, out / split.name, scratch))
-                write_json(out / split.name / f"{name}.curve.json", {"rows": curve})
-                save(Stored(model, Purpose.of(windows), split.train, key), out / split.name, name)
-                fitted.append(f"{split.name}/{name}")
-        for variant in spread_variants(config, split):
-            path = out / f"{spread_name(split, variant)}.npz"
-            if not path.is_file() or f"{split.name}/kernel{variant}" in fitted:
-                fit_spread(windows.of_jumps(split.train), config, variant, path)
+    jobs = [
+        SplitJob(windows, config, split, {n: keys[split.name, n] for n in config.models_of(split)}, out)
+        for split in splits
+    ]
+    fitted: list[str] = []
+    for number, done in enumerate(each(jobs, config.processes)):
+        fitted += done
+        progress(f"{splits[number].name} ({number + 1} of {len(splits)}): {len(done)} models fitted")
     write_json(
         out / "splits.json",
         {
@@ -247,6 +244,44 @@ def train(
             export.write(load(out / splits[-1].name, name), out / EXPORTED, name, deviation_of(out, splits[-1], name))
     write_all_curves(out, {split.name: config.models_of(split) for split in splits})
     return fitted
+
+
+@dataclass(frozen=True)
+class SplitJob:
+    """All models of one split."""
+
+    windows: Windows
+    config: TrainConfig
+    split: Split
+    keys: dict[str, str]
+    """By model."""
+    out: Path
+
+    def run(self) -> list[str]:
+        """Fit what is not there; the names of what was fitted."""
+        folder, fitted = self.out / self.split.name, []
+        train_on, held_out = (self.windows.of_jumps(jumps) for jumps in (self.split.train, self.split.held_out))
+        for name, key in self.keys.items():
+            if stored_key(folder, name) != key:
+                scratch = folder / f".{name}-{key[:12]}"
+                model, curve = FITS[name](Task(self.config, self.split, name, train_on, held_out, folder, scratch))
+                write_json(folder / f"{name}.curve.json", {"rows": curve})
+                save(Stored(model, Purpose.of(self.windows), self.split.train, key), folder, name)
+                fitted.append(f"{self.split.name}/{name}")
+        for variant in spread_variants(self.config, self.split):
+            path = self.out / f"{spread_name(self.split, variant)}.npz"
+            if not path.is_file() or f"{self.split.name}/kernel{variant}" in fitted:
+                fit_spread(train_on, self.config, variant, path)
+        return fitted
+
+
+def each(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
+    """Run splits side by side, in their order; they share nothing, so results do not depend on how many."""
+    if min(processes, len(jobs)) <= 1:
+        yield from map(SplitJob.run, jobs)
+        return
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(SplitJob.run, jobs)
 
 
 def spread_variants(config: TrainConfig, split: Split) -> list[str]:
@@ -284,7 +319,7 @@ def fit_spread(windows: Windows, config: TrainConfig, variant: str, path: Path) 
 def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:
     """Hash of a model's training windows, settings and code; its held-out windows only shape its curve."""
     settings = asdict(config)
-    for place in ("windows", "out", "models", "not_in_sessions", "folds", "sessions"):
+    for place in ("windows", "out", "models", "not_in_sessions", "folds", "sessions", "processes"):
         settings.pop(place)
     for section in ("kernel", "networks", "published_recipe"):
         if not name.startswith(section) and not (name.startswith("blend") and section in BLENDED):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.stats import norm
 
 from leapgap.files import whole_file
 from leapgap.learning.kernel import KernelConfig, KernelModel, KernelPart, gauss
@@ -19,6 +20,8 @@ from leapgap.learning.splits import without
 from leapgap.recording.windows import RolloutInputs, Windows, read_npz, write_npz
 from leapgap.robot.prediction import Situation, columns
 
+LEVELS = (0.5, 0.8, 0.95)
+"""Of the intervals whose width is fitted and whose coverage is checked."""
 SMOOTHING_STEPS = 1.0
 """Errors of neighbouring starts are averaged with a Gaussian this wide: a dozen jumps give few of each."""
 
@@ -32,7 +35,7 @@ class Spread:
     """(K + λ I)⁻¹ of each phase, (n, n)."""
     ridge: dict[str, float]
     variance: np.ndarray
-    """Mean squared error on training jumps left out, (starts, K, 6)."""
+    """Mean squared error on training jumps left out, widened, (starts, K, 6)."""
     familiar: np.ndarray
     """Mean summed posterior variance there, in units of the signal's, (starts, K)."""
 
@@ -85,9 +88,33 @@ def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: 
         one = of_kernel(fit_kernel(train), config)
         squared.append((one.kernel.predict(left_out.inputs) - left_out.state)[:, 1:] ** 2)
         unfamiliar.append(accumulated(one, left_out.inputs))
-    variance = gaussian_filter1d(np.mean(squared, axis=0), SMOOTHING_STEPS, axis=0, mode="nearest")
+    variance, familiar = np.array(squared), np.array(unfamiliar)
     whole = of_kernel(fit_kernel(windows), config)
-    return Spread(whole.kernel, whole.inverse, whole.ridge, variance, np.mean(unfamiliar, axis=0))
+    widened = smooth_mean(variance) * widening(variance, familiar) ** 2
+    return Spread(whole.kernel, whole.inverse, whole.ridge, widened, familiar.mean(axis=0))
+
+
+def smooth_mean(squared: np.ndarray) -> np.ndarray:
+    """Mean over jumps (J, starts, K, 6), smoothed over neighbouring starts."""
+    return gaussian_filter1d(squared.mean(axis=0), SMOOTHING_STEPS, axis=0, mode="nearest")
+
+
+def widening(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
+    """By how much intervals must be wider than normal ones, since a mean over few jumps is itself uncertain.
+
+    Each training jump is judged by the deviations learned from the others; the factor is what makes the quantiles of
+    the standardised errors those of the normal distribution, mean of three levels.
+    """
+    standardised = []
+    for j in range(len(squared)) if len(squared) > 2 else ():
+        others = np.arange(len(squared)) != j
+        expected = smooth_mean(squared[others]) * (unfamiliar[j] / unfamiliar[others].mean(axis=0))[..., None]
+        known = expected > 0
+        standardised.append(np.sqrt(squared[j][known] / expected[known]))
+    if not standardised or not sum(map(len, standardised)):
+        return 1.0
+    found = np.quantile(np.concatenate(standardised), LEVELS)
+    return float(np.mean(found / norm.ppf(0.5 + np.array(LEVELS) / 2)))
 
 
 def save(spread: Spread, path: Path) -> None:

@@ -114,7 +114,7 @@ def errors_by_step(rows: Sequence[Mapping[str, str]]) -> go.Figure:
         for model in models:
             mine = [row for row in rows if row["model"] == model and row["component"] == component]
             add(figure, panel, [int(row["step"]) for row in mine], [float(row["rms"]) for row in mine], model)
-    figure.update_layout(height=560, margin={"l": 45, "r": 15, "t": 80, "b": 40}, legend=above())
+    figure.update_layout(height=600, margin={"l": 45, "r": 15, "t": 110, "b": 40}, legend=above(1.25))
     figure.update_xaxes(title_text="step of the horizon", row=2)
     figure.update_yaxes(rangemode="tozero")
     return figure
@@ -177,7 +177,7 @@ def roll_out(found: Mapping[str, RollOut], jumps: Sequence[str]) -> go.Figure:
                 model, _, steps = name.partition("/")
                 line = {"color": COLOURS.get(model, "#555555"), "width": 2, "dash": DASHES.get(steps, "dot")}
                 if name == "measured":
-                    line["width"] = 3
+                    line |= {"width": 3, "dash": "solid"}
                 values = np.round(one.states[number, :, panel], 4)
                 add(figure, panel, np.round(one.time_s, 4), values, name, line=line, visible=number == 0)
                 owners.append(number)
@@ -185,14 +185,14 @@ def roll_out(found: Mapping[str, RollOut], jumps: Sequence[str]) -> go.Figure:
         {"label": jump, "method": "update", "args": [{"visible": [owner == number for owner in owners]}]}
         for number, jump in enumerate(jumps)
     ]
-    menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.25, "yanchor": "top"}
+    menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.34, "yanchor": "top"}
     figure.update_layout(
-        height=600, margin={"l": 45, "r": 15, "t": 130, "b": 40}, legend=above(1.27, 0.14), updatemenus=[menu]
+        height=680, margin={"l": 45, "r": 15, "t": 165, "b": 40}, legend=above(1.36, 0.12), updatemenus=[menu]
     )
     figure.update_xaxes(title_text="s", row=2)
     return figure
 
 
-def above(y: float = 1.16, x: float = 0.0) -> dict[str, Any]:
+def above(y: float, x: float = 0.0) -> dict[str, Any]:
     """A legend over the panels."""
     return {"orientation": "h", "y": y, "x": x}
