@@ -125,6 +125,8 @@ class Search:
     replayer: Replayer
     folds: int
     grid_points: int
+    refinements: int = 2
+    refined_points: int = 3
     progress: Callable[[str], None] = field(default=lambda _: None)
 
     def __post_init__(self) -> None:
@@ -140,49 +142,48 @@ class Search:
 
     def fit(self, hypothesis: Hypothesis, belief: Belief) -> Fit:
         """Fit one hypothesis on top of a belief, on every fold's training jumps, and judge it held out."""
-        coarse = hypothesis.grid(self.grid_points)
-        by_fold = self._curves(hypothesis, belief, coarse)
-        fine = self._finer(coarse, [self._training(curve, f).sum(axis=1) for f, curve in enumerate(by_fold)])
-        if len(fine) and not belief.fits:  # later rounds cost a batch a fold: the parabola must do there
-            extra = self._curves(hypothesis, belief, fine)
-            order = np.argsort(np.concatenate([coarse, fine]))
-            by_fold = [np.concatenate([a, b])[order] for a, b in zip(by_fold, extra, strict=True)]
-            coarse = np.concatenate([coarse, fine])[order]
+        numbers = hypothesis.grid(self.grid_points)
+        curve = self._curve(hypothesis, belief, numbers)
+        for _ in range(self.refinements):  # valleys may be narrower than the grid
+            finer = self._finer(numbers, curve)
+            if not len(finer):
+                break
+            order = np.argsort(np.concatenate([numbers, finer]))
+            curve = np.concatenate([curve, self._curve(hypothesis, belief, finer)])[order]
+            numbers = np.concatenate([numbers, finer])[order]
         fold_numbers = np.array(
-            [lowest(coarse, self._training(curve, f).sum(axis=1)) for f, curve in enumerate(by_fold[:-1])]
+            [lowest(numbers, self._training(curve, f).sum(axis=1)) for f in range(self.fold_of.max() + 1)]
         )
         judge = [
             (*belief.effects(jump.name, int(f)), hypothesis.on(jump.name, float(fold_numbers[f])))
             for jump, f in zip(self.judged.jumps, self.fold_of, strict=True)
         ]
         heldout = squares(self.judged, self.replayer, [judge])[0]
-        fit = Fit(hypothesis, coarse, by_fold[-1], fold_numbers, heldout)
+        fit = Fit(hypothesis, numbers, curve, fold_numbers, heldout)
         self.progress(f"{hypothesis.name} at {hypothesis.location}: {hypothesis.parameter.name} {fit.number:.4g}")
         return fit
 
-    def _curves(self, hypothesis: Hypothesis, belief: Belief, numbers: np.ndarray) -> list[np.ndarray]:
-        """Sums of squares (numbers, jumps) with the belief of each fold, and last with that of all jumps."""
-        logs = [jump.name for jump in self.judged.jumps]
-        beliefs: list[int | None] = [*range(self.fold_of.max() + 1), None]
-        if not belief.fits:  # the same replays serve all folds
-            beliefs = [None]
+    def _curve(self, hypothesis: Hypothesis, belief: Belief, numbers: np.ndarray) -> np.ndarray:
+        """Sums of squares (numbers, jumps), with what is believed at the numbers fitted on all jumps.
+
+        One batch of replays serves all folds; held-out errors are judged anew with each fold's own numbers.
+        """
         candidates = [
-            [(*belief.effects(log, fold), hypothesis.on(log, float(number))) for log in logs]
-            for fold in beliefs
+            [(*belief.effects(jump.name, None), hypothesis.on(jump.name, float(number))) for jump in self.judged.jumps]
             for number in numbers
         ]
-        values = squares(self.judged, self.replayer, candidates).reshape(len(beliefs), len(numbers), len(logs))
-        return list(values) if belief.fits else [values[0]] * (self.fold_of.max() + 2)
+        return squares(self.judged, self.replayer, candidates)
 
     def _training(self, curve: np.ndarray, fold: int) -> np.ndarray:
         """The part of a curve that a fold may be fitted on (the last, of all jumps, is whole)."""
         return curve[:, self.fold_of != fold]
 
-    def _finer(self, numbers: np.ndarray, totals: Sequence[np.ndarray]) -> np.ndarray:
-        """Numbers between the coarse neighbours of the folds' minima."""
-        lows = [int(np.argmin(total)) for total in totals]
+    def _finer(self, numbers: np.ndarray, curve: np.ndarray) -> np.ndarray:
+        """Numbers between the neighbours of the folds' minima."""
+        folds = range(self.fold_of.max() + 1)
+        lows = [int(np.argmin(self._training(curve, f).sum(axis=1))) for f in folds]
         left, right = numbers[max(0, min(lows) - 1)], numbers[min(len(numbers) - 1, max(lows) + 1)]
-        return np.setdiff1d(np.linspace(left, right, self.grid_points)[1:-1], numbers)
+        return np.setdiff1d(np.linspace(left, right, self.refined_points + 2)[1:-1], numbers)
 
 
 def lowest(numbers: np.ndarray, total: np.ndarray) -> float:

@@ -87,12 +87,12 @@ def diagnose(
     progress(f"headline gap {pooled(nominal, judged):.3f}, noise floor {pooled(floor, judged):.3f}")
     places = where(judged, replayer, settings.where_horizon_s)
     checks = run_checks(judged, robot, settings)
-    search = Search(judged, replayer, settings.folds, settings.grid_points, progress)
+    search = Search(judged, replayer, settings.folds, settings.grid_points, progress=progress)
     hypotheses = hypotheses_of(names, checks)
     belief, rounds = search_forward(search, hypotheses, nominal, settings.least_gain, settings.most_causes)
     draws = resamples(len(jumps), settings.bootstrap_draws, rng)
     verdict, answer = judge(belief, rounds, nominal, floor, judged, draws, settings)
-    if verdict == "none":
+    if not answer:  # nothing is believed where nothing is answered
         belief = Belief()
     heldout = belief.fits[-1].heldout if belief.fits else nominal
     closes = closure(nominal, heldout, floor, judged, draws) if belief.fits else None
