@@ -24,6 +24,7 @@ from leapgap.recording import jump as jump_log
 from leapgap.recording.jump import Target
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
+from leapgap.robot.planar import planar_robot
 from leapgap.robot.rigid_body import RigidBody
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.corrected import read_corrected
@@ -65,7 +66,7 @@ def collect(config: DictConfig) -> None:
     effects = (*on_top, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
     rng = np.random.default_rng(settings.seed)
     targets = targets_of(settings, rng)
-    references = {target: reference_to(target, Path(settings.references), robot) for target in targets}
+    references = {target: reference_to(target, Path(settings.references), planar_robot(robot)) for target in targets}
     method = method_of(settings, robot, references)
     world = World(robot, settings.sensing, course=settings.course)
     planned = []

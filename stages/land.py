@@ -99,7 +99,7 @@ class Rig:
 
     def plan(self, target: Target) -> Jump:
         """A plan from level ground."""
-        return reference_to(target, Path(self.settings.references), self.robot)
+        return reference_to(target, Path(self.settings.references), planar_robot(self.robot))
 
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         """In processes, as configured."""

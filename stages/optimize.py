@@ -4,14 +4,13 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.errors import InputError
 from leapgap.files import whole_folder, write_json
 from leapgap.planning.batch import metrics, read_targets, timing, write_references
 from leapgap.planning.formulation import Grid, Limits, Problem, Weights
+from leapgap.planning.library import planned_robot
 from leapgap.planning.reference import Gains, name_of
 from leapgap.planning.solve import solve_all
 from leapgap.robot.model import Robot
-from leapgap.robot.planar import PlanarRobot, planar_robot
 from leapgap.robot.schedule import ContactSchedule
 from stages.common import output_folder, read_config, run_stage
 
@@ -24,7 +23,7 @@ def optimize(config: DictConfig) -> None:
     limits = read_config(Limits, section.limits, "optimize.limits")
     gains = read_config(Gains, section.gains, "optimize.gains")
     targets = read_targets(OmegaConf.to_container(section).get("targets"), "optimize.targets")
-    planar = planned_robot(str(section.planar), str(config.robot.model))
+    planar = planned_robot(str(section.planar), Robot.load(config.robot.model))
     problems = [Problem(target, grid, planar, weights, limits) for target in targets]
     out = output_folder(section.out)
     solutions = []
@@ -44,15 +43,6 @@ def optimize(config: DictConfig) -> None:
     if section.metrics is not None:
         write_json(Path(section.metrics), metrics(solutions))
     print(f"{len(solutions)} references in {out}")
-
-
-def planned_robot(planar: str, model: str) -> PlanarRobot:
-    """The published planar robot, or the planar form of the configured model."""
-    if planar == "published":
-        return PlanarRobot()
-    if planar == "own":
-        return planar_robot(Robot.load(model))
-    raise InputError("optimize.planar", planar, "published or own", "choose one")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from leapgap.executor import Executor
 from leapgap.files import read_json, write_json
 from leapgap.keys import code_hash
 from leapgap.planning.batch import read_targets
-from leapgap.planning.library import reference_to
+from leapgap.planning.library import planned_robot, reference_to
 from leapgap.recording import jump as jump_log
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
@@ -37,6 +37,7 @@ class Settings:
     truth: str
     verdicts: str
     references: str
+    planar: str
     out: str | None
     struck: int
     experiments: int
@@ -162,7 +163,8 @@ def make_experiment(case: Seen, config: DictConfig, settings: Settings, robot: R
     asked = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
     targets = read_targets(asked.targets if asked.target is None else [asked.target], f"experiment of {case.name}")
     count = int(asked.jumps or len(targets))
-    references = [reference_to(targets[i % len(targets)], Path(settings.references), robot) for i in range(count)]
+    planned, planar = Path(settings.references), planned_robot(settings.planar, robot)
+    references = [reference_to(targets[i % len(targets)], planned, planar) for i in range(count)]
     low, high = asked.block_height_m
     world = read_config(World, config.withhold.world, "withhold.world")
     folder = out / "experiment_logs" / case.name

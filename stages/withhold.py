@@ -13,7 +13,7 @@ from leapgap.blind.withholding import World, real_case, withhold, write_case
 from leapgap.executor import Executor
 from leapgap.files import whole_folder, write_json
 from leapgap.planning.batch import read_targets
-from leapgap.planning.library import reference_to
+from leapgap.planning.library import planned_robot, reference_to
 from leapgap.recording import jump as jump_log
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
@@ -30,6 +30,7 @@ class Settings:
     logs: str | None
     truth: str | None
     references: str
+    planar: str
     real: str | None
     targets: Any
     world: dict[str, Any]
@@ -46,7 +47,7 @@ def withhold_all(config: DictConfig) -> None:
     halves = {name: read_config(Half, section.halves[name], f"withhold.halves.{name}") for name in section.halves}
     executor = read_config(Executor, config.executor, "executor")
     robot = Robot.load(config.robot.model)
-    references = references_of(settings.targets, settings.references, robot)
+    references = references_of(settings, robot)
     cases = draw_cases(halves, settings.sizes, settings.signed, robot)
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
     logs_out, truth_out = (
@@ -64,9 +65,10 @@ def withhold_all(config: DictConfig) -> None:
     print(f"{len(names)} cases{' and the real jumps' if REAL in seals else ''} withheld; seals: {logs_out / SEALS}")
 
 
-def references_of(targets: Any, folder: str, robot: Robot) -> list[Jump]:
+def references_of(settings: Settings, robot: Robot) -> list[Jump]:
     """The planned jumps to all targets."""
-    return [reference_to(target, Path(folder), robot) for target in read_targets(targets, "withhold.targets")]
+    folder, planar = Path(settings.references), planned_robot(settings.planar, robot)
+    return [reference_to(target, folder, planar) for target in read_targets(settings.targets, "withhold.targets")]
 
 
 def make_case(

@@ -11,6 +11,7 @@ from leapgap.recording import jump as jump_log
 from leapgap.recording.importers import importer
 from leapgap.recording.jump import Jump, JumpInfo, Target
 from leapgap.robot.model import Robot
+from leapgap.robot.planar import planar_robot
 from leapgap.robot.schedule import ContactSchedule
 
 CROUCH = (0.0, 1.2566371, -2.3561945)
@@ -39,7 +40,7 @@ def real_jumps(raw: Path, robot: Robot) -> list[Jump]:
 @pytest.fixture(scope="session")
 def reference(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Jump:
     """A 50 cm jump planned for the nominal robot."""
-    return reference_to(Target(0.5), tmp_path_factory.mktemp("none"), robot)
+    return reference_to(Target(0.5), tmp_path_factory.mktemp("none"), planar_robot(robot))
 
 
 def standing(

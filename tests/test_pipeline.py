@@ -166,7 +166,7 @@ def test_an_experiment_sets_params_itself(simulated: Project) -> None:
 
 def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, tmp_path: Path) -> None:
     project = Project(tmp_path / "killed")
-    for victim in ("collect", "train@simulated", "diagnose@damped"):
+    for victim, seconds in {"collect@simulated": 1.5, "train@simulated": 8.0, "diagnose@damped": 3.0}.items():
         process = subprocess.Popen(
             [DVC, "repro"],
             cwd=project.folder,
@@ -179,8 +179,10 @@ def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, 
         assert process.stdout is not None
         for line in process.stdout:
             if f"Running stage '{victim}'" in line:
-                time.sleep({"collect": 1.5, "train@simulated": 8.0, "diagnose@damped": 4.0}[victim])
+                time.sleep(seconds)
                 break
+        else:
+            pytest.fail(f"{victim} never ran")
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     project.dvc("repro")

@@ -49,11 +49,12 @@ def plain_seconds(targets: list[Target]) -> list[float]:
     solver = ca.nlpsol("plain", "ipopt", nlp, quiet)
     seconds = []
     for target in targets:
-        (lower_w, upper_w), (lower_g, upper_g) = programme.w_bounds(target), programme.g_bounds
+        problem = Problem(target)
+        (lower_w, upper_w), (lower_g, upper_g) = programme.w_bounds(problem), programme.g_bounds(problem)
         start = time.perf_counter()
         found = solver(x0=programme.first_guess, lbx=lower_w, ubx=upper_w, lbg=lower_g, ubg=upper_g)
         seconds.append(time.perf_counter() - start)
-        cost, ours = float(found["f"]), solve(Problem(target)).cost
+        cost, ours = float(found["f"]), solve(problem).cost
         if not np.isclose(cost, ours, rtol=1e-3):
             print(f"plain: cost {cost:.1f} instead of {ours:.1f} at {target}: another optimum")
     return seconds

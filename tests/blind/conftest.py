@@ -5,6 +5,7 @@ import pytest
 from leapgap.blind.withholding import World
 from leapgap.planning.library import reference_to
 from leapgap.recording.jump import Jump, Target
+from leapgap.robot.planar import PlanarRobot
 
 
 @pytest.fixture(scope="session")
@@ -16,4 +17,4 @@ def world() -> World:
 
 @pytest.fixture(scope="session")
 def references(tmp_path_factory: pytest.TempPathFactory) -> list[Jump]:
-    return [reference_to(Target(0.45), tmp_path_factory.mktemp("none"))]
+    return [reference_to(Target(0.45), tmp_path_factory.mktemp("none"), PlanarRobot())]

@@ -1,19 +1,29 @@
-"""References by target: from a folder of planned ones, or planned on the spot."""
+"""References by target: from a folder of planned ones, or planned on the spot; and for which robot."""
 
 from pathlib import Path
 
+from leapgap.errors import InputError
 from leapgap.planning.formulation import Problem
 from leapgap.planning.reference import Gains, name_of, to_jump
 from leapgap.planning.solve import solve_all
 from leapgap.recording.jump import Jump, Target, read
 from leapgap.robot.model import Robot
-from leapgap.robot.planar import planar_robot
+from leapgap.robot.planar import PlanarRobot, planar_robot
 
 
-def reference_to(target: Target, folder: Path, robot: Robot) -> Jump:
-    """The reference to a target: its file in ``folder`` where there is one, else planned for the robot itself."""
+def planned_robot(planar: str, robot: Robot) -> PlanarRobot:
+    """``published``: the planar robot of the published references; ``own``: the planar form of ``robot``."""
+    if planar == "published":
+        return PlanarRobot()
+    if planar == "own":
+        return planar_robot(robot)
+    raise InputError("planar", planar, "published or own", "choose one")
+
+
+def reference_to(target: Target, folder: Path, planar: PlanarRobot) -> Jump:
+    """The reference to a target: its file in ``folder`` where there is one, else planned for a planar robot."""
     path = folder / f"{name_of(target)}.parquet"
     if path.is_file():
         return read(path)
-    (solution,) = solve_all([Problem(target, robot=planar_robot(robot))])
+    (solution,) = solve_all([Problem(target, robot=planar)])
     return to_jump(solution, Gains())

@@ -6,9 +6,10 @@ from itertools import islice
 from pathlib import Path
 
 from leapgap.errors import InputError
-from leapgap.files import read_json
+from leapgap.files import read_json, write_text
 from leapgap.recording.jump import Jump, read
 from leapgap.robot.model import Robot
+from leapgap.view import references
 from leapgap.view.jump import record_jump
 from leapgap.view.prediction import record_prediction
 
@@ -46,6 +47,10 @@ class View:
 
 def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
     """Write every recording into ``out``; one line for each kind says what was written or skipped."""
+    index = Path(view.references) / "references.json"
+    if index.is_file():
+        write_text(out / "references.html", references.html(index.parent, robot))
+    yield said("references.html", view.references, int(index.is_file()), 1)
     for kind, label, folder, replays in (
         ("reference", "reference", view.references, None),
         ("simulated", "simulated", view.simulated, None),

@@ -1,0 +1,120 @@
+"""A jump in four pictures seen from its side, as SVG: start, lift-off, apex, landing."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.robot.model import Robot
+from leapgap.robot.terrain import Box
+
+PIXELS_PER_M = 190
+AROUND_M = 0.42
+"""Half the width of a picture, about the base."""
+BELOW_M, ABOVE_M = 0.06, 0.3
+"""Below the floor; above the highest point of the base."""
+COLOURS = {"front": "#2563c9", "rear": "#e2542f", "base": "#111827", "ground": "#e3e7ee"}
+
+
+def moments(jump: Jump) -> dict[str, int]:
+    """Row of each picture; the apex is the highest point of the base."""
+    last = len(jump) - 1
+    lift_off = min(int(np.searchsorted(jump.time, jump.info.schedule.take_off_s)), last)
+    landing = min(int(np.searchsorted(jump.time, jump.info.schedule.landing_s)), last)
+    return {
+        "start": 0,
+        "lift-off": lift_off,
+        "apex": lift_off + int(np.argmax(jump["base_pos_z"][lift_off : landing + 1])),
+        "landing": landing,
+    }
+
+
+def strip(jump: Jump, robot: Robot) -> str:
+    """The four pictures side by side; blue the front legs, red the rear ones, dotted the way of the base."""
+    top = float(jump["base_pos_z"].max()) + ABOVE_M
+    width, height = 2 * AROUND_M * PIXELS_PER_M, (top + BELOW_M) * PIXELS_PER_M
+    rows = moments(jump)
+    pictures = []
+    for i, (name, row) in enumerate(rows.items()):
+        centre = float(jump["base_pos_x"][row])
+        caption = f'<text x="{width / 2:.1f}" y="16" class="caption">{name}, {jump.time[row]:.2f} s</text>'
+        inside = f"translate({width / 2 - centre * PIXELS_PER_M:.1f} {top * PIXELS_PER_M:.1f})"
+        pictures.append(
+            f'<svg x="{i * (width + 8):.1f}" width="{width:.1f}" height="{height:.1f}" data-moment="{name}">'
+            f'<g transform="{inside}">{scene(jump, robot, row, centre)}</g>{caption}</svg>'
+        )
+    whole = len(rows) * (width + 8)
+    return (
+        f'<svg class="strip" viewBox="0 0 {whole:.1f} {height:.1f}" role="img" '
+        f'aria-label="{jump.name}: {", ".join(rows)}">{"".join(pictures)}</svg>'
+    )
+
+
+def scene(jump: Jump, robot: Robot, row: int, centre: float) -> str:
+    """Ground, way of the base, legs and trunk at one row; pixels, y downwards."""
+    qpos = configuration(jump, robot, row)
+    data = mujoco.MjData(robot.model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(robot.model, data)
+    parts = [ground(jump.info.terrain, centre), way(jump, centre)]
+    parts += [leg(robot, data, foot, geom) for foot, geom in zip(robot.feet, robot.foot_geoms, strict=True)]
+    parts.append(trunk(robot, data))
+    return "".join(parts)
+
+
+def configuration(jump: Jump, robot: Robot, row: int) -> np.ndarray:
+    """The robot's generalised positions at one row."""
+    qpos = robot.model.qpos0.copy()
+    qpos[:3], qpos[3:7] = jump.stack(BASE_POSITION)[row], jump.stack(BASE_QUATERNION)[row]
+    qpos[robot.joint_qpos] = jump.per_joint("joint_pos", robot.joints)[row]
+    return qpos
+
+
+def ground(terrain: Sequence[Box], centre: float) -> str:
+    """The floor, and what stands on it."""
+    edges = [(centre - 2 * AROUND_M, centre + 2 * AROUND_M, 0.0)]
+    edges += [(box.x_m - box.size_m[0] / 2, box.x_m + box.size_m[0] / 2, box.top_m) for box in terrain]
+    return "".join(
+        f'<rect x="{left * PIXELS_PER_M:.1f}" y="{-high * PIXELS_PER_M:.1f}" '
+        f'width="{(right - left) * PIXELS_PER_M:.1f}" height="{(high + BELOW_M) * PIXELS_PER_M:.1f}" '
+        f'fill="{COLOURS["ground"]}"/>'
+        for left, right, high in edges
+    )
+
+
+def way(jump: Jump, centre: float) -> str:
+    """The base over the whole jump."""
+    rows = np.unique(np.linspace(0, len(jump) - 1, 60).astype(int))
+    points = np.stack([jump["base_pos_x"][rows], jump["base_pos_z"][rows]], axis=1)
+    near = points[np.abs(points[:, 0] - centre) < AROUND_M]
+    return f'<polyline points="{pixels(near)}" fill="none" stroke="#8a93a3" stroke-width="1.4" stroke-dasharray="2 4"/>'
+
+
+def leg(robot: Robot, data: mujoco.MjData, foot: str, geom: int) -> str:
+    """From the trunk over the joints to the foot."""
+    chain, body = [data.geom_xpos[geom]], robot.model.geom_bodyid[geom]
+    while body not in (0, robot.base_body):
+        chain.append(data.xpos[body])
+        body = robot.model.body_parentid[body]
+    colour = COLOURS["front" if foot in robot.feet_of_pair("front") else "rear"]
+    radius = float(robot.model.geom_size[geom, 0]) * PIXELS_PER_M
+    bones = pixels(np.array(chain)[:, [0, 2]])
+    x, y = bones.split()[0].split(",")
+    return (
+        f'<polyline points="{bones}" fill="none" stroke="{colour}" stroke-width="5" stroke-linejoin="round" '
+        f'stroke-linecap="round"/><circle cx="{x}" cy="{y}" r="{radius:.1f}" fill="{colour}"/>'
+    )
+
+
+def trunk(robot: Robot, data: mujoco.MjData) -> str:
+    """From the rear hips to the front ones."""
+    hips = [i for i in range(1, robot.model.nbody) if robot.model.body_parentid[i] == robot.base_body]
+    along = data.xpos[hips][:, [0, 2]]
+    ends = along[np.argsort(robot.model.body_pos[hips][:, 0])][[0, -1]]
+    return f'<polyline points="{pixels(ends)}" stroke="{COLOURS["base"]}" stroke-width="17" stroke-linecap="round"/>'
+
+
+def pixels(points: np.ndarray) -> str:
+    """Metres (n, 2), x forward and z up, as SVG wants them."""
+    return " ".join(f"{PIXELS_PER_M * x:.1f},{-PIXELS_PER_M * z:.1f}" for x, z in points)
