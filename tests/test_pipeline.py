@@ -133,6 +133,7 @@ def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated:
         "train@simulated_25_25",
         "evaluate@simulated",
         "diagnose@damped",
+        "land",
         "view",
     }
 
