@@ -19,7 +19,8 @@ FORCE_WEIGHT = 1e-4
 class Case:
     """A random problem: horizon, model at each step, state, targets."""
 
-    def __init__(self, steps: Horizon, seed: int) -> None:
+    def __init__(self, steps: Horizon, seed: int, curvature: float = 0.0) -> None:
+        self.curvature = curvature
         rng = np.random.default_rng(seed)
         n = len(steps)
         self.steps = steps
@@ -31,7 +32,7 @@ class Case:
         self.state, self.target = rng.normal(size=6), rng.normal(size=(n, 6))
         self.force = rng.normal(size=(n, 4)) * 50
         later = Affine(plain.bias[1:], plain.by_force[1:])
-        self.rest = rest(steps, later, self.target, self.force, WEIGHTS, FORCE_WEIGHT, ForceLimits())
+        self.rest = rest(steps, later, self.target, self.force, WEIGHTS, FORCE_WEIGHT, ForceLimits(), curvature)
         self.qp = self.rest.qp(self.state, Affine(plain.bias[:1], plain.by_force[:1]))
 
     def cost(self, force: np.ndarray) -> float:
@@ -39,7 +40,7 @@ class Case:
         state, total = self.state, 0.0
         for k, step_s in enumerate(self.steps.step_s):
             acceleration = self.model.bias[k] + self.model.by_force[k] @ force[k]
-            state = advance(state, acceleration, step_s)
+            state = advance(state, acceleration, step_s, self.curvature)
             total += (state - self.target[k]) @ (WEIGHTS * (state - self.target[k]))
             pushing = self.rest.pushing[k]
             total += FORCE_WEIGHT * np.sum((force[k] - self.force[k])[pushing] ** 2)
@@ -51,8 +52,9 @@ TIMES = [0.0, 0.33, 0.487, 0.65, 0.775, 0.79]
 
 @pytest.mark.parametrize("time_s", TIMES)
 @pytest.mark.parametrize("schedule", [ContactSchedule(), ContactSchedule(0.51, 0.29, 0.37)])
-def test_cost_is_that_of_the_roll_out(time_s: float, schedule: ContactSchedule) -> None:
-    case = Case(horizon(TimeGrid(), schedule, time_s), seed=1)
+@pytest.mark.parametrize("curvature", [0.0, 0.5])
+def test_cost_is_that_of_the_roll_out(time_s: float, schedule: ContactSchedule, curvature: float) -> None:
+    case = Case(horizon(TimeGrid(), schedule, time_s), 1, curvature)
     rng = np.random.default_rng(2)
     x, y = rng.normal(size=(2, len(case.qp.gradient))) * 80
     by_roll_out = case.cost(case.rest.forces(x)) - case.cost(case.rest.forces(y))

@@ -1,9 +1,10 @@
 """The MPC's condensed QP in the contact forces, with everything but its first step prepared ahead of time.
 
-The prediction is ζ⁺ = ζ + Δt (b + B u), q⁺ = q + Δt ζ with b and B given at each step (paper, residual and MPC).
+The prediction is ζ⁺ = ζ + Δt (b + B u), q⁺ = q + Δt ζ + c Δt² (b + B u) with b and B given at each step (paper,
+residual and MPC; there c = 0).
 The states after the first step are x₁ and, from there, affine in x₁ and the later forces U:
 
-    q_k = q₁ + (t_k − t₁) ζ₁ + Σ_{1≤j<k} (t_k − t_{j+1}) Δt_j (b_j + B_j u_j)
+    q_k = q₁ + (t_k − t₁) ζ₁ + Σ_{1≤j<k} (t_k − t_{j+1} + c Δt_j) Δt_j (b_j + B_j u_j)
     ζ_k = ζ₁ + Σ_{1≤j<k} Δt_j (b_j + B_j u_j)
 
 b_j and B_j for j ≥ 1 are taken at the reference, so the cost of the whole rest of the horizon is one quadratic function
@@ -52,6 +53,8 @@ class Rest:
     """Which of the four forces are variables in the first step, their numbers, (m₀,)."""
     first_push_s: np.ndarray
     """How long each of them pushes in the first step, (m₀,)."""
+    curvature: float
+    """c."""
     force_weight: float
     first_force: np.ndarray
     """Their reference, (m₀,), N."""
@@ -64,17 +67,18 @@ class Rest:
     def qp(self, state: np.ndarray, first: Affine) -> Qp:
         """The problem from a state (6,), with the model's word for the first step: ``Affine`` of one moment."""
         m0, weight = len(self.first), 2 * self.force_weight
-        free = advance(state, first.bias[0], self.step_s)
-        enters = first.by_force[0][:, self.first] * self.first_push_s  # of x₁ only the velocities, (3, m₀)
-        of_rest = enters.T @ self.quadratic[VELOCITY]
+        free = advance(state, first.bias[0], self.step_s, self.curvature)
+        gained = first.by_force[0][:, self.first] * self.first_push_s
+        enters = np.concatenate([self.curvature * self.step_s * gained, gained])  # of x₁, (6, m₀)
+        of_rest = enters.T @ self.quadratic[:STATES]
         hessian = np.empty((m0 + len(self.linear) - STATES,) * 2)
-        hessian[:m0, :m0] = of_rest[:, VELOCITY] @ enters
+        hessian[:m0, :m0] = of_rest[:, :STATES] @ enters
         hessian[:m0, :m0] += weight * np.eye(m0)
         hessian[:m0, m0:] = of_rest[:, STATES:]
         hessian[m0:, :m0] = hessian[:m0, m0:].T
         hessian[m0:, m0:] = self.quadratic[STATES:, STATES:]
         slope = free @ self.quadratic[:STATES] + self.linear
-        gradient = np.concatenate([slope[VELOCITY] @ enters - weight * self.first_force, slope[STATES:]])
+        gradient = np.concatenate([slope[:STATES] @ enters - weight * self.first_force, slope[STATES:]])
         return Qp(hessian, gradient, self.lower, self.upper, self.rows, self.row_upper)
 
     @cached_property
@@ -102,6 +106,7 @@ def rest(
     state_weight: np.ndarray,
     force_weight: float,
     limits: ForceLimits,
+    curvature: float = 0.0,
 ) -> Rest:
     """Prepare Σ_{k=1..n} ‖x_k − target_k‖²_Q + w Σ_{k=0..n−1} ‖u_k − force_k‖² for any first state.
 
@@ -109,7 +114,7 @@ def rest(
     steps; ``force`` (n, 4) in N; ``state_weight`` (6,) the diagonal of Q; at least one step.
     """
     pushing = np.repeat(horizon.share > 0, 2, axis=1)
-    by_state, by_force, drift = after_first_step(horizon, weighed(later, horizon.share[1:]))
+    by_state, by_force, drift = after_first_step(horizon, weighed(later, horizon.share[1:]), curvature)
     by_force = by_force[:, :, pushing[1:]]
     z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
     weight = np.tile(state_weight, len(horizon))[:, None]
@@ -121,10 +126,12 @@ def rest(
     first = np.flatnonzero(pushing[0])
     push_s = horizon.step_s[0] * np.repeat(horizon.share[0], 2)[first]
     limited = constraints(pushing, limits)
-    return Rest(horizon, quadratic, linear, pushing, first, push_s, force_weight, force[0][first], *limited)
+    return Rest(horizon, quadratic, linear, pushing, first, push_s, curvature, force_weight, force[0][first], *limited)
 
 
-def after_first_step(horizon: Horizon, later: Affine) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def after_first_step(
+    horizon: Horizon, later: Affine, curvature: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States at the ends of the steps as by_state x₁ + by_force U + drift: (n, 6, 6), (n, 6, n − 1, 4), (n, 6)."""
     n, end = len(horizon), horizon.time_s[1:]
     reach = end[:, None] - end[None, 1:]  # how long a push of step j (1…n−1) has moved the body when step k ends
@@ -134,9 +141,10 @@ def after_first_step(horizon: Horizon, later: Affine) -> tuple[np.ndarray, np.nd
     by_state = np.tile(np.eye(STATES), (n, 1, 1))
     by_state[:, POSITION, VELOCITY] += (end - end[0])[:, None, None] * np.eye(3)
     by_force = np.zeros((n, STATES, n - 1, FORCES))
-    by_force[:, POSITION] = np.einsum("kj,jia->kija", acts * reach, impulse_by_force)
+    moves = acts * (reach + curvature * horizon.step_s[1:])
+    by_force[:, POSITION] = np.einsum("kj,jia->kija", moves, impulse_by_force)
     by_force[:, VELOCITY] = np.einsum("kj,jia->kija", acts, impulse_by_force)
-    drift = np.concatenate([(acts * reach) @ impulse, acts @ impulse], axis=1)
+    drift = np.concatenate([moves @ impulse, acts @ impulse], axis=1)
     return by_state, by_force, drift
 
 

@@ -19,7 +19,7 @@ from leapgap.files import read_json
 from leapgap.recording.windows import Purpose, read_npz
 from leapgap.robot.prediction import Affine, PredictionModel, Situation, rows
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 OUTPUTS = 15
 """bias (3), by_force (3 × 4)."""
 PHASES = ("contact", "flight")
@@ -90,6 +90,7 @@ class Exported(PredictionModel):
     purpose: Purpose
     contact: Phase
     flight: Phase
+    curvature: float = 0.0
     deviation: np.ndarray | None = None
     """Standard deviations of predicted states, by the step of the jump at which the prediction starts and by the step
     predicted, (starts, K, 6), m, rad, m/s, rad/s; calibrated on training jumps left out in turn. ``None``: unknown."""
@@ -117,13 +118,14 @@ def load(folder: Path, name: str, needed: Purpose) -> Exported:
     arrays = read_npz(folder / f"{name}.npz")
     try:
         purpose = Purpose.from_json(about)
+        curvature = float(about["curvature"])
         contact, flight = (read_phase(of(arrays, phase), about["parts"][phase]) for phase in PHASES)
     except (KeyError, TypeError) as error:
         raise InputError(
             path, f"a model that does not fit ({error!r})", "a model of this version", "run stages.train anew"
         ) from None
     purpose.require(needed, path)
-    return Exported(name, purpose, contact, flight, arrays.get("deviation"))
+    return Exported(name, purpose, contact, flight, curvature, arrays.get("deviation"))
 
 
 def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:

@@ -138,6 +138,7 @@ class ForcePlanner:
             config.weights.diagonal,
             config.force_weight,
             config.limits,
+            self.model.curvature,
         )
 
 

@@ -33,7 +33,7 @@ class NominalModel(ResidualModel):
         return cls(Nominal.from_json(settings["nominal"]))
 
 
-def fit_gains(windows: Windows, body: RigidBody) -> Nominal:
+def fit_gains(windows: Windows, body: RigidBody, curvature: float = 0.0) -> Nominal:
     """The body with the gain of each velocity row that fits the steps in contact best (least squares, no offset)."""
     steps = transitions(windows)
     steps = steps.at(steps.contact)
@@ -41,7 +41,7 @@ def fit_gains(windows: Windows, body: RigidBody) -> Nominal:
     measured = steps.acceleration - [0.0, -GRAVITY, 0.0]
     power = (pushed**2).sum(axis=0)
     gains = np.divide((pushed * measured).sum(axis=0), power, out=np.ones(3), where=power > 0)
-    return Nominal(body, (float(gains[0]), float(gains[1]), float(gains[2])))
+    return Nominal(body, (float(gains[0]), float(gains[1]), float(gains[2])), curvature)
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,8 @@ class TrainConfig:
     mass_kg: float = 12.453
     pitch_inertia_kgm2: float = 0.347
     """Of the nominal body that residuals correct."""
+    curvature: float = 0.0
+    """Of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
     kernel: KernelConfig = field(default_factory=KernelConfig)
     networks: NetworksConfig = field(default_factory=NetworksConfig)
     published_recipe: PublishedRecipeConfig = field(default_factory=PublishedRecipeConfig)
@@ -108,18 +110,18 @@ Curve = list[list[float | None]]
 def fit_kernel(task: Task) -> tuple[Model, Curve]:
     """Residual of the body with fitted gains."""
     config = KernelConfig(**{**vars(task.config.kernel), "inputs": task.inputs["kernel"]})
-    return kernel.fit(task.train, fit_gains(task.train, task.config.body), config), []
+    return kernel.fit(task.train, fit_gains(task.train, task.config.body, task.config.curvature), config), []
 
 
 def fit_forecast(task: Task) -> tuple[Model, Curve]:
     """What acts later is not known: no feet and forces among the inputs."""
-    return kernel.fit_forecast(task.train, task.config.kernel), []
+    return kernel.fit_forecast(task.train, task.config.kernel, task.config.curvature), []
 
 
 def fit_networks(task: Task) -> tuple[Model, Curve]:
     """Ours: residual of the body with fitted gains."""
     config = NetworksConfig(**{**vars(task.config.networks), "inputs": task.inputs["networks"]})
-    nominal = fit_gains(task.train, task.config.body)
+    nominal = fit_gains(task.train, task.config.body, task.config.curvature)
     start = untrained.networks(task.train, nominal, config, np.random.default_rng(task.config.seed))
     return descend(start, task, config.fitting)
 
@@ -129,7 +131,7 @@ def fit_networks_forecast(task: Task) -> tuple[Model, Curve]:
     inputs = {name: weight for name, weight in task.config.networks.inputs.items() if "foot" not in name}
     config = NetworksConfig(**{**vars(task.config.networks), "inputs": inputs})
     blind = replace(task, train=without_forces(task.train), held_out=without_forces(task.held_out))
-    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf))
+    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf), curvature=task.config.curvature)
     start = untrained.networks(blind.train, nothing, config, np.random.default_rng(task.config.seed))
     model, curve = descend(start, blind, config.fitting)
     return NetworkForecast(**vars(model)), curve
@@ -180,7 +182,7 @@ def descend(start: NetworkModel, task: Task, fitting: Fitting) -> tuple[NetworkM
 FITS: dict[str, Callable[[Task], tuple[Model, Curve]]] = {
     "nominal": lambda task: (NominalModel(Nominal(task.config.body)), []),
     "nominal_published": lambda task: (NominalModel(Nominal(PUBLISHED)), []),
-    "nominal_fitted": lambda task: (NominalModel(fit_gains(task.train, task.config.body)), []),
+    "nominal_fitted": lambda task: (NominalModel(fit_gains(task.train, task.config.body, task.config.curvature)), []),
     "constant_velocity": lambda task: (ConstantVelocity(), []),
     "playback": lambda task: (Playback.fit(task.train), []),
     "kernel": fit_kernel,

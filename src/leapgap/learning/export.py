@@ -21,7 +21,7 @@ from leapgap.learning.store import Stored
 from leapgap.recording.windows import write_npz
 from leapgap.robot.prediction import KNOWN, selection
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 OUTPUTS = 15
 """bias (3), by_force (3 × 4)."""
 PHASES = ("contact", "flight")
@@ -168,6 +168,7 @@ def write(stored: Stored, folder: Path, name: str, deviation: np.ndarray | None 
     ``deviation``: of predicted states by start of the prediction and step, (starts, K, 6), where known.
     """
     phases = flatten(stored.model)
+    assert isinstance(stored.model, ResidualModel)  # else flatten has refused it
     arrays = {} if deviation is None else {"deviation": deviation}
     for phase, flat in phases.items():
         arrays |= {f"{phase}/constant": flat.constant, f"{phase}/feet": flat.feet}
@@ -177,6 +178,7 @@ def write(stored: Stored, folder: Path, name: str, deviation: np.ndarray | None 
         "format_version": FORMAT_VERSION,
         "model": name,
         "key": stored.key,
+        "curvature": stored.model.curvature,
         "inputs": list(getattr(stored.model, "names", ())),
         "trained_on": list(stored.trained_on),
         **asdict(stored.purpose),

@@ -118,10 +118,10 @@ class KernelForecast(KernelModel):
         return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
 
 
-def fit_forecast(windows: Windows, config: KernelConfig) -> KernelForecast:
+def fit_forecast(windows: Windows, config: KernelConfig, curvature: float = 0.0) -> KernelForecast:
     """Fit whole accelerations to state and phase: h alone, no G, no nominal body under it."""
     kept = {name: weight for name, weight in config.inputs.items() if "foot" not in name}
-    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf))
+    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf), curvature=curvature)
     fitted = fit(windows, nothing, KernelConfig(**{**vars(config), "inputs": kept, "force_scale": np.inf}))
     return KernelForecast(fitted.nominal, fitted.names, fitted.contact, fitted.flight)
 

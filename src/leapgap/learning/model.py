@@ -41,6 +41,8 @@ class Nominal:
     body: RigidBody
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Of the vx, vz and pitch-rate rows."""
+    curvature: float = 0.0
+    """Of a step's positions, as in ``rigid_body.advance``."""
 
     def at(self, foot: np.ndarray) -> Affine:
         """Of feet (n, 4)."""
@@ -53,6 +55,7 @@ class Nominal:
             "inverse_mass_per_kg": 1 / self.body.mass_kg,  # JSON has no infinity
             "inverse_pitch_inertia_per_kgm2": 1 / self.body.pitch_inertia_kgm2,
             "gains": [float(gain) for gain in self.gains],
+            "curvature": self.curvature,
         }
 
     @staticmethod
@@ -61,17 +64,22 @@ class Nominal:
         mass, inertia = (
             1 / raw[key] if raw[key] else np.inf for key in ("inverse_mass_per_kg", "inverse_pitch_inertia_per_kgm2")
         )
-        return Nominal(RigidBody(mass, inertia), tuple(raw["gains"]))
+        return Nominal(RigidBody(mass, inertia), tuple(raw["gains"]), raw["curvature"])
 
 
 class ResidualModel(Model, PredictionModel):
     """A nominal body and a residual of its velocity rows, affine in the force, so that the MPC stays a QP.
 
     ζ⁺ = ζ + Δt (nominal + h + G u) with h and G of the state, the feet and maybe the phase; contact and flight
-    are separate (paper, residual).
+    are separate (paper, residual). Positions follow the velocities with the nominal body's ``curvature``.
     """
 
     nominal: Nominal
+
+    @property
+    def curvature(self) -> float:  # type: ignore[override]
+        """That of the nominal body."""
+        return self.nominal.curvature
 
     @abstractmethod
     def residual(self, situation: Situation, contact: np.ndarray) -> Affine:
@@ -88,7 +96,7 @@ class ResidualModel(Model, PredictionModel):
         for k in range(inputs.force.shape[1]):
             situation = Situation(states[-1], inputs.foot[:, k], inputs.time_s[:, k], inputs.state)
             acceleration = self.affine(situation, inputs.contact[:, k]).acceleration(inputs.force[:, k])
-            states.append(advance(states[-1], acceleration, inputs.step_s[:, k]))
+            states.append(advance(states[-1], acceleration, inputs.step_s[:, k], self.curvature))
         return np.stack(states, axis=1)
 
 

@@ -78,6 +78,7 @@ class Residual(torch.nn.Module):
             self.register_buffer(f"{phase}_select", torch.tensor(scaled, dtype=torch.float32))
             shift = torch.tensor(part.input_mean / part.input_scale, dtype=torch.float32)
             self.register_buffer(f"{phase}_shift", shift)
+        self.curvature = model.nominal.curvature
         body = model.nominal.body
         by_force = np.asarray(model.nominal.gains) / [body.mass_kg, body.mass_kg, body.pitch_inertia_kgm2]
         self.by_force: torch.Tensor
@@ -148,9 +149,8 @@ class Residual(torch.nn.Module):
                     accelerations.append(found)
                     penalty = penalty + outputs * (state[0, part].shape[0] / len(batch.state))
             dt = batch.step_s[:, k, None]
-            state = torch.cat(
-                [state[..., :3] + dt * state[..., 3:], state[..., 3:] + dt * torch.cat(accelerations, dim=1)], dim=-1
-            )
+            velocity, gained = state[..., 3:], dt * torch.cat(accelerations, dim=1)
+            state = torch.cat([state[..., :3] + dt * (velocity + self.curvature * gained), velocity + gained], dim=-1)
             states.append(state)
         return torch.stack(states, dim=2), penalty / len(batch.in_contact)
 

@@ -48,6 +48,9 @@ class Affine:
 class PredictionModel(ABC):
     """Accelerations of the base in contact and flight: ζ⁺ = ζ + Δt (bias + by_force u) (paper, residual)."""
 
+    curvature: float = 0.0
+    """Of a step's positions, as in ``rigid_body.advance``."""
+
     @abstractmethod
     def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
         """At n moments of contact or flight (bool, (n,)), in one batch."""

@@ -54,12 +54,18 @@ class RigidBody:
         return advance(state, self.acceleration(foot, force), step_s)
 
 
-def advance(state: np.ndarray, acceleration: np.ndarray, step_s: np.ndarray | float) -> np.ndarray:
-    """Explicit Euler, as published: q⁺ = q + ζ Δt, ζ⁺ = ζ + ζ̇ Δt, for states (…, 6) and accelerations (…, 3)."""
+def advance(
+    state: np.ndarray, acceleration: np.ndarray, step_s: np.ndarray | float, curvature: float = 0.0
+) -> np.ndarray:
+    """q⁺ = q + ζ Δt + c ζ̇ Δt², ζ⁺ = ζ + ζ̇ Δt, for states (…, 6) and accelerations (…, 3).
+
+    ``curvature`` c: 0 is explicit Euler, as published; ½ what a constant acceleration does to the position.
+    """
     dt = np.asarray(step_s, dtype=float)[..., None]
-    state = np.asarray(state, dtype=float)
+    state, gained = np.asarray(state, dtype=float), dt * acceleration
     return np.concatenate(
-        [state[..., POSITION] + dt * state[..., VELOCITY], state[..., VELOCITY] + dt * acceleration], axis=-1
+        [state[..., POSITION] + dt * (state[..., VELOCITY] + curvature * gained), state[..., VELOCITY] + gained],
+        axis=-1,
     )
 
 
