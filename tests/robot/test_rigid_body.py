@@ -75,3 +75,15 @@ def test_a_step_changes_neither_its_arguments_nor_their_shape():
     after = advance(state, np.ones((3, 2, 3)), np.full((3, 2), 0.1))
     assert after.shape == state.shape and (state == 1).all()
     assert RigidBody(12.0, 0.17) == PUBLISHED
+
+
+def test_with_curvature_a_half_free_fall_is_exact_whatever_the_step():
+    state = np.array([0.0, 1.0, 0.0, 0.5, 2.0, 0.0])
+    fall = np.array([0.0, -9.81, 0.0])
+    coarse = advance(state, fall, 0.4, 0.5)
+    fine = state
+    for _ in range(40):
+        fine = advance(fine, fall, 0.01, 0.5)
+    assert coarse == pytest.approx(fine, abs=1e-12)
+    assert coarse[1] == pytest.approx(1.0 + 2.0 * 0.4 - 9.81 * 0.4**2 / 2)
+    assert advance(state, fall, 0.4)[1] == pytest.approx(1.0 + 2.0 * 0.4)  # as published
