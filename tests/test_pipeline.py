@@ -195,14 +195,14 @@ def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, 
 
 @pytest.fixture(scope="module")
 def real(tmp_path_factory: pytest.TempPathFactory, raw: Path) -> Project:
-    """A project with four real jumps under DVC, run once."""
+    """A project with four real jumps under DVC, run once as far as real jumps go: landings and blind check do not."""
     project = Project(tmp_path_factory.mktemp("real"))
     folders = sorted((path.parent for path in raw.rglob("joint_act.txt")), key=lambda path: int(path.name))
     for folder in folders[:4]:
         shutil.copytree(folder, project.folder / "data/raw/a1_hardware" / folder.name)
     project.dvc("add", "data/raw/a1_hardware")
     project.commit("four real jumps")
-    project.said = project.dvc("repro")  # type: ignore[attr-defined]
+    project.said = project.dvc("repro", "view")  # type: ignore[attr-defined]
     project.commit("run")
     return project
 
@@ -231,7 +231,7 @@ def test_push_and_pull_bring_data_to_a_second_clone(real: Project, tmp_path: Pat
     clone.dvc("pull")
     for name in ("data/raw/a1_hardware/1/pos.txt", "data/jumps/real/jump_01.parquet", "data/reports/real/report.html"):
         assert (second / name).read_bytes() == (real.folder / name).read_bytes()
-    assert ran(clone.dvc("repro")) == set()
+    assert ran(clone.dvc("repro", "view")) == set()
 
 
 def test_raw_logs_can_be_imported_from_another_repository(real: Project, tmp_path: Path) -> None:
@@ -255,7 +255,7 @@ def test_a_damaged_log_stops_repro_with_its_message_and_spoils_nothing(real: Pro
     whole = path.read_text()
     path.unlink()  # a link into DVC's cache, perhaps: never write through it
     path.write_text(whole.replace(whole.split()[0], "nan", 1))
-    said = real.dvc("repro", code=None)
+    said = real.dvc("repro", "view", code=None)
     assert "torque.txt: found 1 values that are no number, first in row 0" in said
     assert "exited with 2" in said
     assert "Traceback" not in said
