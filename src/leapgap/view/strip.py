@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 
 from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.shapes import Poses, body_poses
 from leapgap.robot.terrain import Box
 
 PIXELS_PER_M = 190
@@ -35,6 +35,9 @@ def strip(jump: Jump, robot: Robot) -> str:
     top = float(jump["base_pos_z"].max()) + ABOVE_M
     width, height = 2 * AROUND_M * PIXELS_PER_M, (top + BELOW_M) * PIXELS_PER_M
     rows = moments(jump)
+    at = list(rows.values())
+    joints, position, quaternion = jump.per_joint("joint_pos", robot.joints), BASE_POSITION, BASE_QUATERNION
+    poses = body_poses(robot, joints[at], jump.stack(position)[at], jump.stack(quaternion)[at])
     pictures = []
     for i, (name, row) in enumerate(rows.items()):
         centre = float(jump["base_pos_x"][row])
@@ -42,7 +45,7 @@ def strip(jump: Jump, robot: Robot) -> str:
         inside = f"translate({width / 2 - centre * PIXELS_PER_M:.1f} {top * PIXELS_PER_M:.1f})"
         pictures.append(
             f'<svg x="{i * (width + 8):.1f}" width="{width:.1f}" height="{height:.1f}" data-moment="{name}">'
-            f'<g transform="{inside}">{scene(jump, robot, row, centre)}</g>{caption}</svg>'
+            f'<g transform="{inside}">{scene(jump, robot, poses, i, centre)}</g>{caption}</svg>'
         )
     whole = len(rows) * (width + 8)
     return (
@@ -51,24 +54,11 @@ def strip(jump: Jump, robot: Robot) -> str:
     )
 
 
-def scene(jump: Jump, robot: Robot, row: int, centre: float) -> str:
-    """Ground, way of the base, legs and trunk at one row; pixels, y downwards."""
-    qpos = configuration(jump, robot, row)
-    data = mujoco.MjData(robot.model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(robot.model, data)
+def scene(jump: Jump, robot: Robot, poses: Poses, picture: int, centre: float) -> str:
+    """Ground, way of the base, legs and trunk in one picture; pixels, y downwards."""
     parts = [ground(jump.info.terrain, centre), way(jump, centre)]
-    parts += [leg(robot, data, foot, geom) for foot, geom in zip(robot.feet, robot.foot_geoms, strict=True)]
-    parts.append(trunk(robot, data))
-    return "".join(parts)
-
-
-def configuration(jump: Jump, robot: Robot, row: int) -> np.ndarray:
-    """The robot's generalised positions at one row."""
-    qpos = robot.model.qpos0.copy()
-    qpos[:3], qpos[3:7] = jump.stack(BASE_POSITION)[row], jump.stack(BASE_QUATERNION)[row]
-    qpos[robot.joint_qpos] = jump.per_joint("joint_pos", robot.joints)[row]
-    return qpos
+    parts += [leg(robot, poses, picture, foot) for foot in range(len(robot.feet))]
+    return "".join([*parts, trunk(robot, poses, picture)])
 
 
 def ground(terrain: Sequence[Box], centre: float) -> str:
@@ -91,26 +81,28 @@ def way(jump: Jump, centre: float) -> str:
     return f'<polyline points="{pixels(near)}" fill="none" stroke="#8a93a3" stroke-width="1.4" stroke-dasharray="2 4"/>'
 
 
-def leg(robot: Robot, data: mujoco.MjData, foot: str, geom: int) -> str:
+def leg(robot: Robot, poses: Poses, picture: int, foot: int) -> str:
     """From the trunk over the joints to the foot."""
-    chain, body = [data.geom_xpos[geom]], robot.model.geom_bodyid[geom]
+    geom = robot.foot_geoms[foot]
+    chain, body = [poses.feet[picture, foot]], robot.model.geom_bodyid[geom]
     while body not in (0, robot.base_body):
-        chain.append(data.xpos[body])
+        chain.append(poses.positions[picture, body - robot.base_body])
         body = robot.model.body_parentid[body]
-    colour = COLOURS["front" if foot in robot.feet_of_pair("front") else "rear"]
-    radius = float(robot.model.geom_size[geom, 0]) * PIXELS_PER_M
+    colour = COLOURS["front" if robot.feet[foot] in robot.feet_of_pair("front") else "rear"]
     bones = pixels(np.array(chain)[:, [0, 2]])
     x, y = bones.split()[0].split(",")
     return (
         f'<polyline points="{bones}" fill="none" stroke="{colour}" stroke-width="5" stroke-linejoin="round" '
-        f'stroke-linecap="round"/><circle cx="{x}" cy="{y}" r="{radius:.1f}" fill="{colour}"/>'
+        f'stroke-linecap="round"/><circle cx="{x}" cy="{y}" r="{robot.foot_radius[foot] * PIXELS_PER_M:.1f}" '
+        f'fill="{colour}"/>'
     )
 
 
-def trunk(robot: Robot, data: mujoco.MjData) -> str:
+def trunk(robot: Robot, poses: Poses, picture: int) -> str:
     """From the rear hips to the front ones."""
-    hips = [i for i in range(1, robot.model.nbody) if robot.model.body_parentid[i] == robot.base_body]
-    along = data.xpos[hips][:, [0, 2]]
+    base = robot.base_body
+    hips = np.array([i for i in range(base + 1, robot.model.nbody) if robot.model.body_parentid[i] == base])
+    along = poses.positions[picture, hips - base][:, [0, 2]]
     ends = along[np.argsort(robot.model.body_pos[hips][:, 0])][[0, -1]]
     return f'<polyline points="{pixels(ends)}" stroke="{COLOURS["base"]}" stroke-width="17" stroke-linecap="round"/>'
 
