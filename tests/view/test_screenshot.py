@@ -26,6 +26,8 @@ def test_picture_shows_the_robot_at_the_asked_time(tmp_path, robot, hop):
     heights = [np.nonzero(mask)[0].mean() for mask in blue]
     assert heights[1] < heights[0] - 15  # pixels count downwards: the robot is higher in mid-air
     assert {path.name for path in tmp_path.iterdir()} == {"hop.rrd", "hop.png"}
+    running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
+    assert not any(str(tmp_path).encode() in line for line in running), "a viewer stays behind"
 
 
 def test_no_recording_is_an_input_error(tmp_path):

@@ -1,8 +1,10 @@
 """A picture of a recording without a screen: ``python -m leapgap.view.screenshot a.rrd a.png --at 0.95``."""
 
 import argparse
+import contextlib
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -38,7 +40,8 @@ def screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1500, 900), at_tim
         "--window-size", f"{size[0]}x{size[1] + TOP_BAR_PX}", str(rrd.resolve()),
     ]  # fmt: skip
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(command, stdout=said, stderr=said, env={**os.environ, "RERUN_APP_ONLY": "true"})
+        own = {**os.environ, "RERUN_APP_ONLY": "true"}
+        process = subprocess.Popen(command, stdout=said, stderr=said, env=own, start_new_session=True)
         try:
             with whole_file(png) as beside:
                 picture = beside.with_name(f"{beside.name}.png")  # the viewer goes by the ending
@@ -58,7 +61,8 @@ def screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1500, 900), at_tim
                 "install one: apt-get install mesa-vulkan-drivers renders without a graphics card",
             ) from None
         finally:
-            process.terminate()
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGTERM)  # the command is a script that starts the viewer
             process.wait()
 
 
