@@ -39,11 +39,12 @@ from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.recording.windows import TimeGrid
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
-from leapgap.robot.prediction import Affine, PredictionModel, Situation, columns
+from leapgap.robot.prediction import Affine, PredictionModel, Situation, columns, rows, selection
 from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, GRAVITY, RigidBody
 from tests.control.test_qp import by_least_distance
 
 INPUTS = ("x_from_start", "z_from_start", "pitch", "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
+SELECT = selection(INPUTS)
 PAPER = ((400, 400), (1000, 1000))
 SMALL = ((64, 64), (64, 64))
 GRIDS = {"k10": TimeGrid(0.025, 0.1, 10), "k22": TimeGrid(0.025, 0.025, 22)}
@@ -93,7 +94,7 @@ class Networks(PredictionModel):
         self.weights, self.body = weights, RigidBody()
 
     def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
-        x = np.stack(columns(INPUTS, situation), axis=-1).astype(np.float32)
+        x = (rows(situation) @ SELECT).astype(np.float32)
         bias, by_force = np.zeros((len(x), 3)), np.zeros((len(x), 3, 4))
         pushing = slice(None) if contact.all() else contact
         bias[pushing] = forward(self.weights.h1, x[pushing])

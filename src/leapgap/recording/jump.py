@@ -214,13 +214,13 @@ def check(jump: Jump) -> None:
 
 def pitch_of(quaternion: np.ndarray) -> np.ndarray:
     """Pitch of quaternions w x y z (…, 4), rad, nose-down (about y of the roll-pitch-yaw angles), (…,)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    return np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+    w, x, y, z = (quaternion[..., i] for i in range(4))  # controllers ask for one at a time: no detours
+    return np.arcsin(np.maximum(-1.0, np.minimum(1.0, 2 * (w * y - z * x))))
 
 
 def yaw_of(quaternion: np.ndarray) -> np.ndarray:
     """Heading of quaternions w x y z (…, 4) in the world, rad, positive to the left, (…,)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    w, x, y, z = (quaternion[..., i] for i in range(4))
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
