@@ -27,6 +27,7 @@ from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World
 from leapgap.files import whole_file, write_json, write_text
 from leapgap.keys import LANDING, code_hash
+from leapgap.planning.formulation import Limits
 from leapgap.planning.library import reference_to
 from leapgap.recording.jump import Jump, Target
 from leapgap.recording.windows import Purpose, TimeGrid
@@ -68,6 +69,8 @@ class Settings:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     practice: PracticeConfig = field(default_factory=PracticeConfig)
     adapt: AdaptConfig = field(default_factory=AdaptConfig)
+    limits: Limits = field(default_factory=Limits)
+    """Of the plans of `ours`."""
 
 
 def land(config: DictConfig) -> None:
@@ -174,7 +177,8 @@ class Rig:
     @cached_property
     def ours(self) -> ByAiming:
         """After its practice."""
-        start = ByAiming(self.robot, self.bench.references, planner=JumpPlanner(planar_robot(self.robot)))
+        planner = JumpPlanner(planar_robot(self.robot), limits=self.settings.limits)
+        start = ByAiming(self.robot, self.bench.references, planner=planner)
         learned = practised(self.bench, start, self.settings.practice)
         print(f"{self.bench.hardware}: found {json.dumps(to_config(learned.found))}", flush=True)
         landing = LandingModel(learned.tried, self.settings.practice.aim)

@@ -30,8 +30,7 @@ class JumpPlanner:
 
     robot: PlanarRobot
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
-    limits: Limits = field(default_factory=lambda: Limits(knee_clearance_m=0.04))
-    """On a block of 8 cm the knees in the crouch are lower than the 5 cm of the published plans."""
+    limits: Limits = field(default_factory=Limits)
 
     def plan(self, target: Target, goal: np.ndarray, stance_pitch: float) -> Solution | None:
         """To a goal (x, z, pitch); None where there is no such jump."""
