@@ -18,11 +18,23 @@ from leapgap.experiment.trial import Outcome, World, attempt_task
 from leapgap.files import read_json, write_json
 from leapgap.keys import digest
 from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump, pitch_of, yaw_of
+from leapgap.recording.jump import (
+    BASE_POSITION,
+    BASE_QUATERNION,
+    BASE_VELOCITY,
+    PAIR_FORCE_AXES,
+    Jump,
+    pitch_of,
+    yaw_of,
+)
 from leapgap.robot.model import Robot
+from leapgap.robot.rigid_body import GRAVITY
+from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.landing import Landing
 
-UPRIGHT_RAD = 0.8
+LEAVES_WITHIN_S = 0.05
+"""Feet that touch up to so long after the planned take-off have not left yet."""
+UPRIGHT_RAD = 0.5
 """A jump that is pitched more when it lands teaches nothing about aiming."""
 
 
@@ -202,22 +214,36 @@ def log_of(outcome: Outcome, robot: Robot, name: str) -> Jump:
 
 
 def tried_in(outcome: Outcome) -> Tried:
-    """What a method that aims has tried in a run, and where it landed as its sensors tell."""
-    log, rows = outcome.run.log, []
-    position = log.stack(("base_pos_x", "base_pos_y", "base_pos_z"))
-    quaternion = log.stack(("base_quat_w", "base_quat_x", "base_quat_y", "base_quat_z"))
+    """What a method that aims has tried in a run, and where it came down as its sensors tell."""
+    rows = []
     for first, jump in zip(outcome.starts, outcome.controllers, strict=False):  # those never begun have no start
         if not isinstance(jump, AimedJump) or jump.goal is None:
             continue
-        end = first + round(jump.reference.schedule.landing_s / log.info.sample_period_s)
-        pitch = float(pitch_of(quaternion[end]))
-        if abs(pitch) > UPRIGHT_RAD:
-            continue
-        yaw = yaw_of(quaternion[first])
-        x = (position[end] - position[first])[:2] @ np.array([np.cos(yaw), np.sin(yaw)])
-        z = position[end, 2] - jump.standing_height_m
-        rows.append((jump.goal, jump.stance_pitch, [x, z, pitch]))
+        landing = came_down(outcome, first, jump.reference.schedule, jump.standing_height_m)
+        if abs(landing[2]) <= UPRIGHT_RAD:
+            rows.append((jump.goal, jump.stance_pitch, landing))
     if not rows:
         return Tried()
     goals, stances, landings = (np.array(column) for column in zip(*rows, strict=True))
     return Tried(goals, stances, landings)
+
+
+def came_down(outcome: Outcome, first: int, schedule: ContactSchedule, standing_height_m: float) -> np.ndarray:
+    """Pose (x, z, pitch) that the jump begun at row ``first`` has at the end of its scheduled flight, by its log.
+
+    A foot that touches earlier stops the flight: from there on it is continued as a free one, so that landings
+    depend smoothly on what was tried. x from the start along the heading, z over a robot that stands on the floor.
+    """
+    log, period = outcome.run.log, outcome.run.log.info.sample_period_s
+    take_off, end = (first + round(seconds / period) for seconds in (schedule.take_off_s, schedule.landing_s))
+    settled = take_off + round(LEAVES_WITHIN_S / period)
+    touched = np.flatnonzero(outcome.run.touching[settled:end].any(axis=1))
+    row = settled + touched[0] - 1 if len(touched) else end
+    left_s = (end - row) * period
+    quaternion = log.stack(BASE_QUATERNION)
+    yaw = yaw_of(quaternion[first])
+    ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    position, velocity = (log.stack(columns) for columns in (BASE_POSITION, BASE_VELOCITY))
+    flown = position[row] + left_s * velocity[row] - np.array([0.0, 0.0, GRAVITY * left_s**2 / 2])
+    pitch = pitch_of(quaternion[row]) + left_s * log["base_angvel_y"][row]
+    return np.array([(flown - position[first]) @ ahead, flown[2] - standing_height_m, pitch])

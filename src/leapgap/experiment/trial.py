@@ -61,9 +61,8 @@ def attempt_task(
     robot = world.robot
     planned = Reference.of(reference, robot)
     course = replace(world.course, after_landing_s=length_s(task, planned, world.sequence) - planned.schedule.landing_s)
-    level = replace(
-        reference, info=replace(reference.info, terrain=(*reference.info.terrain, *task.ground(planned, rng)))
-    )
+    terrain = (*reference.info.terrain, *task.ground(planned, rng))
+    level = replace(reference, info=replace(reference.info, target=task.target, terrain=terrain))
     plans = [Plan(task.name, level, task.start_block(rng))]
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
