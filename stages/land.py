@@ -1,7 +1,9 @@
 """Where each method lands: closed-loop experiments on simulated hardware that no controller knows."""
 
+import csv
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,15 +18,17 @@ from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.experiment.aimed import JumpPlanner
 from leapgap.experiment.aiming import LandingModel
-from leapgap.experiment.matrix import AdaptConfig, Bench, Done, Trial, adapted, all_trials, best_shift, practised
+from leapgap.experiment.made import Bench, Done, Shelf, Trial
+from leapgap.experiment.matrix import AdaptConfig, adapted, all_trials, best_shift
 from leapgap.experiment.methods import ByAiming, ByJointPd, ByMpc, Method, References
-from leapgap.experiment.practice import Learned, PracticeConfig
+from leapgap.experiment.practice import PracticeConfig, practised
 from leapgap.experiment.scores import Scored, overall, tables
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World
-from leapgap.files import whole_folder, write_json
+from leapgap.files import whole_file, write_json, write_text
+from leapgap.keys import LANDING, code_hash
+from leapgap.planning.formulation import Limits
 from leapgap.planning.library import reference_to
-from leapgap.recording import jump as jump_log
 from leapgap.recording.jump import Jump, Target
 from leapgap.recording.windows import Purpose, TimeGrid
 from leapgap.robot.model import Robot
@@ -34,10 +38,18 @@ from leapgap.robot.prediction import PredictionModel
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.variants import Variant
+from leapgap.view import landing as page
 from stages.common import output_folder, read_config, run_stage
 
-VARIABLE, FIXED, FIXED_22 = TimeGrid(0.025, 0.1, 10), TimeGrid(0.025, 0.025, 10), TimeGrid(0.025, 0.025, 22)
-OURS = ("ours", "ours_adapted")
+GRIDS = {
+    "variable": TimeGrid(0.025, 0.1, 10),
+    "fixed": TimeGrid(0.025, 0.025, 10),
+    "fixed_k22": TimeGrid(0.025, 0.025, 22),
+    "50_50": TimeGrid(0.05, 0.05, 10),
+    "25_80": TimeGrid(0.025, 0.08, 10),
+}
+"""Steps of the MPC by the end of a method's name."""
+RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.html"
 
 
 @dataclass(frozen=True)
@@ -45,8 +57,7 @@ class Settings:
     """Section ``land``."""
 
     references: str
-    models: str
-    fixed_models: str
+    models: dict[str, str]
     model: str
     hardware: list[str]
     methods: list[str]
@@ -58,135 +69,161 @@ class Settings:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     practice: PracticeConfig = field(default_factory=PracticeConfig)
     adapt: AdaptConfig = field(default_factory=AdaptConfig)
+    limits: Limits = field(default_factory=Limits)
+    """Of the plans of `ours`."""
 
 
 def land(config: DictConfig) -> None:
-    """Run the matrix on every hardware."""
+    """Run the matrix on every hardware; what is kept from a run before is not run again."""
     settings = read_config(Settings, config.land, "land")
     executor = read_config(Executor, config.executor, "executor")
-    out = output_folder(settings.out)
-    tasks, repeats = tasks_of(settings.tasks)
-    scored: list[Scored] = []
-    with whole_folder(out) as folder:
-        for name in settings.hardware:
-            rig = Rig(settings, config, name, list(tasks), executor)
-            done = rig.run(list(tasks), repeats, folder / "logs" / name.replace(":", "_"))
-            scored += done
-            write_json(folder / f"{name.replace(':', '_')}.json", {"runs": [one.to_json() for one in done]})
-        means = overall(scored, settings.single)
-        found = tables(scored, settings.seed) | {"mean_abs_error_cm": means, "seed": settings.seed}
-        write_json(folder / "landing.json", found)
+    out, (tasks, repeats) = output_folder(settings.out), tasks_of(settings.tasks)
+    places = {hardware: hardware.replace(":", "_") for hardware in settings.hardware}
+    remove_unknown(out, set(places.values()))
+    shelf = Shelf(out / RUNS, code_hash(LANDING), executor.map, tell)
+    scored = [
+        one
+        for hardware, place in places.items()
+        for one in Rig(settings, config, hardware, place, tasks, shelf).run(repeats)
+    ]
+    shelf.sweep()
+    means = overall(scored, settings.single)
+    found = tables(scored, settings.seed) | {"mean_abs_error_cm": means, "seed": settings.seed}
+    rows = [row for one in scored for row in one.rows()]
+    write_rows(rows, out / TABLE)
+    write_text(out / PAGE, page.html(found, rows, settings.single, out / RUNS))
+    write_json(out / FIGURES, found)
     if settings.metrics is not None:
         write_json(Path(settings.metrics), found)
     for key, value in means.items():
         print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
+    print(f"look at it: {out / PAGE}")
+
+
+def remove_unknown(out: Path, hardware: set[str]) -> None:
+    """Remove what an earlier run said of all, and its runs of hardware that is no more."""
+    for name in (FIGURES, TABLE, PAGE):
+        (out / name).unlink(missing_ok=True)
+    for path in (out / RUNS).iterdir() if (out / RUNS).is_dir() else ():
+        if path.name not in hardware:
+            shutil.rmtree(path)
 
 
 class Rig:
     """One hardware with everything its trials need; methods are prepared when they are asked for."""
 
-    def __init__(self, settings: Settings, config: DictConfig, hardware: str, tasks: list[Task], executor: Executor):
-        self.settings, self.executor, self.tasks = settings, executor, tasks
+    def __init__(
+        self, settings: Settings, config: DictConfig, hardware: str, place: str, tasks: Sequence[Task], shelf: Shelf
+    ) -> None:
+        self.settings, self.tasks = settings, list(tasks)
         self.robot = Robot.load(config.robot.model)
-        variant, _, number = hardware.partition(":")
-        variants = OmegaConf.to_container(config.collect.variants)
-        if not isinstance(variants, dict) or variant not in variants:
-            raise InputError("land.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
-        effects = Variant(**variants[variant]).drawn(int(number or 0))
+        self.variant, effects = effects_of(config.collect.variants, hardware)
         references: References = {task.target: self.plan(task.target) for task in tasks}
         world = World(self.robot, read_config(Sensing, config.collect.sensing, "collect.sensing"))
-        self.bench = Bench(variant, effects, world, references, seed=settings.seed + int(number or 0))
+        self.bench = Bench(place, effects, world, references, shelf, settings.seed)
 
     def plan(self, target: Target) -> Jump:
         """A plan from level ground."""
         return reference_to(target, Path(self.settings.references), planar_robot(self.robot))
 
-    def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
-        """In processes, as configured."""
-        return self.executor.map(function, items)
-
-    def run(self, tasks: list[Task], repeats: Mapping[str, int], logs: Path) -> list[Scored]:
-        """Every method at every task; the log of each first run is kept."""
+    def run(self, repeats: Mapping[str, int]) -> list[Scored]:
+        """Every method at every task."""
         methods = {name: method for name in self.settings.methods if (method := self.method(name)) is not None}
-        trials = all_trials(self.bench, methods, tasks, repeats)
-        scored, seen = [], set()
-        for trial, done in zip(trials, self.map(Trial.done, trials), strict=True):
-            scored.append(done.scored)
-            if (trial.name, trial.task.name) not in seen:
-                seen.add((trial.name, trial.task.name))
-                log = Jump(trial.name, done.log.columns, done.log.info)
-                jump_log.write(log, logs / trial.task.name / f"{trial.name}.parquet")
-                print(said(done), flush=True)
-        return scored
+        named = all_trials(self.bench, methods, self.tasks, repeats)
+        results = self.bench.shelf.results([trial for _, trial in named])
+        return [
+            Scored(self.variant, self.bench.hardware, name, trial.task.name, number_of(trial), trial.task.jumps, done)
+            for (name, trial), done in zip(named, results, strict=True)
+        ]
 
     def method(self, name: str) -> Method | None:
         """By name; None where its trained models are not there."""
-        robot, references, mpc = self.robot, self.bench.references, self.settings.mpc
-        nominal = RigidBodyModel()
-        grids = {"variable": VARIABLE, "fixed": FIXED, "fixed_k22": FIXED_22}
         kind, _, steps = name.partition("_")
         if name == "joint_pd":
-            return ByJointPd(robot, references)
+            return ByJointPd(self.robot, self.bench.references)
         if name == "joint_pd_shifted":
             singles = [task for task in self.tasks if task.name in self.settings.single]
-            return self.shifted(singles)
-        if kind == "nominal" and steps in grids:
-            return ByMpc(robot, references, model=nominal, config=replace(mpc, grid=grids[steps]))
-        if kind == "learned" and steps in ("variable", "fixed"):
-            model = self.learned(steps, grids[steps])
-            return (
-                None if model is None else ByMpc(robot, references, model=model, config=replace(mpc, grid=grids[steps]))
-            )
+            if not singles:
+                raise InputError("land.single", "none of the tasks", "one or more to learn a shift on", "name one")
+            return best_shift(self.bench, singles, self.tasks, self.plan)
         if name == "ours":
             return self.ours
         if name == "ours_adapted":
-            return adapted(self.bench, self.ours, self.tasks, self.settings.adapt, self.map)
+            return adapted(self.bench, self.ours, self.tasks, self.settings.adapt)
+        if kind == "nominal" and steps in GRIDS:
+            return self.mpc(RigidBodyModel(), steps)
+        if kind == "learned" and steps in GRIDS:
+            model = self.learned(name, steps)
+            return None if model is None else self.mpc(model, steps)
         known = "joint_pd, joint_pd_shifted, nominal_<steps>, learned_<steps>, ours, ours_adapted"
-        raise InputError("land.methods", name, known, "choose known ones; steps are variable, fixed or fixed_k22")
+        raise InputError("land.methods", name, known, f"choose known ones; steps are {', '.join(GRIDS)}")
 
-    def shifted(self, singles: list[Task]) -> ByJointPd:
-        """Joint PD with the best constant shift; its other tasks are shifted alike."""
-        method = best_shift(self.bench, singles, self.plan, self.map)
-        references = dict(method.references)
-        for task in self.tasks:
-            goal = Target(round(task.x_m + method.shift_m, 3), task.z_m)
-            if goal not in references:
-                references[goal] = self.plan(goal)
-        return replace(method, references=references)
+    def mpc(self, model: PredictionModel, steps: str) -> ByMpc:
+        """The paper's."""
+        config = replace(self.settings.mpc, grid=GRIDS[steps])
+        return ByMpc(self.robot, self.bench.references, model=model, config=config)
 
-    def learned(self, steps: str, grid: TimeGrid) -> PredictionModel | None:
+    def learned(self, name: str, steps: str) -> PredictionModel | None:
         """The exported model of all jumps, for these steps."""
-        folder = Path(self.settings.models if steps == "variable" else self.settings.fixed_models) / "exported"
+        if steps not in self.settings.models:
+            raise InputError("land.models", f"no folder for {steps}", "one for each learned method", "name it")
+        folder = Path(self.settings.models[steps]) / "exported"
         if not folder.is_dir():
-            print(f"learned_{steps}: no trained models in {folder}, left out", flush=True)
+            print(f"{name}: no trained models in {folder}, left out", flush=True)
             return None
-        purpose = Purpose(grid, ContactSchedule(), self.robot.name, self.robot.sha256)
+        purpose = Purpose(GRIDS[steps], ContactSchedule(), self.robot.name, self.robot.sha256)
         return load(folder, self.settings.model, purpose)
 
     @cached_property
     def ours(self) -> ByAiming:
         """After its practice."""
-        start = ByAiming(self.robot, self.bench.references, planner=JumpPlanner(planar_robot(self.robot)))
-        learned: Learned = practised(self.bench, start, self.settings.practice, self.map)
-        print(f"{self.bench.hardware}: found {json.dumps(to_config(learned.found))} in {len(learned.tried)} jumps")
+        planner = JumpPlanner(planar_robot(self.robot), limits=self.settings.limits)
+        start = ByAiming(self.robot, self.bench.references, planner=planner)
+        learned = practised(self.bench, start, self.settings.practice)
+        print(f"{self.bench.hardware}: found {json.dumps(to_config(learned.found))}", flush=True)
         landing = LandingModel(learned.tried, self.settings.practice.aim)
         return replace(start, planner=learned.planner, landing=landing)
 
 
+def effects_of(variants: DictConfig, hardware: str) -> tuple[str, tuple[Any, ...]]:
+    """The variant's name and what this robot of it has: ``random:3`` is number 3 of the drawn ones."""
+    name, _, number = hardware.partition(":")
+    known = OmegaConf.to_container(variants)
+    if not isinstance(known, dict) or name not in known or not (number or "0").isdigit():
+        raise InputError("land.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
+    return name, Variant(**known[name]).drawn(int(number or 0))
+
+
 def tasks_of(section: Mapping[str, Any]) -> tuple[tuple[Task, ...], dict[str, int]]:
-    """Tasks, and how often each is done."""
+    """Tasks, and how often each is done; one that is never done is none."""
     tasks, repeats = [], {}
     for name, raw in section.items():
         values = dict(raw)
-        repeats[name] = int(values.pop("repeats", 1))
+        times = int(values.pop("repeats", 1))
+        if times < 1:
+            continue
+        repeats[name] = times
         tasks.append(read_config(Task, OmegaConf.create({"name": name, **values}), f"land.tasks.{name}"))
     return tuple(tasks), repeats
 
 
-def said(done: Done) -> str:
+def number_of(trial: Trial) -> int:
+    """Which run of its task a trial is."""
+    return int(trial.place.rpartition("_")[2])
+
+
+def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """A table for `dvc plots` and for spreadsheets."""
+    with whole_file(path) as beside, beside.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]) if rows else ["hardware"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def tell(trial: Trial, done: Done) -> None:
     """One line for a person."""
-    landings = ", ".join(f"{one.error_cm:+.1f} cm{'' if one.success else ' fell'}" for one in done.scored.landings)
-    return f"{done.scored.key}: {landings or 'no jump'}"
+    landings = ", ".join(f"{one.error_cm:+.1f} cm{'' if one.success else ' fell'}" for one in done.landings)
+    print(f"{trial.place}: {landings or 'no jump'}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -104,3 +105,27 @@ def test_gains_that_change_act_at_once(robot: Robot, reference: Jump) -> None:
     soft = replace(first, kp=first.kp * 0, kd=first.kd * 0, torque=first.torque * 0 + 1.5)
     plant.send(soft)
     assert plant.data.actuator_force == pytest.approx(1.5)
+
+
+def test_ground_forces_are_the_impulse_that_moves_the_whole_robot(robot: Robot, reference: Jump) -> None:
+    """Newton for the robot as a whole: ∫ F dt = m Δv of the centre of mass + weight · time; in the air it is zero."""
+    ready = ready_for(reference, robot, ())
+    run = run_controlled(
+        ready, Playback(ready.commanded, robot), Replayer(robot), (), Sensing(SILENT), np.random.default_rng(0)
+    )
+    model, data = robot.model, mujoco.MjData(robot.model)
+
+    def momentum(row: int) -> np.ndarray:
+        data.qpos[:], data.qvel[:] = run.truth.qpos[row], run.truth.qvel[row]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        return model.body_subtreemass[1] * data.subtree_linvel[1]
+
+    rows = slice(100, 800)
+    impulse = 0.001 * run.ground_force[rows.start + 1 : rows.stop + 1].sum(axis=(0, 1))
+    gained = momentum(rows.stop) - momentum(rows.start)
+    weight = model.body_subtreemass[1] * 9.81 * 0.7
+    assert impulse - [0, 0, weight] == pytest.approx(gained, abs=0.02 * weight)
+    assert gained[2] > 10  # N s: the jump itself, ten times what is allowed to differ
+    assert not run.ground_force[900:1100].any()
+    assert (run.ground_force[100:400, :, 2] > 0).all()

@@ -27,7 +27,8 @@ class Excited(JumpController):
     def __init__(self, inner: JumpController, excitation: Excitation, rng: np.random.Generator) -> None:
         self.inner, self.excitation = inner, excitation
         self.reference, self.robot, self.targets = inner.reference, inner.robot, inner.targets
-        self.level_m, self.legs, self.fallbacks = inner.level_m, inner.legs, inner.fallbacks
+        self.level_m, self.legs = inner.level_m, inner.legs
+        self.fallbacks, self.substituted = inner.fallbacks, inner.substituted
         held = int(np.ceil(inner.reference.schedule.take_off_s / excitation.hold_s))
         self.force = rng.uniform(-excitation.force_n, excitation.force_n, (held, 4))
         """Of each stretch of time, front x z, rear x z, N, (stretches, 4)."""

@@ -21,8 +21,7 @@ class JumpMpc(JumpController):
     """Plans at the MPC's period from the measured state, holds the first force, maps it to torques at every tick.
 
     Gravity, momentum and pitch are planned as a planar body along the heading of the start; ``model`` is the nominal
-    ``RigidBodyModel`` or a learned one. ``plan_now`` is the latest plan, ``fallbacks`` counts substitutes by reason,
-    ``substituted`` says when and why.
+    ``RigidBodyModel`` or a learned one. ``plan_now`` is the latest plan.
     """
 
     def __init__(
@@ -40,7 +39,6 @@ class JumpMpc(JumpController):
         self.planner = ForcePlanner(reference, model, config, clock)
         self.fallbacks = self.planner.fallbacks
         self.plan_now: Plan | None = None
-        self.substituted: list[tuple[float, str]] = []
         self._updates = 0
         self._pose: tuple[np.ndarray, np.ndarray] | None = None
 

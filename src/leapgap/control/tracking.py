@@ -16,7 +16,8 @@ from leapgap.robot.rigid_body import Z
 class JumpController(Controller):
     """Follows one reference from its first command on; after the reference's end, holds its last pose.
 
-    ``fallbacks`` counts by reason how often something else was sent than what the controller stands for.
+    ``fallbacks`` counts by reason how often something else was sent than what the controller stands for,
+    ``substituted`` says when, s since the start, and why.
     """
 
     def __init__(self, reference: Reference, robot: Robot, gains: PhaseGains, level_m: float | None = 0.0) -> None:
@@ -26,6 +27,7 @@ class JumpController(Controller):
         self.level_m = level_m
         self.legs = Legs(robot)
         self.fallbacks: Counter[str] = Counter()
+        self.substituted: list[tuple[float, str]] = []
         self.start_s: float | None = None
         self.frame: StartFrame | None = None
 

@@ -1,6 +1,5 @@
 """A jump that is planned when it is due: from the stance that is measured, to the goal that lands on the target."""
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -31,8 +30,7 @@ class JumpPlanner:
 
     robot: PlanarRobot
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
-    limits: Limits = field(default_factory=lambda: Limits(knee_clearance_m=0.04))
-    """On a block of 8 cm the knees in the crouch are lower than the 5 cm of the published plans."""
+    limits: Limits = field(default_factory=Limits)
 
     def plan(self, target: Target, goal: np.ndarray, stance_pitch: float) -> Solution | None:
         """To a goal (x, z, pitch); None where there is no such jump."""
@@ -80,7 +78,6 @@ class AimedJump(JumpController):
         self.standing_height_m = float(first.state[0, Z])
         self.goal: np.ndarray | None = None
         self.stance_pitch = 0.0
-        self.fallbacks = Counter()
         self._stood: list[Estimate] = []
 
     def command(self, estimate: Estimate) -> Command:
@@ -94,14 +91,19 @@ class AimedJump(JumpController):
         wished = self.aim(self.target, self.stance_pitch)
         found = self.planner.nearest(self.target, wished, self.stance_pitch)
         if found is None:
-            self.fallbacks[NO_PLAN] += 1  # what was planned for level ground is the best there is
+            self._substitute(NO_PLAN)  # what was planned for level ground is the best there is
         else:
             self.goal, solution = found
-            self.fallbacks[NEARER_PLAN] += not np.allclose(self.goal, wished)
+            if not np.allclose(self.goal, wished):
+                self._substitute(NEARER_PLAN)
             self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
         self.tracker = JointPd(self.reference, self.robot, self.gains)
         self.start_s = estimate.time_s
         return self.tracker.command(estimate)
+
+    def _substitute(self, reason: str) -> None:
+        self.fallbacks[reason] += 1
+        self.substituted.append((0.0, reason))
 
     def _standing(self, estimate: Estimate) -> Command:
         """As before the jump: the first pose of the reference and the torques that hold the robot in it."""

@@ -30,6 +30,8 @@ class AimConfig:
     """Variance of what does not repeat, as part of the kernel's."""
     matters: tuple[float, float, float] = (0.01, 0.03, 0.05)
     """Landing errors that cost alike: m, m, rad."""
+    clearance_m: float = 0.015
+    """Aim this much above the target: feet that touch before the scheduled landing let the ground change it."""
     caution: float = 0.02
     """Cost of an aim beyond the target, per squared scale: of aims that land alike, the nearest is taken."""
     doubt: float = 4.0
@@ -128,7 +130,8 @@ def best_goal(
     """
     if model is None:
         return wanted(target)
-    config, want = model.config, wanted(target)
+    config = model.config
+    want = wanted(target) + np.array([0.0, config.clearance_m, 0.0])
     more = np.zeros(3) if offset is None else offset
     matters, scale, largest = (np.array(v) for v in (config.matters, config.scale[:3], config.largest))
 

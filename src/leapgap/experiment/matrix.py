@@ -1,58 +1,19 @@
-"""The whole matrix of experiments on one robot with effects: practice, shifts, adaptation, then everything scored."""
+"""The whole matrix of experiments on one robot with effects: shifts, adaptation, then every method at every task."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.control.gains import PhaseGains
-from leapgap.effects.base import Effect
 from leapgap.experiment.aiming import LandingModel, Tried
-from leapgap.experiment.methods import ByAiming, ByJointPd, Method, References
-from leapgap.experiment.practice import Attempt, Learned, PracticeConfig, practise, tried_in
-from leapgap.experiment.scores import Scored
+from leapgap.experiment.made import Bench, Trial
+from leapgap.experiment.methods import ByAiming, ByJointPd, Method, shifted
 from leapgap.experiment.tasks import Task
-from leapgap.experiment.trial import World, attempt_task
 from leapgap.recording.jump import Jump, Target
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-Mapper = Callable[[Callable[[Item], Result], Sequence[Item]], Iterator[Result]]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One run to make; data, so that it travels to worker processes."""
-
-    hardware: str
-    name: str
-    """Of the method."""
-    task: Task
-    method: Method
-    reference: Jump
-    effects: tuple[Effect, ...]
-    world: World
-    seed: int
-
-    def done(self) -> "Done":
-        """Make it."""
-        rng = np.random.default_rng(self.seed)
-        outcome = attempt_task(self.task, self.method, self.reference, self.effects, self.world, rng)
-        scored = Scored(
-            self.hardware, self.name, self.task.name, self.task.jumps, outcome.landings, dict(outcome.fallbacks)
-        )
-        tried = tried_in(outcome) if isinstance(self.method, ByAiming) else Tried()
-        return Done(scored, outcome.run.log, tried)
-
-
-@dataclass(frozen=True)
-class Done:
-    """What came of a trial."""
-
-    scored: Scored
-    log: Jump
-    tried: Tried
+SHIFTING, ADAPTING = 900, 800
+"""Numbers of the runs that a shift or an offset is learned from: other ground and sensors than in those that count."""
 
 
 @dataclass(frozen=True)
@@ -65,57 +26,34 @@ class AdaptConfig:
     """Share of a surprise that is believed."""
 
 
-@dataclass(frozen=True)
-class Bench:
-    """One simulated robot, and what all its trials share."""
-
-    hardware: str
-    effects: tuple[Effect, ...]
-    world: World
-    references: References
-    gains: PhaseGains = field(default_factory=PhaseGains)
-    seed: int = 0
-
-    def trial(self, name: str, method: Method, task: Task, number: int) -> Trial:
-        """The same number gives the same ground and sensors to every method."""
-        level = self.references[task.target]
-        seed = int(np.random.SeedSequence([self.seed, number, *task.name.encode()]).generate_state(1)[0])
-        return Trial(self.hardware, name, task, method, level, self.effects, self.world, seed)
-
-
-def best_shift(bench: Bench, tasks: Sequence[Task], extend: Callable[[Target], Jump], run: Mapper) -> ByJointPd:
+def best_shift(
+    bench: Bench, learned_on: Sequence[Task], tasks: Sequence[Task], plan: Callable[[Target], Jump]
+) -> ByJointPd:
     """Joint PD with the constant shift of the target that lands best over some tasks: two steps of correction."""
     references = dict(bench.references)
-    method = ByJointPd(bench.world.robot, references, bench.gains)
+    method = ByJointPd(bench.robot, references, PhaseGains())
+
+    def moved(shift_m: float, of: Sequence[Task]) -> ByJointPd:
+        for task in of:
+            goal = shifted(task.target, shift_m)
+            if goal not in references:
+                references[goal] = plan(goal)
+        return replace(method, references=dict(references), shift_m=shift_m)
+
     for number in range(2):
-        trials = [bench.trial("joint_pd_shifted", method, task, 900 + number) for task in tasks]
-        errors = [done.scored.landings[0].error_cm / 100 for done in run(Trial.done, trials)]
-        shift = round(method.shift_m + float(np.mean(errors)), 3)
-        for task in tasks:
-            goal = Target(round(task.x_m + shift, 3), task.z_m)
-            references.setdefault(goal, extend(goal))
-        method = replace(method, references=dict(references), shift_m=shift)
-    return method
+        trials = [bench.trial("shifting", method, task, SHIFTING + number) for task in learned_on]
+        errors = [done.landings[0].error_cm / 100 for done in bench.shelf.results(trials)]
+        method = moved(round(method.shift_m + float(np.mean(errors)), 3), learned_on)
+    return moved(method.shift_m, tasks)
 
 
-def practised(bench: Bench, method: ByAiming, config: PracticeConfig, run: Mapper) -> Learned:
-    """What ``ours`` learns from its own jumps on this robot."""
-    rng = np.random.default_rng([bench.seed, 7])
-    level = next(iter(bench.references.values()))
-
-    def make(attempts: Sequence[Attempt]) -> Sequence[tuple[Tried, Jump]]:
-        return list(run(Attempt.made, attempts))
-
-    return practise(method, level, bench.effects, bench.world, config, rng, make)
-
-
-def adapted(bench: Bench, method: ByAiming, tasks: Sequence[Task], config: AdaptConfig, run: Mapper) -> ByAiming:
+def adapted(bench: Bench, method: ByAiming, tasks: Sequence[Task], config: AdaptConfig) -> ByAiming:
     """With an offset for each task, learned from its own first jumps."""
     assert method.landing is not None
     for number in range(config.jumps):
-        trials = [bench.trial("adapting", method, task, 800 + number) for task in tasks]
+        trials = [bench.trial("adapting", method, task, ADAPTING + number) for task in tasks]
         offset = dict(method.offset)
-        for trial, done in zip(trials, run(Trial.done, trials), strict=True):
+        for trial, done in zip(trials, bench.shelf.results(trials), strict=True):
             if len(done.tried):
                 before = offset.get(trial.task.name, np.zeros(3))
                 surprise = surprises(method.landing, done.tried).mean(axis=0) - before
@@ -132,10 +70,10 @@ def surprises(model: LandingModel, tried: Tried) -> np.ndarray:
 
 def all_trials(
     bench: Bench, methods: Mapping[str, Method], tasks: Sequence[Task], repeats: Mapping[str, int]
-) -> list[Trial]:
-    """Every method at every task, as often as the task says."""
+) -> list[tuple[str, Trial]]:
+    """Every method, by its name, at every task, as often as the task says; each first run with its log."""
     return [
-        bench.trial(name, method, task, number)
+        (name, bench.trial(name, method, task, number, with_log=number == 0))
         for name, method in methods.items()
         for task in tasks
         for number in range(repeats[task.name])

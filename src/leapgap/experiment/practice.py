@@ -1,23 +1,25 @@
 """Practice: jumps from which a robot learns where it lands, first at random, then where it believes to land well."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from leapgap import effects as effects_by_name
 from leapgap.effects.base import Effect
-from leapgap.experiment.aimed import AimedJump, JumpPlanner
+from leapgap.experiment.aimed import JumpPlanner
 from leapgap.experiment.aiming import AimConfig, LandingModel, Tried
+from leapgap.experiment.conduct import SUPPLY_V
 from leapgap.experiment.identify import identified, plannable, planned_with
+from leapgap.experiment.made import Bench, Trial
 from leapgap.experiment.methods import ByAiming
 from leapgap.experiment.tasks import Task
-from leapgap.experiment.trial import Outcome, World, attempt_task
-from leapgap.recording.jump import Jump, pitch_of, yaw_of
+from leapgap.recording.jump import Jump
 
 Spread = tuple[float, float, float]
 
-DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=21.5),)
+DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=SUPPLY_V),)
 """What the motors' maker says, and the plans reckon with."""
 
 
@@ -50,79 +52,42 @@ class Learned:
     tried: Tried
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """One jump to practise."""
+def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned:
+    """What a robot learns from all jumps of the practice."""
+    rng = np.random.default_rng([bench.seed, 7])
 
-    task: Task
-    method: ByAiming
-    reference: Jump
-    effects: tuple[Effect, ...]
-    world: World
-    seed: int
-
-    def made(self) -> tuple[Tried, Jump]:
-        """Jump, and say what was tried and where it landed, as the sensors tell; with the log."""
-        outcome = attempt_task(
-            self.task, self.method, self.reference, self.effects, self.world, np.random.default_rng(self.seed)
-        )
-        return tried_in(outcome), outcome.run.log
-
-
-Mapper = Callable[[Sequence[Attempt]], Sequence[tuple[Tried, Jump]]]
-"""Makes attempts, maybe at the same time; results in their order."""
-
-
-def practise(
-    method: ByAiming,
-    level: Jump,
-    effects: tuple[Effect, ...],
-    world: World,
-    config: PracticeConfig,
-    rng: np.random.Generator,
-    make: Mapper,
-) -> Learned:
-    """All jumps of the practice; ``level`` is any plan from level ground, to start from its first pose."""
-
-    def attempts(jumps: int, chosen: ByAiming, spread: Spread) -> list[Attempt]:
+    def attempts(name: str, jumps: int, chosen: ByAiming, spread: Spread, with_log: bool = False) -> list[Trial]:
         made = []
         for i in range(jumps):
             block = config.block_m if i % 2 else (0.0, 0.0)
-            task = Task("practice", round(float(rng.uniform(*config.distance_m)), 3), block_m=block)
-            beyond = np.array(spread) * rng.uniform(-1, 1, 3)
-            own = replace(chosen, beyond=beyond, references={task.target: level})
-            made.append(Attempt(task, own, level, effects, world, int(rng.integers(2**31))))
+            task = Task(name, round(float(rng.uniform(*config.distance_m)), 3), block_m=block)
+            own = replace(
+                chosen, beyond=np.array(spread) * rng.uniform(-1, 1, 3), references={task.target: bench.level}
+            )
+            place, seed = f"{bench.hardware}/practice/{name}_{i:02d}", int(rng.integers(2**31))
+            made.append(Trial(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
         return made
 
-    first = make(attempts(config.identify_jumps, method, (0.0, 0.0, 0.0)))
-    found = identified([log for _, log in first], world.robot, DATA_SHEET)
+    trials = attempts("identify", config.identify_jumps, method, (0.0, 0.0, 0.0), with_log=True)
+    logs = [done.log for done in bench.shelf.results(trials) if done.log is not None]
+    found = identified_once(bench, logs)
     assert method.planner is not None
-    planner = replace(method.planner, robot=planned_with(world.robot, plannable(found)))
+    planner = replace(method.planner, robot=planned_with(bench.robot, plannable(found)))
     method, tried = replace(method, planner=planner), Tried()
     for number, jumps in enumerate((config.random_jumps, *config.rounds)):
         landing = LandingModel(tried, config.aim) if len(tried) else None
         spread = config.later_beyond if number else config.random_beyond
-        for one, _ in make(attempts(jumps, replace(method, landing=landing), spread)):
-            tried = tried.and_also(one)
+        for done in bench.shelf.results(attempts(f"round_{number}", jumps, replace(method, landing=landing), spread)):
+            tried = tried.and_also(done.tried)
     return Learned(planner, found, tried)
 
 
-def tried_in(outcome: Outcome, upright_rad: float = 0.8) -> Tried:
-    """What was tried in a run and where it landed, by its log; jumps that turned over teach nothing."""
-    log, rows = outcome.run.log, []
-    position = log.stack(("base_pos_x", "base_pos_y", "base_pos_z"))
-    quaternion = log.stack(("base_quat_w", "base_quat_x", "base_quat_y", "base_quat_z"))
-    for first, jump in zip(outcome.starts, outcome.controllers, strict=True):
-        assert isinstance(jump, AimedJump)
-        end = first + round(jump.reference.schedule.landing_s / log.info.sample_period_s)
-        pitch = float(pitch_of(quaternion[end]))
-        if jump.goal is None or abs(pitch) > upright_rad:
-            continue
-        yaw = yaw_of(quaternion[first])
-        x = (position[end] - position[first])[:2] @ np.array([np.cos(yaw), np.sin(yaw)])
-        z = position[end, 2] - jump.standing_height_m
-        rows.append((jump.goal, jump.stance_pitch, [x, z, pitch]))
-    if not rows:
-        return Tried()
-    goals, stances, landings = (np.array(column) for column in zip(*rows, strict=True))
-    return Tried(goals, stances, landings)
+def identified_once(bench: Bench, logs: Sequence[Jump]) -> tuple[Effect, ...]:
+    """Effects of the joints by the logs; kept."""
+    place = f"{bench.hardware}/practice/identified"
+    known = effects_by_name.to_config(DATA_SHEET)
+
+    def found() -> dict[str, Any]:
+        return {"effects": effects_by_name.to_config(identified(logs, bench.robot, DATA_SHEET))}
+
+    return effects_by_name.from_config(bench.shelf.value(place, (list(logs), known), found)["effects"])

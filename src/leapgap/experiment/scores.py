@@ -1,41 +1,43 @@
 """Landing figures of methods and tasks, as tables."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from leapgap.simulation.landing import Landing
+from leapgap.experiment.made import Done
 
 BOOTSTRAP_DRAWS = 1000
 
 
 @dataclass(frozen=True)
 class Scored:
-    """One run of a method at a task: its jumps, whether each was made at all, and the substitutes of its controller."""
+    """One run of a method at a task."""
 
     hardware: str
+    """Its variant; the robots drawn from one variant count together."""
+    robot: str
+    """Which robot of the variant, as in places."""
     method: str
     task: str
+    number: int
     wanted: int
     """Jumps of the task."""
-    landings: tuple[Landing, ...]
-    fallbacks: Mapping[str, int]
+    done: Done
 
     @property
     def key(self) -> str:
         """As in the metrics."""
         return f"{self.hardware}/{self.method}/{self.task}"
 
-    def to_json(self) -> dict[str, Any]:
-        """As stored."""
-        return asdict(self) | {"fallbacks": dict(self.fallbacks)}
-
-    @staticmethod
-    def from_json(raw: Mapping[str, Any]) -> "Scored":
-        """Read it back."""
-        return Scored(**{**raw, "landings": tuple(Landing(**one) for one in raw["landings"])})
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """One a jump that was made, with what the run asked of the robot."""
+        about = {name: getattr(self, name) for name in ("hardware", "robot", "method", "task", "number")}
+        for jump, landing in enumerate(self.done.landings):
+            figures = {name: tidy(value) for name, value in asdict(landing).items()}
+            conduct = {name: tidy(value) for name, value in asdict(self.done.conduct).items()}
+            yield about | {"jump": jump} | figures | conduct | {"fallbacks": sum(self.done.fallbacks.values())}
 
 
 def tables(scored: Iterable[Scored], seed: int) -> dict[str, dict[str, Any]]:
@@ -52,38 +54,64 @@ def tables(scored: Iterable[Scored], seed: int) -> dict[str, dict[str, Any]]:
 
 def figures(runs: Sequence[Scored], seed: int) -> dict[str, Any]:
     """Of all jumps of some runs. A jump that was never made, because one before it failed, is no success."""
-    jumps = [landing for run in runs for landing in run.landings]
+    jumps = [landing for run in runs for landing in run.done.landings]
     wanted = sum(run.wanted for run in runs)
     error = np.array([jump.error_cm for jump in jumps])
     pitch = np.array([jump.pitch_deg for jump in jumps])
-    return {
-        "error_cm": rounded(error.mean()),
-        "error_sd_cm": rounded(error.std(ddof=1)) if len(error) > 1 else None,
-        "abs_error_cm": rounded(np.abs(error).mean()),
+    conducts = [run.done.conduct for run in runs]
+    found = {
+        "error_cm": of(np.mean, error),
+        "error_ci95_cm": interval(error, seed),
+        "error_sd_cm": sd(error),
+        "abs_error_cm": of(np.mean, np.abs(error)),
         "abs_error_ci95_cm": interval(np.abs(error), seed),
-        "success": rounded(sum(jump.success for jump in jumps) / wanted),
-        "landing_pitch_deg": rounded(np.abs(pitch).mean()),
+        "worst_error_cm": of(np.max, np.abs(error)),
+        "success": tidy(sum(jump.success for jump in jumps) / wanted),
+        "landing_pitch_deg": of(np.mean, np.abs(pitch)),
+        "worst_pitch_deg": of(np.max, np.abs(pitch)),
+        "apex": of(np.mean, np.array([jump.apex for jump in jumps])),
         "jumps": wanted,
-        "fallbacks": sum(sum(run.fallbacks.values()) for run in runs),
+        "jumps_made": len(jumps),
+        "fallbacks": sum(sum(run.done.fallbacks.values()) for run in runs),
+        "friction": of(np.max, np.array([conduct.friction for conduct in conducts])),
+        "force_n": of(np.max, np.array([conduct.force_n for conduct in conducts])),
+        "tracking_rad": of(np.mean, np.array([conduct.tracking_rad for conduct in conducts])),
+        "short_of_torque": of(np.mean, np.array([conduct.short_of_torque for conduct in conducts])),
     }
+    if any(run.wanted > 1 for run in runs):
+        totals = np.array([run.done.total_error_cm for run in runs if run.done.total_error_cm is not None])
+        found |= {"total_error_cm": of(np.mean, totals), "total_abs_error_cm": of(np.mean, np.abs(totals))}
+    return found
 
 
-def interval(values: np.ndarray, seed: int) -> list[float]:
+def of(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    """Of what there is; None of nothing."""
+    return tidy(statistic(values)) if len(values) else None
+
+
+def sd(values: np.ndarray) -> float | None:
+    """Standard deviation of a sample."""
+    return tidy(values.std(ddof=1)) if len(values) > 1 else None
+
+
+def interval(values: np.ndarray, seed: int) -> list[float | None] | None:
     """Of the mean."""
+    if not len(values):
+        return None
     drawn = np.random.default_rng(seed).choice(values, (BOOTSTRAP_DRAWS, len(values))).mean(axis=1)
-    return [rounded(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
+    return [tidy(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
 
 
-def rounded(value: float) -> float:
-    """To what a table shows."""
-    return round(float(value), 3)
+def tidy(value: Any) -> Any:
+    """Numbers to what a table shows; truth values and None as they are."""
+    return value if value is None or isinstance(value, bool) else round(float(value), 3)
 
 
 def overall(scored: Iterable[Scored], tasks: Sequence[str]) -> dict[str, float]:
     """Mean absolute error over some tasks by hardware and method, each task counting alike, cm."""
     by: dict[str, dict[str, list[float]]] = {}
     for run in scored:
-        if run.task in tasks:
+        if run.task in tasks and run.done.landings:
             of_task = by.setdefault(f"{run.hardware}/{run.method}", {}).setdefault(run.task, [])
-            of_task += [abs(jump.error_cm) for jump in run.landings]
-    return {key: rounded(np.mean([np.mean(v) for v in tasks_of.values()])) for key, tasks_of in by.items()}
+            of_task += [abs(jump.error_cm) for jump in run.done.landings]
+    return {key: tidy(np.mean([np.mean(v) for v in tasks_of.values()])) for key, tasks_of in by.items()}

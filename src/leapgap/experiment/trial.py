@@ -1,6 +1,5 @@
 """One run of a method at a task on simulated hardware, from standing to what came of each jump."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -10,8 +9,9 @@ from leapgap.control.continuous import ContinuousJumps, SequenceConfig
 from leapgap.control.reference import Reference
 from leapgap.control.tracking import JumpController
 from leapgap.effects.base import Effect
+from leapgap.experiment.conduct import Conduct, conduct
 from leapgap.experiment.tasks import Task
-from leapgap.recording.jump import Jump
+from leapgap.recording.jump import Jump, yaw_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Run, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, prepare, terrain_slots
@@ -43,7 +43,14 @@ class Outcome:
     starts: tuple[int, ...]
     """Row at which each jump began."""
     landings: tuple[Landing, ...]
-    fallbacks: Counter[str]
+    total_error_cm: float | None
+    """Of all jumps: the sum of their targets − the way from the first start to the last landing, positive is short;
+    None where not all were made."""
+    substituted: tuple[tuple[float, str], ...]
+    """When, s since the run's first row, and why a controller sent something else than what it stands for."""
+    fallbacks: dict[str, int]
+    """How often, by reason; landings too."""
+    conduct: Conduct
     controllers: tuple[JumpController, ...]
 
 
@@ -54,9 +61,8 @@ def attempt_task(
     robot = world.robot
     planned = Reference.of(reference, robot)
     course = replace(world.course, after_landing_s=length_s(task, planned, world.sequence) - planned.schedule.landing_s)
-    level = replace(
-        reference, info=replace(reference.info, terrain=(*reference.info.terrain, *task.ground(planned, rng)))
-    )
+    terrain = (*reference.info.terrain, *task.ground(planned, rng))
+    level = replace(reference, info=replace(reference.info, target=task.target, terrain=terrain))
     plans = [Plan(task.name, level, task.start_block(rng))]
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
@@ -66,10 +72,35 @@ def attempt_task(
     began = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
     starts = tuple(round(start / period) for start in began)
     landings = tuple(landing(run, robot, first) for first in starts)
-    return Outcome(run, starts, landings, controller.fallbacks, tuple(controller.jumps))
+    return Outcome(
+        run,
+        starts,
+        landings,
+        total_error_cm(run, task, starts),
+        tuple(
+            (round(jump.start_s + time_s, 6), reason)
+            for jump in controller.jumps
+            if jump.start_s is not None
+            for time_s, reason in jump.substituted
+        ),
+        dict(controller.fallbacks),
+        conduct(run, robot, starts[0]),
+        tuple(controller.jumps),
+    )
 
 
 def length_s(task: Task, reference: Reference, sequence: SequenceConfig) -> float:
     """How long a task's run is watched: its jumps, and half a second after the last landing."""
     one = reference.schedule.landing_s + sequence.latest_touch_s + sequence.landing.duration_s + sequence.settle_s
     return LONGEST_STAND_S + task.jumps * one + 0.2
+
+
+def total_error_cm(run: Run, task: Task, starts: Sequence[int]) -> float | None:
+    """Along the heading of the first start, from the true state, at the end of the last scheduled flight."""
+    info = run.log.info
+    if len(starts) < task.jumps:
+        return None
+    end = min(len(run.log) - 1, starts[-1] + round(info.schedule.landing_s / info.sample_period_s))
+    yaw = yaw_of(run.truth.qpos[starts[0], 3:7])
+    way = (run.truth.qpos[end] - run.truth.qpos[starts[0]])[:2] @ np.array([np.cos(yaw), np.sin(yaw)])
+    return float(100 * (task.jumps * task.x_m - way))

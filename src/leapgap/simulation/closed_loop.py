@@ -38,6 +38,8 @@ class Run:
     truth: Motion
     touching: np.ndarray
     """Whether each foot touches at each row, bool, (rows, feet)."""
+    ground_force: np.ndarray
+    """True force of the ground on each foot at each row, world axes, N, (rows, feet, 3)."""
 
 
 class Plant:
@@ -79,6 +81,17 @@ class Plant:
         found = np.zeros(len(self.robot.feet), dtype=bool)
         found[feet[feet >= 0]] = True
         return found
+
+    def ground_force(self) -> np.ndarray:
+        """Force of the ground on each foot, world axes, N, (feet, 3), during the last substep."""
+        force, wrench = np.zeros((len(self.robot.feet), 3)), np.zeros(6)
+        for number, geoms in enumerate(self.foot_of_geom[self.data.contact.geom]):
+            for foot, sign in zip(geoms, (-1.0, 1.0), strict=True):  # MuJoCo's acts on the second geom
+                if foot >= 0:
+                    mujoco.mj_contactForce(self.model, self.data, number, wrench)
+                    axes = self.data.contact.frame[number].reshape(3, 3)
+                    force[foot] += sign * wrench[:3] @ axes
+        return force
 
     def send(self, command: Command) -> None:
         """Let the robot do as told for one control period."""
@@ -131,15 +144,17 @@ def run_controlled(
     plant = Plant(replayer, ready, effects)
     measured: list[Motion] = []
     touching: list[np.ndarray] = []
+    force: list[np.ndarray] = []
     for row in range(rows):
         measured.append(errors.added_to(plant.reported(), robot, first=row))
         touching.append(plant.touching())
+        force.append(plant.ground_force())
         of_base = measured[max(0, row - late)]
         plant.send(controller.command(estimate(row * period, of_base, measured[row], touching[row], robot)))
     told = Motion(np.concatenate([m.qpos for m in measured]), np.concatenate([m.qvel for m in measured]))
     truth = Motion(*(np.array(part) for part in zip(*plant.truth[:rows], strict=True)))
     log = logged(ready.plan.name, with_commands(ready.commanded, plant.sent, robot), told, robot)
-    return Run(log, truth, np.array(touching))
+    return Run(log, truth, np.array(touching), np.array(force))
 
 
 def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.ndarray, robot: Robot) -> Estimate:

@@ -10,6 +10,7 @@ from leapgap.files import read_json, write_text
 from leapgap.recording.jump import Jump, read
 from leapgap.robot.model import Robot
 from leapgap.view import references
+from leapgap.view.contest import contests, record_contest
 from leapgap.view.jump import record_jump
 from leapgap.view.prediction import record_prediction
 
@@ -38,6 +39,10 @@ class View:
     """Jumps with predictions of each kind, the first by name."""
     models: list[str]
     """Models whose predictions are shown; empty: all."""
+    landings: str
+    """Runs of one robot, as ``stages.land`` keeps them."""
+    landing_methods: list[str]
+    """Methods shown in one scene, the first solid, the others as ghosts."""
     out: str | None = None
 
     def __post_init__(self) -> None:
@@ -102,6 +107,10 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 shown=view.models or None,
             )
         yield said(f"prediction_{kind}", folder, len(tables), view.most_predictions)
+    found = contests(Path(view.landings), view.landing_methods)
+    for task, logs in islice(found.items(), view.most):
+        record_contest(out / f"landing_{task}.rrd", task, logs, robot)
+    yield said("landing", view.landings, len(found), view.most)
 
 
 def logs_in(folder: Path) -> list[Path]:

@@ -10,7 +10,7 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.view.actor import Actor, cast
 from leapgap.view.layout import jump_blueprint
-from leapgap.view.plots import log_base, log_ground_forces, log_joints, log_phases
+from leapgap.view.plots import NO_SUBSTITUTES, log_base, log_ground_forces, log_joints, log_phases
 from leapgap.view.recorder import Recorder, recording
 from leapgap.view.scene import FORCES, METRES_PER_NEWTON, log_scene, vanish
 
@@ -25,16 +25,18 @@ def record_jump(
     title: str | None = None,
     label: str = "measured",
     says: str = "",
+    substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES,
 ) -> None:
     """Write a jump as a recording, whole or not at all.
 
     ``ghosts`` are other versions of the same jump by the name they are shown under, for instance
     ``{"nominal simulation": …, "corrected simulation": …}``: same robot and clock, maybe fewer rows, measured
     columns only. ``label`` names the jump itself in legends: measured, simulated, reference. ``says``
-    is put in front of its notes.
+    is put in front of its notes. ``substitutes``: when, s, and why the controller of a robot, by its label,
+    sent something else than it stands for; each such robot has a lane of its own and lines among the events.
     """
     actors = cast(label, jump, ghosts, robot)
-    with recording(path, title or jump.name, jump_blueprint(actors)) as to:
+    with recording(path, title or jump.name, jump_blueprint(actors, extra_lanes=len(substitutes))) as to:
         log_scene(to, actors)
         end = max(actor.jump.time[-1] for actor in actors)
         for actor in actors:
@@ -43,7 +45,7 @@ def record_jump(
         log_base(to, actors)
         log_joints(to, actors)
         log_ground_forces(to, actors[0])
-        log_phases(to, actors[0])
+        log_phases(to, actors[0], substitutes)
         log_notes(to, actors, title or jump.name, says)
 
 

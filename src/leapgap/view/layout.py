@@ -17,10 +17,10 @@ BACKGROUND = (44, 48, 56)
 POSE = ("x", "z", "pitch")
 
 
-def jump_blueprint(actors: Sequence[Actor], notes: bool = True) -> rrb.Blueprint:
+def jump_blueprint(actors: Sequence[Actor], extra_lanes: int = 0) -> rrb.Blueprint:
     """Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs."""
     main = actors[0]
-    tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors))]
+    tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors), extra_lanes)]
     tabs.append(rrb.Tabs(*[leg(main, name) for name in legs(main)], name="Joints"))
     forces = []
     if any(has_pair_force(main.jump, source) for source in FORCE_COLOURS):
@@ -60,9 +60,9 @@ def finished(root: rrb.Container) -> rrb.Blueprint:
     )
 
 
-def overview(actors: Sequence[Actor], plots: rrb.Container) -> rrb.Container:
+def overview(actors: Sequence[Actor], plots: rrb.Container, extra_lanes: int = 0) -> rrb.Container:
     """Scene, plots and phases on one page."""
-    lanes = 1 + len(switched_pairs(actors[0]))
+    lanes = 1 + len(switched_pairs(actors[0])) + extra_lanes
     return rrb.Vertical(
         rrb.Horizontal(scene_view(actors), plots, column_shares=[1.1, 1.0]),
         rrb.StateTimelineView(origin="phases", name="Phases planned, contacts measured"),

@@ -1,7 +1,8 @@
 """Curves over time: the base, joints, torques and forces of the pairs; phases, contacts and events."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import rerun as rr
@@ -27,6 +28,10 @@ PHASE_COLOURS = {
     "flight": (150, 110, 230),
     "landed": (120, 126, 136),
 }
+SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "as it should": (70, 74, 84)}
+HELD_S = 0.025
+"""From one update of a controller to the next."""
+NO_SUBSTITUTES: Mapping[str, Sequence[tuple[float, str]]] = MappingProxyType({})
 CONTACT_COLOURS = {"contact": (46, 160, 100), "air": (70, 74, 84)}
 
 
@@ -157,8 +162,13 @@ def has_pair_force(jump: Jump, source: str) -> bool:
     return f"{source}/front_x" in jump
 
 
-def log_phases(to: Recorder, actor: Actor) -> None:
-    """Planned phases and measured contacts of the pairs as lanes, and what happens when as a log."""
+def log_phases(
+    to: Recorder, actor: Actor, substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES
+) -> None:
+    """Planned phases, measured contacts of the pairs and substitutes as lanes, and what happens when as a log.
+
+    ``substitutes``: when, s, and why a controller, by its robot's label, sent something else than it stands for.
+    """
     jump, schedule = actor.jump, actor.jump.info.schedule
     starts = np.array([0.0, schedule.front_lift_off_s, schedule.take_off_s, schedule.landing_s])
     names = list(PHASE_COLOURS)
@@ -176,10 +186,21 @@ def log_phases(to: Recorder, actor: Actor) -> None:
     ]
     if jump.rows_before_gain_change < len(jump):
         events.append((float(jump.time[jump.rows_before_gain_change]), "joint gains change"))
+    for label, times_and_reasons in substitutes.items():
+        log_substitutes(to, label, [time_s for time_s, _ in times_and_reasons])
+        events += [(time_s, f"{label}: substitute, {reason}") for time_s, reason in times_and_reasons]
     events = sorted(event for event in events if event[0] <= jump.time[-1])
     if events:
         times, texts = zip(*events, strict=True)
         to.over_time("events", np.array(times), rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)))
+
+
+def log_substitutes(to: Recorder, label: str, times_s: Sequence[float]) -> None:
+    """A lane that says when a controller sent a substitute; each is held until its next update."""
+    changes = {0.0: "as it should", **{time_s + HELD_S: "as it should" for time_s in times_s}}
+    changes |= dict.fromkeys(times_s, "substitute")
+    at = sorted(changes)
+    log_lane(to, f"phases/{label}", np.array(at), [changes[time_s] for time_s in at], SUBSTITUTE_COLOURS)
 
 
 def switched_pairs(actor: Actor) -> tuple[str, ...]:

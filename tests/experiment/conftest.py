@@ -1,0 +1,37 @@
+"""A bench with a robot that has no effects, and trials that take a second."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from leapgap.experiment.made import Bench, Shelf
+from leapgap.experiment.methods import ByJointPd
+from leapgap.experiment.trial import World
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+
+
+@pytest.fixture
+def bench(robot: Robot, reference: Jump, tmp_path: Path) -> Bench:
+    """On which jumps of 50 cm are planned."""
+    shelf = Shelf(tmp_path / "runs", "code", map)
+    return Bench("ideal", (), World(robot), {reference.info.target: reference}, shelf, seed=1)
+
+
+@pytest.fixture
+def joint_pd(bench: Bench) -> ByJointPd:
+    return ByJointPd(bench.robot, bench.references)
+
+
+@pytest.fixture
+def counted() -> tuple[list[str], Callable]:
+    """Places that were made, and a mapper that notes them; it dies before the ones named ``deadly``."""
+    made: list[str] = []
+
+    def mapper(function: Callable, items: list) -> object:
+        for item in items:
+            made.append(item.place)
+            yield function(item)
+
+    return made, mapper

@@ -1,0 +1,65 @@
+"""The stage of landings as a whole, small: every output, the resume, and the same bytes whatever runs it."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from leapgap.files import read_json
+from tests.stages.test_by_hand import refused, stage
+
+SMALL = (
+    "size=tiny",
+    "land.methods=[joint_pd,nominal_variable]",
+    "land.tasks.block_60.repeats=0",
+    "land.tasks.continuous_60={x_m: 0.5, jumps: 2, repeats: 1}",
+)
+
+
+def files(out: Path) -> dict[str, bytes]:
+    return {path.relative_to(out).as_posix(): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def landed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("landed") / "out"
+    result = stage("land", *SMALL, f"land.out={out}", "executor=joblib")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count("worn/joint_pd/") == 2
+    return out
+
+
+def test_figures_table_page_and_logs_say_the_same(landed: Path) -> None:
+    found = read_json(landed / "landing.json")
+    assert set(found["error_cm"]) == {
+        f"worn/{method}/{task}" for method in ("joint_pd", "nominal_variable") for task in ("jump_50", "continuous_60")
+    }
+    with (landed / "landings.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 6  # one, and two in a row, a method
+    (row,) = [row for row in rows if row["task"] == "jump_50" and row["method"] == "joint_pd"]
+    assert float(row["error_cm"]) == found["error_cm"]["worn/joint_pd/jump_50"]
+    page = (landed / "report.html").read_text()
+    assert "joint PD, 50 cm" in page
+    assert f"{float(row['error_cm']):+.2f}" in page
+    assert "https://" not in page.split("</script>", 1)[1]  # nothing is fetched from anywhere
+    assert (landed / "runs/worn/joint_pd/jump_50_0.parquet").is_file()
+
+
+def test_a_second_run_goes_on_from_what_is_kept_and_writes_the_same_bytes(landed: Path) -> None:
+    before = files(landed)
+    (landed / "runs/worn/nominal_variable/jump_50_0.json").unlink()
+    (landed / "runs/old_hardware").mkdir()
+    (landed / "runs/old_hardware/x.json").write_text("{}")
+    result = stage("land", *SMALL, f"land.out={landed}", "executor=local")
+    assert result.returncode == 0, result.stderr
+    assert [line for line in result.stdout.splitlines() if line.startswith("worn/") and " over " not in line] == [
+        line for line in result.stdout.splitlines() if line.startswith("worn/nominal_variable/jump_50_0")
+    ]
+    assert files(landed) == before
+
+
+def test_unknown_hardware_and_methods_are_refused(tmp_path: Path) -> None:
+    refused(stage("land", *SMALL, f"land.out={tmp_path / 'a'}", "land.hardware=[rusty]"), "land.hardware", "rusty")
+    refused(stage("land", *SMALL, f"land.out={tmp_path / 'b'}", "land.methods=[magic]"), "land.methods", "magic")
+    assert not (tmp_path / "a" / "landing.json").exists()
