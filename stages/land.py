@@ -33,7 +33,7 @@ from leapgap.recording.jump import Jump, Target
 from leapgap.recording.windows import Purpose, TimeGrid
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
-from leapgap.robot.planar import planar_robot
+from leapgap.robot.planar import PlanarRobot, planar_robot
 from leapgap.robot.prediction import PredictionModel
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.closed_loop import Sensing
@@ -57,10 +57,12 @@ class Settings:
     """Section ``land``."""
 
     references: str
+    published: str
     models: dict[str, str]
     model: str
     hardware: list[str]
     methods: list[str]
+    only: dict[str, list[str]]
     seed: int
     out: str | None
     metrics: str | None
@@ -126,9 +128,14 @@ class Rig:
         """A plan from level ground."""
         return reference_to(target, Path(self.settings.references), planar_robot(self.robot))
 
+    def published(self, target: Target) -> Jump:
+        """The same for the masses of the published planner."""
+        return reference_to(target, Path(self.settings.published), PlanarRobot())
+
     def run(self, repeats: Mapping[str, int]) -> list[Scored]:
         """Every method at every task."""
-        methods = {name: method for name in self.settings.methods if (method := self.method(name)) is not None}
+        names = self.settings.only.get(self.variant, self.settings.methods)
+        methods = {name: method for name in names if (method := self.method(name)) is not None}
         named = all_trials(self.bench, methods, self.tasks, repeats)
         results = self.bench.shelf.results([trial for _, trial in named])
         return [
@@ -141,6 +148,8 @@ class Rig:
         kind, _, steps = name.partition("_")
         if name == "joint_pd":
             return ByJointPd(self.robot, self.bench.references)
+        if name == "joint_pd_published":
+            return ByJointPd(self.robot, {target: self.published(target) for target in self.bench.references})
         if name == "joint_pd_shifted":
             singles = [task for task in self.tasks if task.name in self.settings.single]
             if not singles:
@@ -155,7 +164,7 @@ class Rig:
         if kind == "learned" and steps in GRIDS:
             model = self.learned(name, steps)
             return None if model is None else self.mpc(model, steps)
-        known = "joint_pd, joint_pd_shifted, nominal_<steps>, learned_<steps>, ours, ours_adapted"
+        known = "joint_pd, joint_pd_published, joint_pd_shifted, nominal_<steps>, learned_<steps>, ours, ours_adapted"
         raise InputError("land.methods", name, known, f"choose known ones; steps are {', '.join(GRIDS)}")
 
     def mpc(self, model: PredictionModel, steps: str) -> ByMpc:

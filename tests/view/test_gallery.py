@@ -16,7 +16,14 @@ def folders(tmp_path):
         "references", "simulated", "damped", "real", "replays_damped", "replays_real", "predictions_simulated",
         "predictions_real",
     )  # fmt: skip
-    return View(**{name: str(tmp_path / name) for name in names}, most=1, most_predictions=1, models=[])
+    return View(
+        **{name: str(tmp_path / name) for name in names},
+        most=1,
+        most_predictions=1,
+        models=[],
+        landings=str(tmp_path / "landings"),
+        landing_methods=[],
+    )
 
 
 def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, folders):

@@ -18,6 +18,7 @@ METHODS = {
     "ours": ("ours", "#1f9d57"),
     "joint_pd_shifted": ("joint PD, best constant shift", "#d19a1b"),
     "joint_pd": ("joint PD", "#8a93a3"),
+    "joint_pd_published": ("joint PD, published plans", "#c3c8d2"),
     "learned_variable": ("learned MPC 25/100, K 10", "#2563c9"),
     "learned_25_80": ("learned MPC 25/80, K 10", "#5b8fe0"),
     "learned_50_50": ("learned MPC 50/50, K 10", "#8ab2ee"),
