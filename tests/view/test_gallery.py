@@ -14,16 +14,10 @@ from tests.view.test_prediction import write_predictions
 def folders(tmp_path):
     names = (
         "references", "simulated", "damped", "real", "replays_damped", "replays_real", "predictions_simulated",
-        "predictions_real",
+        "predictions_real", "landings",
     )  # fmt: skip
-    return View(
-        **{name: str(tmp_path / name) for name in names},
-        most=1,
-        most_predictions=1,
-        models=[],
-        landings=str(tmp_path / "landings"),
-        landing_methods=[],
-    )
+    places = {name: str(tmp_path / name) for name in names}
+    return View(**places, most=1, most_predictions=1, models=[], landing_methods=["ours", "joint_pd"])
 
 
 def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, folders):
@@ -54,3 +48,18 @@ def test_diagnosis_is_shown_with_its_sentence(tmp_path, robot, hop, ghost, folde
     shown = Recorded(tmp_path / "out" / "diagnosis_real.rrd")
     assert "/world/nominal_simulation/trunk" in shown.moving
     assert "The loop is slow." in str(shown.static["/notes"])
+
+
+def test_methods_jump_in_one_scene_with_their_substitutes(tmp_path, robot, hop, ghost, folders):
+    landing = {"error_cm": 1.5, "success": True}
+    for method, log, substituted in (("ours", hop, []), ("joint_pd", ghost, [[0.1, "late"]]), ("other", ghost, [])):
+        write(replace(log, name="jump_60_0"), tmp_path / "landings" / method / "jump_60_0.parquet")
+        kept = {"landings": [landing], "fallbacks": {"late": len(substituted)}, "substituted": substituted}
+        write_json(tmp_path / "landings" / method / "jump_60_0.json", kept)
+    lines = list(record_all(folders, robot, tmp_path / "out"))
+    found = Recorded(tmp_path / "out" / "landing_jump_60.rrd")
+    assert {"/world/ours/trunk", "/world/joint_pd/trunk"} <= set(found.moving)
+    assert "/world/other/trunk" not in found.moving
+    assert "/phases/joint_pd" in found.moving
+    assert "/phases/ours" not in found.moving
+    assert f"landing: 1 from {tmp_path / 'landings'}" in lines

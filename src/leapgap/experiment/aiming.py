@@ -22,21 +22,19 @@ class AimConfig:
 
     scale: tuple[float, float, float, float] = (0.2, 0.1, 0.2, 0.1)
     """Of the inputs x, z, pitch of the goal and pitch of the stance: changes that matter, m, m, rad, rad."""
-    length: float = 2.0
+    length: float = 1.5
     """Of the kernel, in these scales: errors change this slowly."""
-    trend_ridge: float = 0.1
-    """Of the quadratic trend below the kernel."""
-    noise: float = 0.05
+    trend_ridge: float = 1.0
+    """Of the linear trend below the kernel; a quadratic one extrapolates badly, to a box that was never practised."""
+    noise: float = 0.02
     """Variance of what does not repeat, as part of the kernel's."""
-    matters: tuple[float, float, float] = (0.01, 0.03, 0.05)
+    matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
     """Landing errors that cost alike: m, m, rad."""
     clearance_m: float = 0.015
     """Aim this much above the target: feet that touch before the scheduled landing let the ground change it."""
     caution: float = 0.02
     """Cost of an aim beyond the target, per squared scale: of aims that land alike, the nearest is taken."""
-    doubt: float = 4.0
-    """Cost of the model's variance there, per kernel variance: far from what was tried there is no knowledge."""
-    largest: tuple[float, float, float] = (0.25, 0.15, 0.35)
+    largest: tuple[float, float, float] = (0.25, 0.15, 0.2)
     """No aim is farther beyond its target than this: m, m, rad."""
 
 
@@ -69,7 +67,7 @@ class Tried:
 
 
 class LandingModel:
-    """Landing − goal as a function of goal and stance: a quadratic trend and a Gaussian kernel on what it leaves."""
+    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves."""
 
     def __init__(self, tried: Tried, config: AimConfig) -> None:
         self.tried, self.config = tried, config
@@ -81,17 +79,20 @@ class LandingModel:
         self.weights = np.linalg.solve(trend.T @ trend + ridge, trend.T @ error)
         gram = self._kernel(tried.inputs, tried.inputs) + config.noise * np.eye(len(tried))
         self.inverse = np.linalg.inv(gram)
-        self.dual = self.inverse @ (error - trend @ self.weights)
+        left = error - trend @ self.weights
+        self.dual = self.inverse @ left
+        self.scatter = np.sqrt((left * self.dual).sum(axis=0) / max(len(tried), 1))
+        """Standard deviation of the process, by maximum likelihood, (3,), m, m, rad."""
 
     def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Predicted landing of a goal (3,), (3,)."""
         at = np.append(goal, stance_pitch)[None]
         return goal + (self._trend(at) @ self.weights + self._kernel(at, self.tried.inputs) @ self.dual)[0]
 
-    def variance(self, goal: np.ndarray, stance_pitch: float) -> float:
-        """How little is known there, from 0 to 1."""
+    def deviation(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
+        """Standard deviation of that prediction, (3,), m, m, rad: far from what was tried little is known."""
         k = self._kernel(np.append(goal, stance_pitch)[None], self.tried.inputs)[0]
-        return float(1 - k @ self.inverse @ k)
+        return self.scatter * np.sqrt(max(1 - k @ self.inverse @ k, 0.0))
 
     def heldout_errors(self) -> np.ndarray:
         """Landing less its prediction by all other jumps, (n, 3), by leaving each out."""
@@ -107,9 +108,7 @@ class LandingModel:
         return (inputs - self.centre) / np.array(self.config.scale)
 
     def _trend(self, inputs: np.ndarray) -> np.ndarray:
-        scaled = self._scaled(inputs)
-        products = [scaled[:, i] * scaled[:, j] for i in range(4) for j in range(i, 4)]
-        return np.column_stack([np.ones(len(scaled)), scaled, *products])
+        return np.column_stack([np.ones(len(inputs)), self._scaled(inputs)])
 
     def _kernel(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         apart = self._scaled(a)[:, None] - self._scaled(b)[None]
@@ -124,7 +123,7 @@ def wanted(target: Target) -> np.ndarray:
 def best_goal(
     model: LandingModel | None, target: Target, stance_pitch: float, offset: np.ndarray | None = None
 ) -> np.ndarray:
-    """The goal that is predicted to land nearest to the target, (3,); the target itself without a model.
+    """The goal whose landing is expected nearest to the target, (3,); the target itself without a model.
 
     ``offset`` (3,) is how much farther than predicted this target's jumps have landed.
     """
@@ -138,9 +137,8 @@ def best_goal(
     def cost(beyond: np.ndarray) -> float:
         goal = want + beyond * scale
         missed = (model.landing(goal, stance_pitch) + more - want) / matters
-        return float(
-            missed @ missed + config.caution * (beyond @ beyond) + config.doubt * model.variance(goal, stance_pitch)
-        )
+        unsure = model.deviation(goal, stance_pitch) / matters
+        return float(missed @ missed + unsure @ unsure + config.caution * (beyond @ beyond))
 
     first = -(model.landing(want, stance_pitch) + more - want)
     starts = (np.zeros(3), np.clip(first, -largest, largest) / scale)

@@ -17,10 +17,21 @@ from leapgap.experiment.methods import ByAiming
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump
 
-Spread = tuple[float, float, float]
-
 DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=SUPPLY_V),)
 """What the motors' maker says, and the plans reckon with."""
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """Ranges from which goals are drawn, evenly, beyond what is believed to be best."""
+
+    x_m: tuple[float, float] = (0.0, 0.0)
+    z_m: tuple[float, float] = (0.0, 0.0)
+    pitch_rad: tuple[float, float] = (0.0, 0.0)
+
+    def drawn(self, rng: np.random.Generator) -> np.ndarray:
+        """(3,), m, m, rad."""
+        return rng.uniform(*np.transpose([self.x_m, self.z_m, self.pitch_rad]))
 
 
 @dataclass(frozen=True)
@@ -32,12 +43,12 @@ class PracticeConfig:
     random_jumps: int = 16
     rounds: tuple[int, ...] = (10, 10)
     """Jumps of each later round, aimed with what was learned until then."""
-    distance_m: tuple[float, float] = (0.35, 0.75)
+    distance_m: tuple[float, float] = (0.32, 0.78)
     block_m: tuple[float, float] = (0.0, 0.07)
     """Under the front feet in every second jump."""
-    random_beyond: Spread = (0.1, 0.06, 0.15)
-    """Largest excitation of the goals of the first jumps, drawn evenly: m, m, rad."""
-    later_beyond: Spread = (0.03, 0.03, 0.05)
+    random_beyond: Beyond = field(default_factory=lambda: Beyond((-0.1, 0.1), (-0.04, 0.14), (-0.15, 0.15)))
+    """Excitation of the first jumps; on the flat a jump may be aimed to be high in the air at its scheduled landing."""
+    later_beyond: Beyond = field(default_factory=lambda: Beyond((-0.03, 0.03), (-0.03, 0.03), (-0.05, 0.05)))
     """Of the later ones."""
     aim: AimConfig = field(default_factory=AimConfig)
 
@@ -56,19 +67,17 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
     """What a robot learns from all jumps of the practice."""
     rng = np.random.default_rng([bench.seed, 7])
 
-    def attempts(name: str, jumps: int, chosen: ByAiming, spread: Spread, with_log: bool = False) -> list[Trial]:
+    def attempts(name: str, jumps: int, chosen: ByAiming, beyond: Beyond, with_log: bool = False) -> list[Trial]:
         made = []
         for i in range(jumps):
             block = config.block_m if i % 2 else (0.0, 0.0)
             task = Task(name, round(float(rng.uniform(*config.distance_m)), 3), block_m=block)
-            own = replace(
-                chosen, beyond=np.array(spread) * rng.uniform(-1, 1, 3), references={task.target: bench.level}
-            )
+            own = replace(chosen, beyond=beyond.drawn(rng), references={task.target: bench.level})
             place, seed = f"{bench.hardware}/practice/{name}_{i:02d}", int(rng.integers(2**31))
             made.append(Trial(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
         return made
 
-    trials = attempts("identify", config.identify_jumps, method, (0.0, 0.0, 0.0), with_log=True)
+    trials = attempts("identify", config.identify_jumps, method, Beyond(), with_log=True)
     logs = [done.log for done in bench.shelf.results(trials) if done.log is not None]
     found = identified_once(bench, logs)
     assert method.planner is not None
@@ -76,8 +85,8 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
     method, tried = replace(method, planner=planner), Tried()
     for number, jumps in enumerate((config.random_jumps, *config.rounds)):
         landing = LandingModel(tried, config.aim) if len(tried) else None
-        spread = config.later_beyond if number else config.random_beyond
-        for done in bench.shelf.results(attempts(f"round_{number}", jumps, replace(method, landing=landing), spread)):
+        beyond = config.later_beyond if number else config.random_beyond
+        for done in bench.shelf.results(attempts(f"round_{number}", jumps, replace(method, landing=landing), beyond)):
             tried = tried.and_also(done.tried)
     return Learned(planner, found, tried)
 

@@ -50,6 +50,8 @@ FRICTION, FRICTION_OF_GROUND, LARGEST_N = 0.6, 0.8, 350.0
 """Cone and limit of the MPC, and what the simulated ground can hold."""
 LARGEST_PITCH_DEG = 15.0
 LEAST_PUSH_N = 20.0
+LEAST_SHOWN_CM = 0.05
+"""Smaller errors are drawn at this one: the axis is logarithmic."""
 EVERY_ROWS = 5
 """Curves are means over so many milliseconds."""
 Rows = Sequence[Mapping[str, Any]]
@@ -68,6 +70,8 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
             f"signed_{hardware}": signed(mine, methods, tasks),
             f"pitch_{hardware}": pitches(mine, methods, tasks),
         }
+    if rows:
+        drawn["bounds"] = bounds(rows, methods)
     first = next(iter(rows), None)
     logs = {} if first is None else kept_logs(runs / first["robot"], methods, tasks)
     if logs:
@@ -75,7 +79,7 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
     return rendered(
         "landing.html",
         drawn,
-        says=sentence(figures["mean_abs_error_cm"], robots),
+        says=sentence(figures["mean_abs_error_cm"], robots, [task for task in single if task in tasks]),
         metrics=figures,
         robots=robots,
         methods=methods,
@@ -106,15 +110,16 @@ def in_order(there: set[str], known: Mapping[str, Any]) -> list[str]:
     return [name for name in known if name in there] + sorted(there - set(known))
 
 
-def sentence(means: Mapping[str, float], robots: Sequence[str]) -> str:
+def sentence(means: Mapping[str, float], robots: Sequence[str], single: Sequence[str]) -> str:
     """What came out, for a person."""
+    targets = f"{len(single)} single target{'s' * (len(single) != 1)}"
     for hardware in robots:
         found = {name: means.get(f"{hardware}/{name}") for name in ("ours", "ours_adapted", "nominal_variable")}
         if found["ours"] is None:
             continue
-        said = f"Ours lands {found['ours']:.1f} cm from the five targets on {hardware} hardware"
+        said = f"Ours lands {found['ours']:.1f} cm from {targets} on {hardware} hardware"
         if found["ours_adapted"] is not None:
-            said += f", {found['ours_adapted']:.1f} cm after jumps to the same target"
+            said += f", {found['ours_adapted']:.1f} cm once adapted to each"
         if found["nominal_variable"] is not None:
             said += f"; the nominal MPC {found['nominal_variable']:.1f} cm"
         return said
@@ -161,6 +166,27 @@ def pitches(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figu
             line = {"color": "#e2542f", "width": 1, "dash": "dot"}
             figure.add_vline(edge, row=panel // 4 + 1, col=panel % 4 + 1, line=line)
     return finished(figure, methods, "pitch at the landing, degrees, nose-down")
+
+
+def bounds(rows: Rows, methods: Sequence[str]) -> go.Figure:
+    """Size of each jump's error over how often its motors could not deliver what was commanded."""
+    figure = go.Figure()
+    for method in methods:
+        mine = [row for row in rows if row["method"] == method]
+        figure.add_trace(
+            go.Scatter(
+                x=[100 * row["short_of_torque"] for row in mine],
+                y=[max(abs(row["error_cm"]), LEAST_SHOWN_CM) for row in mine],
+                text=[f"{row['robot']}, {TASKS.get(row['task'], row['task'])}" for row in mine],
+                name=label(method),
+                marker={"color": colour(method), "size": 7, "opacity": 0.75},
+                mode="markers",
+            )
+        )
+    figure.update_layout(height=430, margin={"l": 55, "r": 15, "t": 20, "b": 45})
+    figure.update_xaxes(title_text="commands beyond what the motors can deliver, % of joint-milliseconds")
+    figure.update_yaxes(title_text="size of the error, cm", type="log", tickvals=[0.1, 0.3, 1, 3, 10, 30])
+    return figure
 
 
 def panels(tasks: Sequence[str]) -> go.Figure:
