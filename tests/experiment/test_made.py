@@ -112,7 +112,7 @@ def test_other_values_are_kept_by_their_inputs(shelf: Shelf) -> None:
 
 
 def test_a_real_trial_repeats_bit_for_bit_and_keeps_its_log(bench: Bench, joint_pd: ByJointPd) -> None:
-    uneven = replace(TASK, block_m=(0.0, 0.002))
+    uneven = replace(TASK, slope_rad=(-0.005, 0.005))
     trial = bench.trial("joint_pd", joint_pd, uneven, 0, with_log=True)
     (kept,), again = bench.shelf.results([trial]), trial.done()
     assert kept.landings == again.landings

@@ -90,3 +90,12 @@ def test_a_flight_that_the_ground_cuts_short_is_continued_as_a_free_one(bench: B
     assert late[0] == pytest.approx(position[0] - found.run.truth.qpos[0, 0] + left * velocity[0], abs=0.005)
     assert late[1] == pytest.approx(position[2] + left * velocity[2] - 9.81 / 2 * left**2 - height, abs=0.005)
     assert late[1] < on_time[1] < 0.1
+
+
+def test_a_slope_tilts_robot_and_stance(bench: Bench) -> None:
+    method = ByAiming(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
+    found = outcome(bench, method, Task("jump_50", 0.5, slope_rad=(0.04, 0.04)))
+    (jump,) = found.controllers
+    assert isinstance(jump, AimedJump)
+    assert jump.stance_pitch == pytest.approx(0.04, abs=0.004)
+    assert found.run.log.pitch[0] == pytest.approx(0.04, abs=0.01)

@@ -44,8 +44,10 @@ class PracticeConfig:
     rounds: tuple[int, ...] = (10, 10)
     """Jumps of each later round, aimed with what was learned until then."""
     distance_m: tuple[float, float] = (0.32, 0.78)
-    block_m: tuple[float, float] = (0.0, 0.07)
+    block_m: tuple[float, float] = (0.01, 0.07)
     """Under the front feet in every second jump."""
+    slope_rad: tuple[float, float] = (-0.005, 0.005)
+    """Of the ground."""
     random_beyond: Beyond = field(default_factory=lambda: Beyond((-0.1, 0.1), (-0.04, 0.14), (-0.15, 0.15)))
     """Excitation of the first jumps; on the flat a jump may be aimed to be high in the air at its scheduled landing."""
     later_beyond: Beyond = field(default_factory=lambda: Beyond((-0.03, 0.03), (-0.03, 0.03), (-0.05, 0.05)))
@@ -71,7 +73,8 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
         made = []
         for i in range(jumps):
             block = config.block_m if i % 2 else (0.0, 0.0)
-            task = Task(name, round(float(rng.uniform(*config.distance_m)), 3), block_m=block)
+            distance_m = round(float(rng.uniform(*config.distance_m)), 3)
+            task = Task(name, distance_m, block_m=block, slope_rad=config.slope_rad)
             own = replace(chosen, beyond=beyond.drawn(rng), references={task.target: bench.level})
             place, seed = f"{bench.hardware}/practice/{name}_{i:02d}", int(rng.integers(2**31))
             made.append(Trial(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.control.reference import Reference
+from leapgap.effects import effect
+from leapgap.effects.base import Effect
 from leapgap.recording.jump import Target
 from leapgap.robot.terrain import Box
 
@@ -21,7 +23,10 @@ class Task:
     z_m: float = 0.0
     jumps: int = 1
     block_m: tuple[float, float] = (0.0, 0.0)
-    """Height of the block under the front feet at the start, drawn evenly."""
+    """Height of the block under the front feet at the start, drawn evenly. Thinner than feet sink in (4 mm where they
+    are soft) it is no block: a foot then stands on block and floor at once."""
+    slope_rad: tuple[float, float] = (0.0, 0.0)
+    """Of the whole ground, drawn evenly, positive where it falls away forward: no floor is quite level."""
     uneven_m: tuple[float, float] = (0.0, 0.0)
     """Height of the blocks the feet land on between the jumps, drawn evenly; 0: flat ground."""
 
@@ -33,6 +38,11 @@ class Task:
     def start_block(self, rng: np.random.Generator) -> float:
         """Height under the front feet, m."""
         return round(float(rng.uniform(*self.block_m)), 4)
+
+    def tilt(self, rng: np.random.Generator) -> tuple[Effect, ...]:
+        """The slope of the ground."""
+        slope_rad = round(float(rng.uniform(*self.slope_rad)), 5)
+        return (effect("ground_slope", pitch_rad=slope_rad),) if slope_rad else ()
 
     def ground(self, reference: Reference, rng: np.random.Generator) -> tuple[Box, ...]:
         """Blocks where front or rear feet will land, by chance under the one or the other pair, at random places."""

@@ -64,6 +64,7 @@ def attempt_task(
     terrain = (*reference.info.terrain, *task.ground(planned, rng))
     level = replace(reference, info=replace(reference.info, target=task.target, terrain=terrain))
     plans = [Plan(task.name, level, task.start_block(rng))]
+    effects = (*effects, *task.tilt(rng))
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
     controller = ContinuousJumps(list(method(task)), robot, world.sequence)
