@@ -24,8 +24,8 @@ from tests.test_pipeline_files import stages
 
 FAST = {
     "effects": ["joint_damping"],
-    "grid_points": 3,
-    "most_causes": 1,
+    "pieces_per_log": 4,
+    "plan": {"most_causes": 1, "shortlist": 3, "steps": 3},
     "noise_draws": 1,
     "bootstrap_draws": 20,
     "folds": 2,

@@ -2,13 +2,12 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.signature import MODERATE
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Motion, Replayer, Trial
 
-SIZES = MODERATE
+SIZES = {name: {p.name: p.moderate for p in kind.parameters()} for name, kind in effects.known().items()}
 TABLE = {
     "aerodynamic_drag": (0.3, 1, 3),
     "armature": (0.005, 0.02, 0.05),

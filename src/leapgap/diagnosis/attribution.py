@@ -1,8 +1,8 @@
-"""Which effect: every hypothesis fitted on some jumps and judged on the others.
+"""Which effects: sets of hypotheses fitted to the evidence of some logs and judged on the others.
 
-A hypothesis has one number to fit. Its sum of squares is computed on a grid of that number for every jump at once, so
-one batch of replays serves all folds, the profile likelihood and the bootstrap; nothing is fitted on a jump it is
-judged on.
+Every hypothesis is tried in the linear model of the responses; the most promising are fitted to replays of their own
+(Gauss–Newton, derivatives kept up to date by Broyden's rule), several at once. Nuisances are free for the nominal
+robot and for every hypothesis alike.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,257 +10,425 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap import effects
-from leapgap.diagnosis.gap import Judged, counts, squares
-from leapgap.effects.base import Effect
-from leapgap.errors import InputError
-from leapgap.simulation.replay import Replayer
+from leapgap.diagnosis.evidence import Evidence
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.responses import Responses, joined, on_logs
+
+STEP = 0.1
+"""Of a moderate departure: finite differences of Gauss–Newton."""
+SETTLED = 0.3
+"""A fit whose loss falls by less is done."""
+TRIALS = (0.4, 2.5)
+"""Moderate departures at which an effect that acts everywhere is tried as it is, beside the linear model."""
+LINEAR_ITERATIONS = 4
+LEAST_SPREADS = 2.0
+"""A number this many standard deviations from nominal is known to differ from it."""
+HOPELESS = 0.3
+"""A fit that after its second step bought less than this share of what the best one bought is not pursued."""
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """One effect at one place, with one number to fit.
+class Guess:
+    """A set of hypotheses with numbers, and how well it does in the linear model."""
 
-    An effect that differs from log to log gets its value on each log from ``per_log`` (found without what is
-    scored); the fitted number is then the share of that estimate's departure from nominal that is believed,
-    common to all logs.
-    """
-
-    name: str
-    location: str = "all"
-    per_log: Mapping[str, float] | None = None
-    fitted: str = ""
-    """Name of the parameter that is fitted; empty: the effect's first. The others stay nominal."""
-
-    @property
-    def parameter(self) -> effects.base.Parameter:
-        """The effect's parameter that is fitted."""
-        parameters = effects.known()[self.name].parameters()
-        return next((p for p in parameters if p.name == self.fitted), parameters[0])
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Effect and parameter: what can be believed once."""
-        return self.name, self.parameter.name
-
-    @property
-    def nominal(self) -> float:
-        """The fitted number at which the effect is absent."""
-        return self.parameter.nominal if self.per_log is None else 0.0
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Range of the fitted number."""
-        return (self.parameter.lower, self.parameter.upper) if self.per_log is None else (0.0, 1.25)
-
-    def on(self, log: str, number: float) -> Effect:
-        """The effect on one log, at a fitted number."""
-        return effects.known()[self.name](location=self.location, **{self.parameter.name: self.value(log, number)})
-
-    def value(self, log: str, number: float) -> float:
-        """The parameter on one log, at a fitted number."""
-        if self.per_log is None:
-            return number
-        nominal = self.parameter.nominal
-        value = nominal + number * (self.per_log[log] - nominal)
-        return float(np.clip(value, self.parameter.lower, self.parameter.upper))
-
-    def grid(self, points: int) -> np.ndarray:
-        """Numbers to try, from bound to bound, the nominal one among them, denser near it."""
-        lower, upper = self.bounds
-        above = self.nominal + (upper - self.nominal) * np.linspace(0, 1, points) ** 2
-        below = self.nominal - (self.nominal - lower) * np.linspace(0, 1, points) ** 2
-        return np.unique(
-            np.concatenate(
-                [above if upper > self.nominal else [], below[::-1] if lower < self.nominal else [], [self.nominal]]
-            )
-        )
+    hypotheses: tuple[Hypothesis, ...]
+    numbers: np.ndarray
+    loss: float
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A hypothesis, fitted and judged, on top of what was already believed."""
+    """A set of hypotheses fitted to replays of its own, and judged on logs it was not fitted on."""
 
-    hypothesis: Hypothesis
+    hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
-    """Grid of the fitted number, (numbers,)."""
-    curve: np.ndarray
-    """Sum of squares on the grid with the beliefs of all jumps, (numbers, jumps): the profile likelihood."""
+    """Fitted on all logs, those of all hypotheses in one vector."""
+    tried: np.ndarray
+    """Where it was replayed: the numbers are one linear step from here."""
+    columns: np.ndarray
+    """Errors there and their derivatives, (pieces, values, 1 + numbers)."""
+    loss: float
+    """On all logs, fitted on all."""
+    chi2: np.ndarray
+    """Of each piece over its values, fitted on all logs; 1 is what noise explains, (pieces,)."""
+    covariance: np.ndarray
+    """Of the numbers, nuisances free: from the curvature of the loss, or from the scatter of its slope over pieces
+    where that says more."""
     fold_numbers: np.ndarray
-    """Fitted on the other folds' jumps, (folds,)."""
+    """Fitted without each fold, (folds, numbers)."""
     heldout: np.ndarray
-    """Sum of squares on each jump, at the number fitted without its fold, (jumps,)."""
+    """Loss of each piece, fitted without its fold, (pieces,)."""
 
     @property
-    def number(self) -> float:
-        """Fitted on all jumps."""
-        return lowest(self.numbers, self.curve.sum(axis=1))
+    def names(self) -> tuple[str, ...]:
+        """Of the effects."""
+        return tuple(h.name for h in self.hypotheses)
 
     @property
     def at_bound(self) -> bool:
-        """Whether the fit ran to the end of its range, away from the nominal value: no sensible value fits."""
-        lower, upper = self.hypothesis.bounds
-        margin = 0.02 * (upper - lower)
-        return any(abs(self.number - bound) < margin for bound in (lower, upper) if bound != self.hypothesis.nominal)
+        """Whether some number ran to the end of its range."""
+        return any(h.at_bound(n) for h, n in zip(self.hypotheses, self.split(), strict=True))
+
+    @property
+    def sensible(self) -> bool:
+        """Whether every hypothesis departs from nominal, and none ran to the end of its range."""
+        spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        departs = [
+            (np.abs(n - h.nominal) > LEAST_SPREADS * s).any()
+            for h, n, s in zip(self.hypotheses, self.split(), self.split(spread), strict=True)
+        ]
+        return all(departs) and not self.at_bound
+
+    def split(self, numbers: np.ndarray | None = None) -> list[np.ndarray]:
+        """Numbers of each hypothesis."""
+        return parted(self.hypotheses, self.numbers if numbers is None else numbers)
+
+
+def in_words(fit: Fit) -> str:
+    """``payload 1.7 + foot_friction at front 0.44``."""
+    parts = []
+    for h, numbers in zip(fit.hypotheses, fit.split(), strict=True):
+        where = "" if h.location == "all" else f" at {h.location}"
+        parts.append(f"{h.name}{where} {' '.join(f'{n:.4g}' for n in numbers)}")
+    return " + ".join(parts)
+
+
+def parted(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
+    """One vector of numbers cut to those of each hypothesis."""
+    return np.split(numbers, np.cumsum([len(h.parameters) for h in hypotheses])[:-1]) if hypotheses else []
+
+
+def clipped(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.ndarray:
+    """Numbers within their ranges."""
+    parts = [h.clipped(n) for h, n in zip(hypotheses, parted(hypotheses, numbers), strict=True)]
+    return np.concatenate(parts) if parts else numbers
+
+
+@dataclass
+class Descent:
+    """One set of hypotheses on its way down."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    numbers: np.ndarray
+    """Where it is tried next."""
+    best: np.ndarray
+    """Where it was best."""
+    loss: float = np.inf
+    columns: np.ndarray | None = None
+    done: bool = False
 
 
 @dataclass(frozen=True)
-class Belief:
-    """Effects already believed, with the numbers of each fold and of all jumps."""
+class Plan:
+    """How wide the search is, and when a further cause is believed."""
 
-    fits: tuple[Fit, ...] = ()
+    shortlist: int = 10
+    """Sets fitted to replays of their own in the first round; of every later one, half as many."""
+    per_effect: int = 3
+    """Of them, with one effect at different places."""
+    steps: int = 5
+    """Of Gauss–Newton."""
+    beams: int = 2
+    """Sets of a round that the next one builds on."""
+    most_causes: int = 4
+    least_gain: float = 12.0
+    """A cause must gain so much log likelihood on held-out logs,"""
+    least_further_gain: float = 60.0
+    """a further one so much,"""
+    least_share: float = 0.015
+    """and this share of what all causes together gain,"""
+    least_agree: float = 0.75
+    """on this share of the logs."""
 
-    def effects(self, log: str, fold: int | None) -> tuple[Effect, ...]:
-        """On one log, as fitted without a fold (None: on all jumps)."""
-        return tuple(
-            fit.hypothesis.on(log, fit.number if fold is None else float(fit.fold_numbers[fold])) for fit in self.fits
-        )
+
+@dataclass(frozen=True)
+class Valley:
+    """How much worse the evidence fits as a hypothesis's first number leaves its best value, all else free."""
+
+    hypothesis: Hypothesis
+    values: np.ndarray
+    loss: np.ndarray
+    """Above the least, (values,)."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search believes, and all that it fitted on the way."""
+
+    nominal: Fit
+    believed: Fit
+    rounds: tuple[tuple[Fit, ...], ...]
+    """Fits of sets of one, two, … hypotheses, best on held-out logs first; the last round may not be believed."""
+    log_of_piece: np.ndarray
+    values: int
+    """Of a piece."""
+    profiles: tuple["Valley", ...]
+    """Of the first round."""
+
+    def before(self, number: int) -> Fit:
+        """The fit of the first so many of the believed hypotheses."""
+        if number == 0:
+            return self.nominal
+        wanted = self.believed.hypotheses[:number]
+        return next(fit for fit in self.rounds[number - 1] if fit.hypotheses == wanted)
+
+    @property
+    def rivals(self) -> tuple[Fit, ...]:
+        """Sets as large as the believed one, itself among them."""
+        return self.rounds[len(self.believed.hypotheses) - 1] if self.believed.hypotheses else ()
+
+
+def find(
+    bare: Evidence,
+    coarse: Evidence,
+    hypotheses: Sequence[Hypothesis],
+    tolerances: Mapping[str, float],
+    fold_of_log: np.ndarray,
+    plan: Plan,
+    progress: Callable[[str], None],
+) -> Found:
+    """Search some of the evidence about the nominal robot, then all of it about the robot with what was found there.
+
+    Far from the truth neither noise nor small effects do what they do near it.
+    """
+    first = Search(Responses.of(coarse, hypotheses, tolerances), fold_of_log, plan, progress)
+    singles = first.singles(hypotheses)
+    sensible = [fit for fit in singles if fit.sensible]
+    if sensible and first.convincing(sensible[0], first.nominal):
+        best = sensible[0]
+        around = list(zip(best.hypotheses, best.split(), strict=True))
+        search = Search(Responses.of(bare, hypotheses, tolerances, around), fold_of_log, plan, progress)
+        return search.forward(hypotheses, search.again(sensible[: (plan.shortlist + 1) // 2]))
+    search = Search(Responses.of(bare, hypotheses, tolerances), fold_of_log, plan, progress)
+    return search.forward(hypotheses, search.singles(hypotheses))
 
 
 @dataclass
 class Search:
-    """Fits hypotheses on one set of logs; knows folds, replays and progress."""
+    """Looks for sets of hypotheses on one body of evidence."""
 
-    judged: Judged
-    replayer: Replayer
-    folds: int
-    grid_points: int
-    refinements: int = 2
-    refined_points: int = 3
+    responses: Responses
+    fold_of_log: np.ndarray
+    plan: "Plan"
     progress: Callable[[str], None] = field(default=lambda _: None)
 
     def __post_init__(self) -> None:
-        number = len(self.judged.jumps)
-        self.fold_of = np.arange(number) % min(self.folds, number)
-        if number < 2:
-            raise InputError(
-                "diagnose.logs",
-                f"{number} jump",
-                "two or more: a cause is judged on jumps it was not fitted on",
-                "log another jump",
-            )
+        self.evidence: Evidence = self.responses.evidence
+        self.fold_of_piece = self.fold_of_log[self.evidence.log_of_piece]
+        self.nominal = self.judged((), np.zeros(0), self.responses.nominal[:, :, None])
 
-    def fit(self, hypothesis: Hypothesis, belief: Belief) -> Fit:
-        """Fit one hypothesis on top of a belief, on every fold's training jumps, and judge it held out."""
-        numbers = hypothesis.grid(self.grid_points)
-        curve = self._curve(hypothesis, belief, numbers)
-        for _ in range(self.refinements):  # valleys may be narrower than the grid
-            finer = self._finer(numbers, curve)
-            if not len(finer):
+    def singles(self, hypotheses: Sequence[Hypothesis]) -> tuple[Fit, ...]:
+        """Each effect alone: the most promising ones fitted, best on held-out logs first."""
+        guesses = [*self.trials(hypotheses), *self.linear(self.nominal, hypotheses)]
+        return self.fitted(guesses, self.plan.shortlist, self.nominal)
+
+    def again(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
+        """Fits of other evidence, begun where they ended."""
+        return self.fitted([Guess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits), self.nominal)
+
+    def forward(self, hypotheses: Sequence[Hypothesis], first: tuple[Fit, ...]) -> Found:
+        """Believe the best of the first fits, and add hypotheses while a further one gains on held-out logs."""
+        believed, rounds, fits = self.nominal, [], first
+        while fits:
+            rounds.append(fits)
+            sensible = [fit for fit in fits if fit.sensible]
+            if not sensible or not self.convincing(sensible[0], believed):
                 break
-            order = np.argsort(np.concatenate([numbers, finer]))
-            curve = np.concatenate([curve, self._curve(hypothesis, belief, finer)])[order]
-            numbers = np.concatenate([numbers, finer])[order]
-        fold_numbers = np.array(
-            [lowest(numbers, self._training(curve, f).sum(axis=1)) for f in range(self.fold_of.max() + 1)]
+            believed = sensible[0]
+            if len(rounds) >= self.plan.most_causes:
+                break
+            further = [g for beam in sensible[: self.plan.beams] for g in self.linear(beam, hypotheses)]
+            fits = self.fitted(further, (self.plan.shortlist + 1) // 2, believed)
+        return Found(
+            self.nominal,
+            believed,
+            tuple(rounds),
+            self.evidence.log_of_piece,
+            self.nominal.columns.shape[1],
+            self.valleys(first),
         )
-        judge = [
-            (*belief.effects(jump.name, int(f)), hypothesis.on(jump.name, float(fold_numbers[f])))
-            for jump, f in zip(self.judged.jumps, self.fold_of, strict=True)
-        ]
-        heldout = squares(self.judged, self.replayer, [judge])[0]
-        fit = Fit(hypothesis, numbers, curve, fold_numbers, heldout)
-        self.progress(f"{hypothesis.name} at {hypothesis.location}: {hypothesis.parameter.name} {fit.number:.4g}")
-        return fit
 
-    def _curve(self, hypothesis: Hypothesis, belief: Belief, numbers: np.ndarray) -> np.ndarray:
-        """Sums of squares (numbers, jumps), with what is believed at the numbers fitted on all jumps.
+    def valleys(self, fits: Sequence[Fit]) -> tuple[Valley, ...]:
+        """One for each effect, at its best place."""
+        best: dict[str, Fit] = {}
+        for fit in fits:
+            best.setdefault(fit.names[0], fit)
+        return tuple(self.valley(fit) for fit in best.values())
 
-        One batch of replays serves all folds; held-out errors are judged anew with each fold's own numbers.
-        """
+    def valley(self, fit: Fit) -> Valley:
+        """Of one hypothesis, by the derivatives at its fit."""
+        (hypothesis,) = fit.hypotheses
+        spread = 4 * np.sqrt(fit.covariance[0, 0])
+        bounds = (hypothesis.bounds[0][0], hypothesis.bounds[1][0])
+        values = np.unique(np.clip(fit.numbers[0] + spread * np.linspace(-1, 1, 17), *bounds))
+        losses, prior = [], self.prior(len(fit.numbers) - 1)
+        for value in values:
+            errors = fit.columns[:, :, :1] + (value - fit.tried[0]) * fit.columns[:, :, 1:2]
+            products = self.responses.free(np.concatenate([errors, fit.columns[:, :, 2:]], axis=2))
+            losses.append(products.penalised(products.fit(prior, self.every), prior))
+        return Valley(hypothesis, values, np.array(losses) - min(losses))
+
+    def fitted(self, guesses: Sequence[Guess], most: int, before: Fit) -> tuple[Fit, ...]:
+        """The most promising guesses fitted, best on held-out logs first."""
+        fits = sorted(self.exact(self.shortlisted(guesses, most), before.loss), key=lambda fit: fit.heldout.sum())
+        for fit in fits[:3]:
+            self.progress(f"{in_words(fit)}: gain {self.nominal.heldout.sum() - fit.heldout.sum():.0f}")
+        return tuple(fits)
+
+    def shortlisted(self, guesses: Sequence[Guess], most: int) -> list[Guess]:
+        """The most promising guesses, not too many of one effect, each set once."""
+        kept: dict[frozenset[Hypothesis], Guess] = {}
+        of_effect: dict[str, int] = {}
+        for guess in sorted(guesses, key=lambda g: g.loss):
+            newest, key = guess.hypotheses[-1].name, frozenset(guess.hypotheses)
+            if key not in kept and of_effect.get(newest, 0) < self.plan.per_effect and len(kept) < most:
+                kept[key] = guess
+                of_effect[newest] = of_effect.get(newest, 0) + 1
+        return list(kept.values())
+
+    def convincing(self, fit: Fit, before: Fit) -> bool:
+        """Whether a further cause gains enough on held-out logs."""
+        gains = np.bincount(self.evidence.log_of_piece, before.heldout - fit.heldout)
+        gain = gains.sum()
+        whole = (self.nominal.heldout - fit.heldout).sum()
+        plan = self.plan
+        least = plan.least_further_gain if before.hypotheses else plan.least_gain
+        return bool(gain > least and gain > plan.least_share * whole and (gains > 0).mean() >= plan.least_agree)
+
+    @property
+    def every(self) -> np.ndarray:
+        """All pieces."""
+        return np.ones(self.evidence.size, bool)
+
+    def prior(self, numbers: int) -> np.ndarray:
+        """1/σ² of free numbers, then of the nuisances."""
+        return np.concatenate([np.zeros(numbers), np.ones(self.responses.nuisances.shape[2])])
+
+    def residuals(self, tried: Sequence[tuple[Sequence[Hypothesis], np.ndarray]]) -> list[np.ndarray]:
+        """Whitened errors (pieces, values) of sets of hypotheses with their numbers."""
         candidates = [
-            [(*belief.effects(jump.name, None), hypothesis.on(jump.name, float(number))) for jump in self.judged.jumps]
-            for number in numbers
+            on_logs(self.evidence, *zip(hypotheses, parted(hypotheses, numbers), strict=True))
+            for hypotheses, numbers in tried
         ]
-        return squares(self.judged, self.replayer, candidates)
+        return [joined(of) for of in self.evidence.residuals(candidates)]
 
-    def _training(self, curve: np.ndarray, fold: int) -> np.ndarray:
-        """The part of a curve that a fold may be fitted on (the last, of all jumps, is whole)."""
-        return curve[:, self.fold_of != fold]
+    def loss_of(self, errors: np.ndarray) -> float:
+        """Loss of errors once the nuisances took their part."""
+        products, prior = self.responses.free(errors[:, :, None]), self.prior(0)
+        return products.penalised(products.fit(prior, self.every), prior)
 
-    def _finer(self, numbers: np.ndarray, curve: np.ndarray) -> np.ndarray:
-        """Numbers between the neighbours of the folds' minima."""
-        folds = range(self.fold_of.max() + 1)
-        lows = [int(np.argmin(self._training(curve, f).sum(axis=1))) for f in folds]
-        left, right = numbers[max(0, min(lows) - 1)], numbers[min(len(numbers) - 1, max(lows) + 1)]
-        return np.setdiff1d(np.linspace(left, right, self.refined_points + 2)[1:-1], numbers)
+    def trials(self, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
+        """Effects that act everywhere, at several sizes, as they are."""
+        tried = [
+            ((h,), numbers)
+            for h in hypotheses
+            if h.location == "all"
+            for size in TRIALS
+            for sign in (1.0, -1.0)
+            if h.allows(numbers := h.nominal + size * sign * h.moderate)
+        ]
+        found = self.residuals(tried)
+        return [Guess(h, x, self.loss_of(errors)) for (h, x), errors in zip(tried, found, strict=True)]
+
+    def linear(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
+        """Each further hypothesis on top of a fit, in the linear model."""
+        further = [h for h in hypotheses if h.name not in base.names and h.name in self.responses.names]
+        found = []
+        for h, products in zip(further, self.responses.beside(base.columns, further), strict=True):
+            both, p = (*base.hypotheses, h), len(base.numbers) + len(h.parameters)
+            weights = products.fit(self.prior(p), self.every, LINEAR_ITERATIONS)
+            numbers = np.concatenate([base.numbers, h.nominal]) + weights[1 : 1 + p]
+            found.append(Guess(both, clipped(both, numbers), products.penalised(weights, self.prior(p))))
+        return found
+
+    def exact(self, guesses: Sequence[Guess], before: float) -> list[Fit]:
+        """Fit sets of hypotheses to their own replays, all side by side; ``before`` is the loss to be lowered."""
+        descents = [Descent(g.hypotheses, g.numbers, g.numbers) for g in guesses]
+        for step in range(self.plan.steps):
+            active = [d for d in descents if not d.done]
+            if not active:
+                break
+            self.step(active)
+            least = min(d.loss for d in descents)
+            for d in active:
+                d.done = d.done or (step > 0 and before - d.loss < HOPELESS * (before - least))
+        return [self.judged(d.hypotheses, d.best, d.columns) for d in descents if d.columns is not None]
+
+    def step(self, descents: Sequence[Descent]) -> None:
+        """One evaluation of each, with derivatives where there are none yet, and one move."""
+        tried: list[tuple[tuple[Hypothesis, ...], np.ndarray]] = []
+        for d in descents:
+            tried.append((d.hypotheses, d.numbers))
+            if d.columns is None:
+                tried += [(d.hypotheses, d.numbers + by) for by in differences(d.hypotheses, d.numbers)]
+        found = iter(self.residuals(tried))
+        for d in descents:
+            errors = next(found)
+            if d.columns is None:
+                by = differences(d.hypotheses, d.numbers)
+                slopes = np.stack([(next(found) - errors) / step.sum() for step in by], axis=2)
+            else:
+                slopes = broyden(d.columns, d.numbers - d.best, errors)
+            loss = self.loss_of(errors)
+            if loss > d.loss:  # too far: keep the place, learn the slope, go half way
+                d.columns = np.concatenate([d.columns[:, :, :1], slopes], axis=2) if d.columns is not None else None
+                d.numbers = (d.numbers + d.best) / 2
+                continue
+            d.done = d.loss - loss < SETTLED
+            d.loss, d.best = loss, d.numbers
+            d.columns = np.concatenate([errors[:, :, None], slopes], axis=2)
+            products, p = self.responses.free(d.columns), len(d.numbers)
+            d.numbers = clipped(d.hypotheses, d.best + products.fit(self.prior(p), self.every)[1 : 1 + p])
+
+    def judged(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
+        """Held out: numbers and nuisances fitted on the other folds, by the derivatives at the fit."""
+        products, p = self.responses.free(columns), len(numbers)
+        prior = self.prior(p)
+        heldout, folds = np.zeros(self.evidence.size), []
+        for fold in range(int(self.fold_of_log.max()) + 1):
+            out = self.fold_of_piece == fold
+            weights = products.fit(prior, ~out)
+            folds.append(clipped(hypotheses, numbers + weights[1 : 1 + p]))
+            heldout[out] = products.loss(weights)[out]
+        weights = products.fit(prior, self.every)
+        chi2 = products.chi2(weights)
+        emphasis = 2 * products.values / (products.values + chi2)
+        normal = np.tensordot(emphasis, products.gram, axes=1)[1:, 1:] + np.diag(prior)
+        slope = emphasis[:, None] * (products.gram @ weights)[:, 1:]
+        return Fit(
+            hypotheses,
+            clipped(hypotheses, numbers + weights[1 : 1 + p]),
+            numbers,
+            columns,
+            products.penalised(weights, prior),
+            chi2 / products.values,
+            covariance(normal, slope.T @ slope + np.diag(prior), p),
+            np.array(folds),
+            heldout,
+        )
 
 
-def lowest(numbers: np.ndarray, total: np.ndarray) -> float:
-    """Minimum of a curve on a grid, by the parabola through its lowest point and neighbours."""
-    i = int(np.argmin(total))
-    if i in (0, len(numbers) - 1):
-        return float(numbers[i])
-    (a, b, c), (fa, fb, fc) = numbers[i - 1 : i + 2], total[i - 1 : i + 2]
-    curvature = (b - a) * (fb - fc) - (b - c) * (fb - fa)
-    if curvature == 0:
-        return float(b)
-    vertex = b - 0.5 * ((b - a) ** 2 * (fb - fc) - (b - c) ** 2 * (fb - fa)) / curvature
-    return float(np.clip(vertex, a, c))
+def covariance(normal: np.ndarray, scatter: np.ndarray, numbers: int) -> np.ndarray:
+    """Of the first numbers: the inverse curvature, widened to the sandwich N⁻¹ S N⁻¹ where errors are not white."""
+    inverse = np.linalg.pinv(normal)
+    plain, sandwich = inverse[:numbers, :numbers], (inverse @ scatter @ inverse)[:numbers, :numbers]
+    wider = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300)))
+    return np.asarray(plain * wider[:, None] * wider)
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A figure with its 95 % interval over jumps drawn again."""
-
-    value: float
-    low: float
-    high: float
-
-
-def resamples(jumps: int, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Bootstrap over jumps: indices (draws, jumps)."""
-    return rng.integers(0, jumps, size=(draws, jumps))
+def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
+    """A small step in each number, inside its range."""
+    steps = STEP * np.concatenate([h.moderate for h in hypotheses])
+    lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
+    inside = (numbers + steps <= upper) & (numbers + steps >= lower)
+    return list(np.diag(np.where(inside, steps, -steps)))
 
 
-def closure(
-    nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: Judged, draws: np.ndarray
-) -> Interval:
-    """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a jump."""
-    number = counts(judged)
-
-    def of(chosen: np.ndarray) -> float:
-        values = number[chosen].sum()
-        before, after, least = (np.sqrt(s[chosen].sum() / values) for s in (nominal, corrected, floor))
-        return float((before - after) / max(before - least, 1e-12))
-
-    sample = [of(chosen) for chosen in draws]
-    return Interval(of(np.arange(len(number))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
-
-
-def number_interval(fit: Fit, draws: np.ndarray) -> Interval:
-    """The fitted number with jumps drawn again: the spread of what other jumps would have said."""
-    sample = [lowest(fit.numbers, fit.curve[:, chosen].sum(axis=1)) for chosen in draws]
-    return Interval(fit.number, float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
-
-
-def first_shares(fits: Sequence[Fit], draws: np.ndarray) -> np.ndarray:
-    """How often each hypothesis has the least held-out error when jumps are drawn again, (hypotheses,)."""
-    totals = np.stack([fit.heldout[draws].sum(axis=1) for fit in fits])
-    return np.bincount(totals.argmin(axis=0), minlength=len(fits)) / len(draws)
-
-
-def search_forward(
-    search: Search, hypotheses: Sequence[Hypothesis], nominal: np.ndarray, least_gain: float, most: int
-) -> tuple[Belief, list[list[Fit]]]:
-    """Add the best hypothesis while the next one buys a share of the headline gap on held-out jumps.
-
-    A fit that ran into the bound of its range is shown and never believed. Returns what is believed and the fits of
-    every round, the first round being each hypothesis alone.
-    """
-    belief, rounds, before = Belief(), [], nominal
-    while len(belief.fits) < most:
-        taken = {fit.hypothesis.key for fit in belief.fits}
-        fits = [search.fit(h, belief) for h in hypotheses if h.key not in taken]
-        if not fits:
-            break
-        rounds.append(sorted(fits, key=lambda fit: fit.heldout.sum()))
-        sensible = [fit for fit in rounds[-1] if not fit.at_bound]
-        if not sensible:
-            break
-        best = sensible[0]
-        gain = (np.sqrt(before.sum()) - np.sqrt(best.heldout.sum())) / np.sqrt(nominal.sum())
-        if gain < least_gain:
-            break
-        belief, before = Belief((*belief.fits, best)), best.heldout
-    return belief, rounds
+def broyden(columns: np.ndarray, move: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Derivatives (pieces, values, numbers) that also explain what a move did to the errors."""
+    length = float(move @ move)
+    slopes = columns[:, :, 1:]
+    if length == 0:
+        return slopes
+    surprise = errors - columns[:, :, 0] - slopes @ move
+    return np.asarray(slopes + surprise[:, :, None] * move / length)

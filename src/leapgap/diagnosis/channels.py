@@ -16,6 +16,8 @@ class Channel:
 
     name: str
     unit: str
+    scale: float
+    """The difference that counts as one in the headline gap."""
 
 
 HEADLINE = {
@@ -58,11 +60,15 @@ def simulated(motion: Motion, channel: str, robot: Robot) -> np.ndarray:
     return motion.qvel[:, axis + (3 if channel.startswith("base_angvel") else 0)]
 
 
+JOINT_SCALES = {"joint_pos": (0.1, "rad"), "joint_vel": (1.0, "rad/s")}
+"""Headline scales of a robot whose base is fixed: all that moves are its joints."""
+
+
 def available(jumps: Sequence[Jump], robot: Robot) -> tuple[Channel, ...]:
     """Channels that every log has: the base's headline channels, then joint positions and velocities."""
-    wanted = [Channel(name, unit) for name, unit in BASE_UNITS.items()] if robot.has_free_base else []
-    wanted += [Channel(f"joint_pos/{joint}", "rad") for joint in robot.joints]
-    wanted += [Channel(f"joint_vel/{joint}", "rad/s") for joint in robot.joints]
+    wanted = [Channel(name, unit, HEADLINE[name]) for name, unit in BASE_UNITS.items()] if robot.has_free_base else []
+    for quantity, (scale, unit) in JOINT_SCALES.items():
+        wanted += [Channel(f"{quantity}/{joint}", unit, scale) for joint in robot.joints]
     return tuple(c for c in wanted if all(is_logged(jump, c.name) for jump in jumps))
 
 

@@ -45,6 +45,30 @@ def clock_scale(position: np.ndarray, velocity: np.ndarray, period_s: float) -> 
     return float((moved * integral).sum() / (integral**2).sum())
 
 
+LOCAL_S = 0.02
+"""Half width, standard deviation, of the window of a local clock."""
+LOCAL_PRIOR = 0.05
+"""Weight of the log's mean clock in a local one, as a share of what a window says on average."""
+
+
+def local_clock(position: np.ndarray, velocity: np.ndarray, period_s: float, every: int) -> np.ndarray:
+    """The same ratio as it changes within a log, one value every so many rows, (values,).
+
+    The regression of ``clock_scale`` in a window that slides along; where little moves, the whole log's ratio.
+    """
+    moved = np.diff(position, axis=0)
+    integral = (velocity[1:] + velocity[:-1]) / 2 * period_s
+    span = max(1, round(SPAN_S / period_s))
+    box = np.ones(span)
+    moved, integral = (np.apply_along_axis(np.convolve, 0, x, box, "same") for x in (moved, integral))
+    product, square = (moved * integral).sum(axis=1), (integral**2).sum(axis=1)
+    rows = np.arange(len(moved)) + 0.5
+    at = np.linspace(0, len(position) - 1, max(2, len(position) // every))
+    window = np.exp(-0.5 * ((at[:, None] - rows) * period_s / LOCAL_S) ** 2)
+    mean, prior = product.sum() / square.sum(), LOCAL_PRIOR * (window @ square).mean()
+    return np.asarray((window @ product + prior * mean) / (window @ square + prior))
+
+
 def joint_clock(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | None:
     """Do the joints' positions follow from their velocities at the claimed sample period?"""
     if any(f"{q}/{robot.joints[0]}" not in jump for jump in jumps for q in ("joint_pos", "joint_vel")):
@@ -86,6 +110,39 @@ def clock_check(name: str, what: str, scales: dict[str, float], threshold: float
         f"(logs {low:.2f} to {high:.2f}): the loop runs {'slower' if statistic > 0 else 'faster'} than the log claims"
     )
     return Check(name, passed, abs(statistic), threshold, says, scales)
+
+
+LOCAL_ROWS = 20
+"""A local clock has one value every so many rows."""
+
+
+def local_clocks(jumps: Sequence[Jump], robot: Robot) -> dict[str, np.ndarray] | None:
+    """The joints' clock as it changes within each log."""
+    if any(f"{q}/{robot.joints[0]}" not in jump for jump in jumps for q in ("joint_pos", "joint_vel")):
+        return None
+    return {
+        jump.name: local_clock(
+            jump.per_joint("joint_pos", robot.joints),
+            jump.per_joint("joint_vel", robot.joints),
+            jump.info.sample_period_s,
+            LOCAL_ROWS,
+        )
+        for jump in jumps
+    }
+
+
+def even_clock(clocks: dict[str, np.ndarray] | None, threshold: float) -> Check | None:
+    """Does the loop take equally long throughout a log, by the joints' own clock?"""
+    if clocks is None:
+        return None
+    spread = {name: float(clock.std()) for name, clock in clocks.items()}
+    statistic = float(np.median(list(spread.values())))
+    passed = statistic <= threshold
+    low, high = (float(f([f(clock) for clock in clocks.values()])) for f in (min, max))
+    says = f"the true period of a row changes by {100 * statistic:.1f} % within a log (standard deviation)" + (
+        "" if passed else f", from {low:.2f} to {high:.2f} times the claimed one"
+    )
+    return Check("even_clock", passed, statistic, threshold, says, spread)
 
 
 def free_fall(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | None:

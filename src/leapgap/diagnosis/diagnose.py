@@ -8,27 +8,24 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis import checks as consistency
-from leapgap.diagnosis.attribution import (
-    Belief,
-    Fit,
-    Hypothesis,
-    Interval,
-    Search,
-    closure,
-    first_shares,
-    number_interval,
-    resamples,
-    search_forward,
-)
+from leapgap.diagnosis.attribution import Fit, Found, Plan, find
 from leapgap.diagnosis.channels import BASE_UNITS, is_logged
 from leapgap.diagnosis.checks import Check
+from leapgap.diagnosis.closure import Interval, closure, effects_on, heldout_squares, resamples
+from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged, counts, noise_floor, pooled, squares, where
+from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.report import Cause, Estimate, Profile, Report
+from leapgap.diagnosis.responses import FINER
+from leapgap.diagnosis.verdict import Answer, Doubts, answer_of, first_shares, probability, verdict_of
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Motion, Replayer, Trial
+
+SIGMAS = 1.96
+"""Of a 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +35,23 @@ class Settings:
     effects: list[str] = field(default_factory=list)
     """Names of the hypotheses; empty: all known effects."""
     folds: int = 4
-    grid_points: int = 5
-    """Values tried between nominal and each bound, before refining."""
-    most_causes: int = 2
-    least_gain: float = 0.02
-    """A further cause must remove this share of the nominal gap on held-out jumps."""
-    none_below_floors: float = 1.5
-    """A nominal gap of at most this many noise floors is no gap."""
-    rival_share: float = 0.1
-    """A rival that is best in this share of the resamples cannot be told apart."""
+    horizon_s: float = 0.1
+    """Replays start anew from the log so often,"""
+    every_s: float = 0.01
+    """and are compared so often."""
+    pieces_per_log: int = 8
+    most_pieces: int = 96
+    plan: Plan = field(default_factory=Plan)
+    doubts: Doubts = field(default_factory=Doubts)
+    tolerances: dict[str, float] = field(default_factory=dict)
+    """``effect.parameter`` → standard deviation of what no description of a robot has exactly."""
+    model_error: float = 0.03
+    """Of a departure from nominal: what a fit in another simulation than the robot's own is off by."""
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
+    even_threshold: float = 0.03
+    shrinkage: list[float] = field(default_factory=lambda: [0.4, 0.6, 0.8, 1.0])
+    """Shares of a departure that are tried where a confirmed cause leaves most of the gap."""
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
     noise_draws: int = 3
@@ -80,58 +83,102 @@ def diagnose(
     names = known_names(settings)
     replayer = Replayer(robot, terrain_slots=max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1)
     judged = Judged.of(jumps, robot)
+    folds = folds_of(judged, settings.folds)
     rng = np.random.default_rng(settings.seed)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
     nominal = squares(judged, replayer, [[()] * len(jumps)])[0]
     floor = noise_floor(judged, replayer, settings.noise_draws, rng)
     progress(f"headline gap {pooled(nominal, judged):.3f}, noise floor {pooled(floor, judged):.3f}")
-    places = where(judged, replayer, settings.where_horizon_s)
     checks = run_checks(judged, robot, settings)
-    search = Search(judged, replayer, settings.folds, settings.grid_points, progress=progress)
-    hypotheses = hypotheses_of(names, checks)
-    belief, rounds = search_forward(search, hypotheses, nominal, settings.least_gain, settings.most_causes)
+    clock = clock_of(checks, judged, robot)
+    found = search(judged, replayer, hypotheses_of(names, robot, clock), folds, settings, progress)
+    shown = shown_fits(found)
+    of_fits = dict(zip(map(id, shown), heldout_squares(judged, replayer, shown, folds), strict=True))
+    of_fits[id(found.nominal)] = nominal
     draws = resamples(len(jumps), settings.bootstrap_draws, rng)
-    verdict, answer = judge(belief, rounds, nominal, floor, judged, draws, settings)
-    if not answer:  # nothing is believed where nothing is answered
-        belief = Belief()
-    heldout = belief.fits[-1].heldout if belief.fits else nominal
-    closes = closure(nominal, heldout, floor, judged, draws) if belief.fits else None
-    shared = shared_closure(search, belief, nominal, floor, draws)
-    causes = tuple(causes_of(rounds, belief, nominal, floor, judged, draws, settings))
-    folds = {jump.name: int(f) for jump, f in zip(jumps, search.fold_of, strict=True)}
+    shares = first_shares(found, draws) if found.rivals else np.zeros(0)
+    heldout = of_fits[id(found.believed)]
+    closes = closure(nominal, heldout, floor, judged, draws) if found.believed.hypotheses else None
+    answer = answer_of(found, shares, settings.doubts)
+    closed = max(closes.value, finer_closure(found.believed, judged, replayer, floor, folds)) if closes else None
+    verdict = verdict_of(found, answer, closed, settings.doubts)
+    believed = found.believed if verdict in ("named", "ambiguous") else found.nominal
+    if verdict == "unknown" and confirmed(found):
+        believed = shrunk(found.before(1), judged, replayer, folds, settings.shrinkage)
+        of_fits[id(believed)] = heldout_squares(judged, replayer, [believed], folds)[0]
+        verdict, answer = "named", (believed.names,)
+    answer = answer if believed.hypotheses else ()  # nothing is believed where nothing is answered
+    heldout = of_fits[id(believed)]
+    closes = closure(nominal, heldout, floor, judged, draws) if answer else None
+    closures = {key: closure(nominal, of, floor, judged, draws) for key, of in of_fits.items()}
+    gaps = {key: pooled(of, judged) for key, of in of_fits.items()}
+    causes = tuple(causes_of(found, believed, answer, shares, closures, gaps, judged, settings))
     whole = replayer.motions([Trial(jump) for jump in jumps])
-    mended = replayer.motions([Trial(jump, belief.effects(jump.name, folds[jump.name])) for jump in jumps])
-    numbers = counts(judged)
+    mended = replayer.motions(
+        [Trial(jump, effects_on(believed, jump.name, fold)) for jump, fold in zip(jumps, folds, strict=True)]
+    )
     report = Report(
         verdict=verdict,
-        sentence=sentence(verdict, answer, belief, pooled(nominal, judged), pooled(heldout, judged), closes, judged),
+        sentence=sentence(verdict, answer, believed, pooled(nominal, judged), pooled(heldout, judged), closes, judged),
         gap_nominal=pooled(nominal, judged),
         gap_corrected=pooled(heldout, judged),
         noise_floor=pooled(floor, judged),
         answer=answer,
         closure_of_answer=closes,
-        closure_shared=shared,
-        where=tuple(places),
+        closure_shared=shared_closure(believed, judged, replayer, nominal, heldout, floor, folds, draws),
+        where=tuple(where(judged, replayer, settings.where_horizon_s)),
         causes=causes,
         checks=tuple(checks),
         next_experiment=next_experiment(answer),
         not_judged=tuple(not_judged(jumps, robot)),
-        profiles=tuple(profile(fit, judged) for fit in rounds[0]),
+        profiles=tuple(profiles_of(found)),
         gap_per_log={
             jump.name: {"nominal": float(np.sqrt(a / n)), "corrected": float(np.sqrt(b / n))}
-            for jump, a, b, n in zip(jumps, nominal, heldout, numbers, strict=True)
+            for jump, a, b, n in zip(jumps, nominal, heldout, counts(judged), strict=True)
         },
         provenance={**provenance, "robot": robot.sha256, "config": asdict(settings)},
     )
     logs = [jump.name for jump in jumps]
-    correction = tuple(typical(fit, logs) for fit in belief.fits)
-    return Diagnosis(report, dict(zip(logs, whole, strict=True)), dict(zip(logs, mended, strict=True)), correction)
+    return Diagnosis(
+        report, dict(zip(logs, whole, strict=True)), dict(zip(logs, mended, strict=True)), typical(believed, logs)
+    )
+
+
+def folds_of(judged: Judged, folds: int) -> list[int]:
+    """Which fold each jump is held out with."""
+    number = len(judged.jumps)
+    if number < 2:
+        raise InputError(
+            "diagnose.logs",
+            f"{number} jump",
+            "two or more: a cause is judged on jumps it was not fitted on",
+            "log another jump",
+        )
+    return (np.arange(number) % min(folds, number)).tolist()
+
+
+def search(
+    judged: Judged,
+    replayer: Replayer,
+    hypotheses: Sequence[Hypothesis],
+    folds: Sequence[int],
+    settings: Settings,
+    progress: Callable[[str], None],
+) -> Found:
+    """Look for causes in some of the evidence, then in all of it."""
+    most = min(settings.most_pieces, settings.pieces_per_log * len(judged.jumps))
+    whole, coarse = (
+        Evidence.of(judged.jumps, replayer, settings.horizon_s, settings.every_s, pieces)
+        for pieces in (most, (most + 1) // 2)
+    )
+    return find(whole, coarse, hypotheses, settings.tolerances, np.array(folds), settings.plan, progress)
 
 
 def run_checks(judged: Judged, robot: Robot, settings: Settings) -> list[Check]:
     """The consistency checks that the logs have columns for."""
     found = (
         consistency.joint_clock(judged.jumps, robot, settings.clock_threshold),
+        consistency.even_clock(consistency.local_clocks(judged.jumps, robot), settings.even_threshold),
         consistency.base_clock(judged.jumps, robot, settings.clock_threshold),
         consistency.free_fall(judged.jumps, robot, settings.fall_threshold),
         consistency.planted_feet(judged.jumps, robot, settings.planted_threshold_m),
@@ -148,147 +195,169 @@ def known_names(settings: Settings) -> list[str]:
     return settings.effects or list(effects.known())
 
 
-def hypotheses_of(names: Sequence[str], checks: Sequence[Check]) -> list[Hypothesis]:
-    """One hypothesis for each parameter of each effect; one that differs by log gets its values from the joints' clock.
+def clock_of(checks: Sequence[Check], judged: Judged, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
+    """True over claimed period of each log by its joints, where that check failed; several where it changes within.
 
     The joints are not scored in the headline gap, so this holds on held-out jumps too.
     """
-    clock = next((check.per_log for check in checks if check.name == "joint_clock"), None)
-    return [
-        Hypothesis(
-            name, per_log=clock if effects.known()[name].differs_per_log and clock else None, fitted=parameter.name
-        )
-        for name in names
-        for parameter in effects.known()[name].parameters()
-    ]
+    failed = {check.name: check.per_log for check in checks if not check.passed}
+    if "even_clock" in failed:
+        local = consistency.local_clocks(judged.jumps, robot) or {}
+        return {log: tuple(clock.tolist()) for log, clock in local.items()}
+    if "joint_clock" in failed:
+        return {log: (value,) for log, value in failed["joint_clock"].items()}
+    return None
 
 
-def judge(
-    belief: Belief,
-    rounds: Sequence[Sequence[Fit]],
-    nominal: np.ndarray,
-    floor: np.ndarray,
-    judged: Judged,
-    draws: np.ndarray,
-    settings: Settings,
-) -> tuple[str, tuple[tuple[str, ...], ...]]:
-    """Verdict and answer from held-out errors: each believed cause with the rivals it cannot be told apart from."""
-    if pooled(nominal, judged) <= settings.none_below_floors * pooled(floor, judged):
-        return "none", ()
-    believed = [fit for fit in belief.fits if closure(nominal, fit.heldout, floor, judged, draws).low > 0]
-    if not believed:
-        return "unknown", ()
-    answer = []
-    taken = {fit.hypothesis.name for fit in belief.fits}
-    for fit, fits in zip(belief.fits, rounds, strict=False):
-        shares: dict[str, float] = {}
-        for f, share in zip(fits, first_shares(fits, draws), strict=True):
-            shares[f.hypothesis.name] = shares.get(f.hypothesis.name, 0.0) + float(share)
-        rivals = [name for name, share in shares.items() if name not in taken and share >= settings.rival_share]
-        answer.append((fit.hypothesis.name, *sorted(rivals)))
-    return ("named" if all(len(names) == 1 for names in answer) else "ambiguous"), tuple(answer)
+def shown_fits(found: Found) -> list[Fit]:
+    """Fits whose closure the report tells: the believed ones on the way, and the best of each effect alone."""
+    shown = [found.before(k + 1) for k in range(len(found.believed.hypotheses))]
+    if found.believed.hypotheses:
+        shown[-1] = found.believed
+    for fit in (*found.rivals, *(found.rounds[0] if found.rounds else ())):
+        if not any(fit is other for other in shown):
+            shown.append(fit)
+    return shown
 
 
 def causes_of(
-    rounds: Sequence[Sequence[Fit]],
-    belief: Belief,
-    nominal: np.ndarray,
-    floor: np.ndarray,
+    found: Found,
+    believed: Fit,
+    answer: Answer,
+    shares: np.ndarray,
+    closures: Mapping[int, Interval],
+    gaps: Mapping[int, float],
     judged: Judged,
-    draws: np.ndarray,
     settings: Settings,
 ) -> list[Cause]:
-    """Every hypothesis, in the round that decided on it: believed ones first, then as single causes."""
+    """The believed causes, then those that could stand in their place, then every effect alone, best first."""
     causes = []
-    for number, fits in enumerate(rounds):
-        shares = first_shares(fits, draws)
-        for fit, share in zip(fits, shares, strict=True):
-            chosen = number < len(belief.fits) and fit is belief.fits[number]
-            if not chosen and (number > 0 or fit.hypothesis.key in (f.hypothesis.key for f in belief.fits)):
-                continue
-            rivals = tuple(
-                other.hypothesis.name
-                for other, s in zip(fits, shares, strict=True)
-                if other.hypothesis.name != fit.hypothesis.name and chosen and s >= settings.rival_share
-            )
-            causes.append((not chosen, number, cause_of(fit, float(share), rivals, nominal, floor, judged, draws)))
-    return [cause for _, _, cause in sorted(causes, key=lambda c: (c[0], c[1], -c[2].probability, c[2].gap))]
+    for k, names in enumerate(answer):
+        step = believed if k + 1 == len(answer) else found.before(k + 1)
+        sure = probability(names[0], found, shares)
+        causes.append(cause_of(believed, k, sure, names[1:], closures[id(step)], gaps[id(step)], judged, settings))
+    told = {(cause.effect, cause.location) for cause in causes}
+    for fit in (*found.rivals, *(found.rounds[0] if found.rounds else ())):
+        k = len(fit.hypotheses) - 1
+        newest = fit.hypotheses[k]
+        if (newest.name, newest.location) not in told:
+            told.add((newest.name, newest.location))
+            sure = probability(newest.name, found, shares) if newest.name not in believed.names else 0.0
+            causes.append(cause_of(fit, k, sure, (), closures[id(fit)], gaps[id(fit)], judged, settings))
+    return causes[: len(answer)] + sorted(causes[len(answer) :], key=lambda cause: -cause.probability)
 
 
 def cause_of(
     fit: Fit,
-    probability: float,
+    which: int,
+    sure: float,
     rivals: tuple[str, ...],
-    nominal: np.ndarray,
-    floor: np.ndarray,
+    closes: Interval,
+    gap: float,
     judged: Judged,
-    draws: np.ndarray,
+    settings: Settings,
 ) -> Cause:
-    """One fitted hypothesis in words of the report."""
-    hypothesis, parameter = fit.hypothesis, fit.hypothesis.parameter
+    """One hypothesis of a fit in words of the report."""
+    hypothesis, numbers = fit.hypotheses[which], fit.split()[which]
+    spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
     logs = [jump.name for jump in judged.jumps]
-    interval = number_interval(fit, draws)
+    half = SIGMAS * np.hypot(spread, settings.model_error * np.abs(numbers - hypothesis.nominal))
 
-    def typical_value(number: float) -> float:
-        return float(np.median([hypothesis.value(log, number) for log in logs]))
+    def typical_value(of: np.ndarray, name: str) -> float:
+        return float(np.median([hypothesis.values(log, hypothesis.clipped(of))[name] for log in logs]))
 
-    estimate = Estimate(
-        typical_value(interval.value),
-        (typical_value(interval.low), typical_value(interval.high)),
-        parameter.nominal,
-        parameter.unit,
-        fit.at_bound,
-    )
-    per_log = (
-        {} if hypothesis.per_log is None else {log: {parameter.name: hypothesis.value(log, fit.number)} for log in logs}
-    )
-    return Cause(
-        hypothesis.name,
-        hypothesis.location,
-        probability,
-        {parameter.name: estimate},
-        per_log,
-        closure(nominal, fit.heldout, floor, judged, draws),
-        pooled(fit.heldout, judged),
-        rivals,
-    )
+    parameters = {}
+    for p in effects.known()[hypothesis.name].parameters():
+        ends = sorted(typical_value(numbers + side * half, p.name) for side in (-1, 1))
+        parameters[p.name] = Estimate(
+            typical_value(numbers, p.name), (ends[0], ends[1]), p.nominal, p.unit, hypothesis.at_bound(numbers)
+        )
+    per_log = {} if hypothesis.per_log is None else {log: hypothesis.values(log, numbers) for log in logs}
+    return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, closes, gap, rivals)
 
 
 def shared_closure(
-    search: Search, belief: Belief, nominal: np.ndarray, floor: np.ndarray, draws: np.ndarray
+    believed: Fit,
+    judged: Judged,
+    replayer: Replayer,
+    nominal: np.ndarray,
+    heldout: np.ndarray,
+    floor: np.ndarray,
+    folds: Sequence[int],
+    draws: np.ndarray,
 ) -> Interval | None:
-    """Closure of the answer with one value for all logs, where the answer has values that differ by log."""
-    if not any(fit.hypothesis.per_log for fit in belief.fits):
-        return closure(nominal, belief.fits[-1].heldout, floor, search.judged, draws) if belief.fits else None
-    shared = Belief()
-    for fit in belief.fits:
-        alone = search.fit(replace(fit.hypothesis, per_log=None), shared)
-        shared = Belief((*shared.fits, alone))
-    return closure(nominal, shared.fits[-1].heldout, floor, search.judged, draws)
+    """Closure of the answer where every jump gets the median of the other folds' values instead of its own."""
+    if not believed.hypotheses:
+        return None
+    if not any(h.per_log for h in believed.hypotheses):
+        return closure(nominal, heldout, floor, judged, draws)
+    candidate = []
+    for fold in folds:
+        others = [jump.name for jump, f in zip(judged.jumps, folds, strict=True) if f != fold]
+        candidate.append(typical(believed, others, fold))
+    return closure(nominal, squares(judged, replayer, [candidate])[0], floor, judged, draws)
 
 
-def typical(fit: Fit, logs: Sequence[str]) -> Effect:
-    """The effect as fitted on all logs, at the median of the logs' values."""
-    values = [fit.hypothesis.value(log, fit.number) for log in logs]
-    kind = effects.known()[fit.hypothesis.name]
-    return kind(location=fit.hypothesis.location, **{fit.hypothesis.parameter.name: float(np.median(values))})
+def confirmed(found: Found) -> bool:
+    """Whether the first cause is one that the logs contradict themselves about, whatever else there is."""
+    return bool(found.believed.hypotheses) and found.believed.hypotheses[0].per_log is not None
 
 
-def profile(fit: Fit, judged: Judged) -> Profile:
-    """The headline gap over a hypothesis's fitted number, on all logs."""
-    label = (
-        f"{fit.hypothesis.parameter.name} ({fit.hypothesis.parameter.unit})"
-        if fit.hypothesis.per_log is None
-        else "share of the clocks' own estimate"
-    )
-    gap = np.sqrt(fit.curve.sum(axis=1) / counts(judged).sum())
-    return Profile(fit.hypothesis.name, label, tuple(map(float, fit.numbers)), tuple(map(float, gap)))
+def shrunk(fit: Fit, judged: Judged, replayer: Replayer, folds: Sequence[int], shares: Sequence[float]) -> Fit:
+    """A fit that leaves much unexplained, its departures from nominal cut to the share that serves whole jumps best.
+
+    Each fold's share is chosen on the other folds' jumps.
+    """
+    nominal = np.concatenate([h.nominal for h in fit.hypotheses])
+
+    def cut(share: float) -> Fit:
+        numbers, fold_numbers = (nominal + share * (n - nominal) for n in (fit.numbers, fit.fold_numbers))
+        return replace(fit, numbers=numbers, fold_numbers=fold_numbers)
+
+    cuts = [cut(share) for share in shares]
+    whole = [[effects_on(c, jump.name, None) for jump in judged.jumps] for c in cuts]
+    losses = squares(judged, replayer, whole)
+    best = cuts[int(losses.sum(axis=1).argmin())].numbers
+    fold = np.array(folds)
+    of_folds = [cuts[int(losses[:, fold != f].sum(axis=1).argmin())].fold_numbers[f] for f in range(max(folds) + 1)]
+    wider = fit.covariance + np.diag(((best - fit.numbers) / SIGMAS) ** 2)
+    return replace(fit, numbers=best, fold_numbers=np.array(of_folds), covariance=wider)
+
+
+def finer_closure(believed: Fit, judged: Judged, replayer: Replayer, floor: np.ndarray, folds: Sequence[int]) -> float:
+    """Closure in replays of shorter steps: the nominal step's own error may hide what a small effect closes."""
+    finer = Replayer(replayer.robot, replayer.slots, replayer.threads, FINER)
+    nominal = squares(judged, finer, [[()] * len(judged.jumps)])[0]
+    corrected = heldout_squares(judged, finer, [believed], folds)[0]
+    return closure(nominal, corrected, floor, judged, np.zeros((1, len(judged.jumps)), int)).value
+
+
+def typical(fit: Fit, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
+    """The effects of a fit at the median of some logs' values."""
+    of_logs = [effects_on(fit, log, fold) for log in logs]
+    found = []
+    for same in zip(*of_logs, strict=True):
+        middle = {name: float(np.median([one.values[name] for one in same])) for name in same[0].values}
+        found.append(replace(same[0], profile=()) if "profile" in vars(same[0]) else same[0])
+        found[-1] = replace(found[-1], **middle)
+    return tuple(found)
+
+
+def profiles_of(found: Found) -> list[Profile]:
+    """Each effect's valley, with its place and unit."""
+    profiles = []
+    for valley in found.profiles:
+        h, parameter = valley.hypothesis, valley.hypothesis.parameters[0]
+        label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the clocks' own estimate"
+        where = "" if h.location == "all" else f" at {h.location}"
+        profiles.append(Profile(h.name + where, label, tuple(valley.values.tolist()), tuple(valley.loss.tolist())))
+    return profiles
 
 
 def sentence(
     verdict: str,
-    answer: tuple[tuple[str, ...], ...],
-    belief: Belief,
+    answer: Answer,
+    believed: Fit,
     nominal: float,
     corrected: float,
     closes: Interval | None,
@@ -296,28 +365,38 @@ def sentence(
 ) -> str:
     """The report in one sentence, with numbers."""
     if verdict == "none":
-        return f"The simulation agrees with the {len(judged.jumps)} jumps within sensor noise (gap {nominal:.2f})."
-    if not belief.fits or closes is None:
+        return (
+            f"The simulation agrees with the {len(judged.jumps)} jumps within sensor noise and the tolerances of the "
+            f"model (gap {nominal:.2f})."
+        )
+    if not answer or closes is None:
         return (
             f"A gap of {nominal:.2f} remains that no known effect explains on jumps it was not fitted on; the map "
             "below says where it lies."
         )
-    logs = [jump.name for jump in judged.jumps]
-    parts = []
-    for fit, names in zip(belief.fits, answer, strict=True):
-        parameter = fit.hypothesis.parameter
-        values = [fit.hypothesis.value(log, fit.number) for log in logs]
-        size = f"{parameter.name} {np.median(values):.3g}" + (
-            f", {min(values):.3g} to {max(values):.3g} by jump" if fit.hypothesis.per_log else ""
-        )
-        rivals = f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else ""
-        parts.append(f"{effects.describe(fit.hypothesis.name)} ({fit.hypothesis.name}: {size}){rivals}")
+    parts = [
+        f"{effects.describe(h.name)} ({sized(h, numbers, judged)})"
+        + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
+        for h, numbers, names in zip(believed.hypotheses, believed.split(), answer, strict=True)
+    ]
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
         f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {min(100, 100 * closes.value):.0f} % (95 %: "
         f"{100 * closes.low:.0f} to {100 * closes.high:.0f}) of the gap on jumps not fitted on: it shrinks from "
         f"{nominal:.2f} to {corrected:.2f}{rest}."
     )
+
+
+def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: Judged) -> str:
+    """``joint_damping at RR: damping 0.4``; the median and range where values differ by log."""
+    of_logs = [hypothesis.values(jump.name, numbers) for jump in judged.jumps]
+    sizes = []
+    for name in of_logs[0]:
+        values = [of[name] for of in of_logs]
+        by_log = f", {min(values):.3g} to {max(values):.3g} by jump" if hypothesis.per_log else ""
+        sizes.append(f"{name} {np.median(values):.3g}{by_log}")
+    place = "" if hypothesis.location == "all" else f" at {hypothesis.location}"
+    return f"{hypothesis.name}{place}: {', '.join(sizes)}"
 
 
 def next_experiment(answer: tuple[tuple[str, ...], ...]) -> dict[str, Any] | None:

@@ -67,7 +67,7 @@ class Judged:
         """Fix rows and channels once, from the logs alone; every hypothesis is judged on the same."""
         if not jumps:
             raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
-        headline = tuple(c for c in available(jumps, robot) if c.name in HEADLINE)
+        headline = tuple(c for c in available(jumps, robot) if c.name in HEADLINE or not robot.has_free_base)
         if not headline:
             raise InputError(
                 jumps[0].name,
@@ -85,7 +85,7 @@ class Judged:
     @property
     def scales(self) -> np.ndarray:
         """What counts as one of each channel, (channels,)."""
-        return np.array([HEADLINE[c.name] for c in self.channels])
+        return np.array([c.scale for c in self.channels])
 
 
 def scaled_errors(
@@ -150,7 +150,7 @@ def noise_floor(judged: Judged, replayer: Replayer, draws: int, rng: np.random.G
         for j, motion in enumerate(replayer.motions(trials)):
             for c in judged.channels:
                 seen = simulated(true[j], c.name, robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]
-                total[j] += float((((simulated(motion, c.name, robot) - seen) / HEADLINE[c.name]) ** 2).sum())
+                total[j] += float((((simulated(motion, c.name, robot) - seen) / c.scale) ** 2).sum())
     return total / draws
 
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from leapgap.diagnosis.attribution import Interval
 from leapgap.diagnosis.checks import Check
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.gap import Place
 
 FORMAT_VERSION = 1
@@ -14,7 +14,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value with its 95 % interval over jumps drawn again."""
+    """A parameter's value with its 95 % interval: noise, tolerances of the model, error of the simulation."""
 
     value: float
     ci95: tuple[float, float]
@@ -22,6 +22,11 @@ class Estimate:
     unit: str
     at_bound: bool
     """Whether the fit ran into the end of the range of sensible values: then it is not to be believed."""
+
+    @property
+    def unconstrained(self) -> bool:
+        """Whether the interval holds the nominal value, so that the logs do not know this number."""
+        return self.ci95[0] <= self.nominal <= self.ci95[1]
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,7 @@ class Cause:
     effect: str
     location: str
     probability: float
-    """How often it has the least held-out error when jumps are drawn again."""
+    """How often it is part of the best set on held-out logs when the evidence is drawn again."""
     parameters: Mapping[str, Estimate]
     per_log: Mapping[str, Mapping[str, float]]
     closure: Interval
@@ -42,12 +47,12 @@ class Cause:
 
 @dataclass(frozen=True)
 class Profile:
-    """Headline gap over one parameter, all logs: how well the data know it."""
+    """Loss of log likelihood about the best value of one parameter, all logs: how well the data know it."""
 
     effect: str
     label: str
     values: tuple[float, ...]
-    gap: tuple[float, ...]
+    loss: tuple[float, ...]
 
 
 @dataclass(frozen=True)

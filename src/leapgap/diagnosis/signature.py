@@ -23,29 +23,6 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Motion, Replayer, Trial
 
-MODERATE: Mapping[str, Mapping[str, float]] = {
-    "aerodynamic_drag": {"coefficient": 1.0},
-    "armature": {"inertia": 0.02},
-    "com_offset": {"x_m": 0.03, "z_m": 0.03},
-    "command_delay": {"delay_s": 0.005},
-    "encoder_bias": {"bias_rad": 0.03},
-    "foot_compliance": {"time_constant_s": 0.04},
-    "foot_friction": {"mu": 0.4},
-    "ground_height": {"height_m": 0.03},
-    "ground_slope": {"pitch_rad": 0.03},
-    "joint_damping": {"damping": 0.4},
-    "joint_friction": {"torque_nm": 1.0},
-    "leg_mass": {"scale": 1.3},
-    "motor_lag": {"time_constant_s": 0.005},
-    "payload": {"mass_kg": 1.0},
-    "sample_period": {"scale": 1.07},
-    "state_latency": {"delay_s": 0.015},
-    "torque_gain": {"scale": 0.85},
-    "torque_speed_limit": {"voltage_v": 16.0},
-    "trunk_inertia": {"scale": 1.5},
-}
-"""Moderate sizes, at which a signature is taken; a parameter at a time."""
-
 CHANNELS = {
     "com_acceleration_x": ("m/s²", 1.0),
     "com_acceleration_z": ("m/s²", 1.0),
@@ -102,7 +79,7 @@ def moderate_effects() -> dict[str, Effect]:
         parameters = kind.parameters()
         for parameter in parameters:
             label = name if len(parameters) == 1 else f"{name}: {parameter.name}"
-            (found[label],) = effects.from_config([{"name": name, parameter.name: MODERATE[name][parameter.name]}])
+            (found[label],) = effects.from_config([{"name": name, parameter.name: parameter.moderate}])
     return found
 
 

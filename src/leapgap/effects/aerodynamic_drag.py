@@ -24,7 +24,7 @@ class AerodynamicDrag(Effect):
 
     name = "aerodynamic_drag"
 
-    coefficient: float = parameter(0.0, "N·s²/m²", 0.0, 8.0)
+    coefficient: float = parameter(0.0, "N·s²/m²", 0.0, 8.0, 1.0)
 
     @property
     def structure(self) -> Hashable | None:

@@ -15,7 +15,7 @@ class Armature(Effect):
     name = "armature"
     places = "joints"
 
-    inertia: float = parameter(0.0, "kg·m²", 0.0, 0.15)
+    inertia: float = parameter(0.0, "kg·m²", 0.0, 0.15, 0.02)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the armature of the joints."""

@@ -21,11 +21,15 @@ class Parameter:
     nominal: float
     lower: float
     upper: float
+    moderate: float
+    """A value that a person would notice in the motion: where signatures are taken and searches begin."""
 
 
-def parameter(nominal: float, unit: str, lower: float, upper: float) -> Any:
+def parameter(nominal: float, unit: str, lower: float, upper: float, moderate: float | None = None) -> Any:
     """Declare a dataclass field as a parameter; its default is the nominal value, where the effect is absent."""
-    return field(default=nominal, metadata={"unit": unit, "lower": lower, "upper": upper})
+    if moderate is None:
+        moderate = nominal + max(upper - nominal, lower - nominal, key=abs) / 10
+    return field(default=nominal, metadata={"unit": unit, "lower": lower, "upper": upper, "moderate": moderate})
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class Effect(ABC):
     def parameters(cls) -> tuple[Parameter, ...]:
         """The parameters in the order of their declaration."""
         return tuple(
-            Parameter(f.name, f.metadata["unit"], f.default, f.metadata["lower"], f.metadata["upper"])  # type: ignore[arg-type]
+            Parameter(f.name, nominal=f.default, **f.metadata)  # type: ignore[arg-type]
             for f in fields(cls)
             if "unit" in f.metadata
         )
@@ -101,6 +105,10 @@ class Effect(ABC):
     def change_period(self, period_s: float) -> float:
         """True length of a control period, s, of what is believed."""
         return period_s
+
+    def change_rows(self, lengths: np.ndarray) -> np.ndarray:
+        """True lengths of the rows of a log, in true control periods, (rows,), of what is believed."""
+        return lengths
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """The motors and the joint PD that are, of those that are believed."""

@@ -14,8 +14,8 @@ class ComOffset(Effect):
 
     name = "com_offset"
 
-    x_m: float = parameter(0.0, "m", -0.1, 0.1)
-    z_m: float = parameter(0.0, "m", -0.1, 0.1)
+    x_m: float = parameter(0.0, "m", -0.1, 0.1, 0.03)
+    z_m: float = parameter(0.0, "m", -0.1, 0.1, 0.03)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Move the inertial frame of the base body, its geoms staying where they are."""

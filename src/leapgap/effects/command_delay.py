@@ -20,7 +20,7 @@ class CommandDelay(Effect):
     name = "command_delay"
     places = "joints"
 
-    delay_s: float = parameter(0.0, "s", 0.0, 0.025)
+    delay_s: float = parameter(0.0, "s", 0.0, 0.025, 0.005)
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the commands of the joints."""

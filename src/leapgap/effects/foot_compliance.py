@@ -15,7 +15,7 @@ class FootCompliance(Effect):
     name = "foot_compliance"
     places = "feet"
 
-    time_constant_s: float = parameter(0.02, "s", 0.004, 0.1)
+    time_constant_s: float = parameter(0.02, "s", 0.004, 0.1, 0.04)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set the time constant of the feet."""

@@ -15,7 +15,7 @@ class FootFriction(Effect):
     name = "foot_friction"
     places = "feet"
 
-    mu: float = parameter(0.8, "1", 0.2, 1.5)
+    mu: float = parameter(0.8, "1", 0.2, 1.5, 0.4)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set the friction of the feet."""

@@ -20,7 +20,7 @@ class GroundHeight(Effect):
     name = "ground_height"
     places = "feet"
 
-    height_m: float = parameter(0.0, "m", -0.08, 0.08)
+    height_m: float = parameter(0.0, "m", -0.08, 0.08, 0.03)
 
     @property
     def structure(self) -> Hashable | None:

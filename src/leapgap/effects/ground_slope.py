@@ -18,7 +18,7 @@ class GroundSlope(Effect):
 
     name = "ground_slope"
 
-    pitch_rad: float = parameter(0.0, "rad", -0.15, 0.15)
+    pitch_rad: float = parameter(0.0, "rad", -0.15, 0.15, 0.03)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Turn all geoms of the world."""

@@ -15,7 +15,7 @@ class JointDamping(Effect):
     name = "joint_damping"
     places = "joints"
 
-    damping: float = parameter(0.0, "N·m·s/rad", 0.0, 4.0)
+    damping: float = parameter(0.0, "N·m·s/rad", 0.0, 4.0, 0.4)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the damping of the joints."""

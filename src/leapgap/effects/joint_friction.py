@@ -15,7 +15,7 @@ class JointFriction(Effect):
     name = "joint_friction"
     places = "joints"
 
-    torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0)
+    torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0, 1.0)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the friction loss of the joints."""

@@ -21,7 +21,7 @@ class MotorLag(Effect):
     name = "motor_lag"
     places = "joints"
 
-    time_constant_s: float = parameter(0.0, "s", 0.0, 0.03)
+    time_constant_s: float = parameter(0.0, "s", 0.0, 0.03, 0.005)
 
     @property
     def structure(self) -> Hashable | None:

@@ -14,7 +14,7 @@ class Payload(Effect):
 
     name = "payload"
 
-    mass_kg: float = parameter(0.0, "kg", -0.5, 6.0)
+    mass_kg: float = parameter(0.0, "kg", -0.5, 6.0, 1.0)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the mass of the base body."""

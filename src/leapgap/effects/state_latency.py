@@ -20,7 +20,7 @@ class StateLatency(Effect):
 
     name = "state_latency"
 
-    delay_s: float = parameter(0.0, "s", 0.0, 0.06)
+    delay_s: float = parameter(0.0, "s", 0.0, 0.06, 0.015)
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
         """Report the base as it was ``delay_s`` before each row."""

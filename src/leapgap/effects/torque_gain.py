@@ -14,7 +14,7 @@ class TorqueGain(Effect):
     name = "torque_gain"
     places = "joints"
 
-    scale: float = parameter(1.0, "1", 0.3, 1.5)
+    scale: float = parameter(1.0, "1", 0.3, 1.5, 0.85)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the gain of the motors."""

@@ -20,7 +20,7 @@ class TorqueSpeedLimit(Effect):
     name = "torque_speed_limit"
     places = "joints"
 
-    voltage_v: float = parameter(33.0, "V", 10.0, 33.0)
+    voltage_v: float = parameter(33.0, "V", 10.0, 33.0, 16.0)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Bound the voltage of the motors."""

@@ -14,7 +14,7 @@ class TrunkInertia(Effect):
 
     name = "trunk_inertia"
 
-    scale: float = parameter(1.0, "1", 0.3, 3.0)
+    scale: float = parameter(1.0, "1", 0.3, 3.0, 1.5)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Scale the inertia of the base body."""

@@ -55,14 +55,35 @@ class Trial:
         return period
 
 
+def held(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.ndarray:
+    """Each row's controls for its own number of steps, (trials, steps, actuators); short trials hold their last."""
+    longest = max(int(n.sum()) for n in counts)
+    steps = []
+    for control, number in zip(controls, counts, strict=True):
+        row = np.repeat(np.arange(len(number)), number)
+        steps.append(control[np.concatenate([row, np.full(longest - len(row), row[-1])])])
+    return np.stack(steps)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Where the pieces of one log begin, and from which state."""
+
+    rows: Sequence[int]
+    states: np.ndarray
+    """(pieces, nq + nv), as reported."""
+
+
 class Replayer:
     """Replays logs on one robot; keeps compiled models and threads between calls.
 
-    ``terrain_slots`` boxes are in every model, so that jumps over different terrain share one batch.
+    ``terrain_slots`` boxes are in every model, so that jumps over different terrain share one batch. Steps are
+    ``finer`` times as short as they need be.
     """
 
-    def __init__(self, robot: Robot, terrain_slots: int = 1, threads: int | None = None) -> None:
+    def __init__(self, robot: Robot, terrain_slots: int = 1, threads: int | None = None, finer: int = 1) -> None:
         self.robot = robot
+        self.finer = finer
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.threads = threads or os.cpu_count() or 1
@@ -93,6 +114,64 @@ class Replayer:
             motion = effect.change_measured(motion, trial.period_s, self.robot)
         return motion
 
+    def restarted(self, trials: Sequence[Trial], starts: Sequence["Starts"], rows: int) -> list[list[Motion]]:
+        """Replay pieces of ``rows`` rows, each from a state of its own: for each trial, one motion a start.
+
+        Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
+        the joint gains of its first row. Motions are as a log reports them.
+        """
+        prepared = [self._restarts(trial, of, rows) for trial, of in zip(trials, starts, strict=True)]
+        kinds = [(self.substeps(trial.jump), trial.structure) for trial in trials]
+        found: dict[int, list[Motion]] = {}
+        for kind in dict.fromkeys(kinds):
+            chosen = [i for i, own in enumerate(kinds) if own == kind]
+            models, states, controls, counts = (
+                list(itertools.chain.from_iterable(prepared[i][k] for i in chosen)) for k in range(4)
+            )
+            data = self._data(trials[chosen[0]])
+            out, _ = mujoco.rollout.rollout(
+                models, data, np.stack(states), held(controls, counts), persistent_pool=True
+            )
+            pieces = zip(states, counts, out, strict=True)
+            for i in chosen:
+                found[i] = [self._motion(trials[i], *next(pieces)) for _ in starts[i].rows]
+        return [found[i] for i in range(len(trials))]
+
+    def _restarts(
+        self, trial: Trial, starts: "Starts", rows: int
+    ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+        """Model, full first state, controls and steps of the rows of each piece of one trial."""
+        self.check_joints(trial.jump)
+        control = self._controls(trial, starts.rows[-1] + rows if len(starts.rows) else 0)
+        gains = np.concatenate([trial.jump.per_joint(gain, self.robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
+        of_gains: dict[bytes, mujoco.MjModel] = {}
+        models, states, controls, counts = [], [], [], []
+        steps = self.row_steps(trial)
+        for row, state in zip(starts.rows, starts.states, strict=True):
+            key = gains[row].tobytes()
+            if key not in of_gains:
+                of_gains[key] = self.model(trial, row=row)
+            own = control[row : row + rows - 1]
+            true = self.true_state(trial.effects, state)
+            models.append(of_gains[key])
+            states.append(self.full_state(replace(trial, first_state=true), of_gains[key], own))
+            controls.append(own)
+            counts.append(steps[row : row + rows - 1])
+        return models, states, controls, counts
+
+    def _motion(self, trial: Trial, state: np.ndarray, counts: np.ndarray, out: np.ndarray) -> Motion:
+        """A piece, of its full first state and those after every step, as the trial's robot would log it."""
+        nq, piece = self.bare.nq, np.concatenate([state[None], out[np.cumsum(counts) - 1]])
+        return self.reported(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv]))
+
+    def true_state(self, effects: Sequence[Effect], state: np.ndarray) -> np.ndarray:
+        """The true state (nq + nv,) behind one that was reported."""
+        nq = self.bare.nq
+        start = Motion(state[None, :nq].copy(), state[None, nq:].copy())
+        for effect in reversed(effects):
+            start = effect.true_start(start, self.robot)
+        return np.concatenate([start.qpos[0], start.qvel[0]])
+
     def _same_kind(self, trials: Sequence[Trial], rows: int, substeps: int) -> list[Motion]:
         """Replay trials of one structure, equally many rows and steps a row, batch by batch of constant gains."""
         gains = [
@@ -111,6 +190,7 @@ class Replayer:
         )
         controls = [self._controls(trial, rows) for trial in trials]
         data = self._data(trials[0])
+        counts = [self.row_steps(trial)[: rows - 1] for trial in trials]
         history: list[list[np.ndarray]] = []
         for start, end in itertools.pairwise(switches):
             models = [self.model(trial, row=start) for trial in trials]
@@ -118,12 +198,12 @@ class Replayer:
                 history = [
                     [self.full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
                 ]
-            control = np.stack([np.repeat(c[start:end], substeps, axis=0) for c in controls])
+            control = held([c[start:end] for c in controls], [n[start:end] for n in counts])
             out, _ = mujoco.rollout.rollout(
                 models, data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
             )
             for i, of_trial in enumerate(out):
-                history[i].append(of_trial[substeps - 1 :: substeps])
+                history[i].append(of_trial[np.cumsum(counts[i][start:end]) - 1])
         nq = self.bare.nq
         wholes = [np.concatenate(h) for h in history]
         return [Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv]) for whole in wholes]
@@ -161,10 +241,7 @@ class Replayer:
         qpos[robot.joint_qpos] = jump.per_joint("joint_pos", robot.joints)[0]
         if f"joint_vel/{robot.joints[0]}" in jump:
             qvel[robot.joint_dofs] = jump.per_joint("joint_vel", robot.joints)[0]
-        start = Motion(qpos[None], qvel[None])
-        for effect in reversed(trial.effects):
-            start = effect.true_start(start, robot)
-        return np.concatenate([start.qpos[0], start.qvel[0]])
+        return self.true_state(trial.effects, np.concatenate([qpos, qvel]))
 
     def foot_depths(self, trial: Trial) -> np.ndarray:
         """How deep each foot is in its ground at the start, m, (feet,); 0 above it."""
@@ -195,7 +272,15 @@ class Replayer:
 
     def substeps(self, jump: Jump) -> int:
         """Simulation steps of one control period of the log."""
-        return max(1, int(np.ceil(jump.info.sample_period_s / LARGEST_STEP_S)))
+        return self.finer * max(1, int(np.ceil(jump.info.sample_period_s / LARGEST_STEP_S)))
+
+    def row_steps(self, trial: Trial) -> np.ndarray:
+        """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
+        lengths = np.ones(len(trial.jump))
+        for effect in trial.effects:
+            lengths = effect.change_rows(lengths)
+        ends = np.round(np.cumsum(lengths) * self.substeps(trial.jump)).astype(int)
+        return np.maximum(np.diff(ends, prepend=0), 1)
 
     def _controls(self, trial: Trial, rows: int) -> np.ndarray:
         """Controls of the affine actuators, (rows, actuators): τ + kp q* + kd q̇*, by the gains of each row."""

@@ -21,6 +21,8 @@ LABELS = {
     "base_linvel_z": "vertical velocity",
     "base_angvel_y": "pitch rate",
 }
+HALF_OF_CHI2_95 = 1.92
+"""Log likelihood that a number may lose within its 95 % interval, were there nothing but noise."""
 ROWS_SHOWN = 4
 """Every so many milliseconds a point is drawn: the page stays small and the curves smooth."""
 
@@ -184,11 +186,11 @@ def closures(report: Report) -> go.Figure:
 
 
 def profiles(report: Report) -> go.Figure:
-    """The gap over each hypothesis's own number: a clear valley is a number the data know."""
+    """The loss over each hypothesis's own number: a narrow valley is a number the data know."""
     from plotly.subplots import make_subplots
 
     columns = 3
-    rows = -(-len(report.profiles) // columns)
+    rows = max(1, -(-len(report.profiles) // columns))
     figure = make_subplots(
         rows=rows,
         cols=columns,
@@ -197,23 +199,22 @@ def profiles(report: Report) -> go.Figure:
         horizontal_spacing=0.05,
         vertical_spacing=0.4 / rows,
     )
-    top = 1.6 * report.gap_nominal
     for i, one in enumerate(report.profiles):
         at = {"row": i // columns + 1, "col": i % columns + 1}
         figure.add_trace(
             go.Scatter(
                 x=one.values,
-                y=one.gap,
+                y=one.loss,
                 mode="lines+markers",
                 showlegend=False,
                 line={"color": CORRECTED},
-                hovertemplate="%{x:.3g}: gap %{y:.3f}<extra></extra>",
+                hovertemplate="%{x:.3g}: %{y:.1f} worse<extra></extra>",
             ),
             **at,
         )
         figure.update_xaxes(title_text=one.label, title_font={"size": 11}, **at)
-    figure.add_hline(y=report.gap_nominal, line={"color": NOMINAL, "dash": "dot", "width": 1})
-    figure.update_yaxes(range=[0, top])
+    figure.add_hline(y=HALF_OF_CHI2_95, line={"color": GREY, "dash": "dot", "width": 1})
+    figure.update_yaxes(range=[0, 5 * HALF_OF_CHI2_95])
     figure.update_layout(height=70 + 230 * rows, margin={"l": 45, "r": 15, "t": 35, "b": 45})
     return figure
 

@@ -1,0 +1,277 @@
+"""The evidence: what short replays from the log leave of every logged channel, in units of what noise explains.
+
+Each log is cut to pieces. A piece is replayed from its own smoothed first state, and compared with the log at several
+ages. What sensor noise does to such an error is known: noise of the start grows as the robot's own dynamics let it
+(finite differences), noise of the comparison is white. Both together whiten the errors of a piece.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from leapgap.diagnosis.channels import is_logged
+from leapgap.effects.base import Effect, Motion
+from leapgap.errors import InputError
+from leapgap.recording.jump import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer, Starts, Trial
+
+Effects = tuple[Effect, ...]
+
+SMOOTHED_ROWS = 9
+"""A start is the value of a parabola through so many rows before and after it."""
+LEAST_NOISE = {
+    "base_pos": 1e-4,
+    "base_turn": 1e-4,
+    "base_linvel": 1e-3,
+    "base_angvel": 1e-3,
+    "joint_pos": 1e-4,
+    "joint_vel": 1e-3,
+}
+"""Smallest noise a quantity is credited with, m, rad, m/s, rad/s: a log rounded to its last digit is not exact."""
+ROLLOUTS_AT_ONCE = 1500
+"""Bounds the memory of one batch."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Where each error channel stands in the tangent of the robot's state, and what logs know of it."""
+
+    robot: Robot
+    dofs: np.ndarray
+    """Entries of the tangent (position 3, turn in base axes 3, joints; then velocities alike) that every log has."""
+    quantities: tuple[str, ...]
+    """What kind each channel is, (channels,)."""
+    names: tuple[str, ...]
+
+    @staticmethod
+    def of(jumps: Sequence[Jump], robot: Robot) -> "State":
+        """Channels that every log has."""
+        nv = robot.model.nv
+        channels: list[tuple[int, str, str, str]] = []  # entry of the tangent, quantity, column it needs, name
+        if robot.has_free_base:
+            turns = [("base_quat_w", name) for name in ("base_roll", "base_pitch", "base_yaw")]
+            channels += [(i, "base_pos", name, name) for i, name in enumerate(BASE_POSITION)]
+            channels += [(3 + i, "base_turn", *names) for i, names in enumerate(turns)]
+            channels += [(nv + i, "base_linvel", name, name) for i, name in enumerate(BASE_VELOCITY)]
+            channels += [(nv + 3 + i, "base_angvel", name, name) for i, name in enumerate(BASE_ANGULAR_VELOCITY)]
+        for at, quantity in ((0, "joint_pos"), (nv, "joint_vel")):
+            names_of = [f"{quantity}/{joint}" for joint in robot.joints]
+            channels += [
+                (at + int(d), quantity, name, name) for d, name in zip(robot.joint_dofs, names_of, strict=True)
+            ]
+        known = [channel for channel in channels if all(is_logged(jump, channel[2]) for jump in jumps)]
+        dofs, quantities, _, names = zip(*known, strict=True)
+        return State(robot, np.array(dofs), quantities, names)
+
+    def logged(self, jump: Jump) -> Motion:
+        """The log as a motion; what was not measured is at rest at the model's own pose."""
+        robot, rows = self.robot, len(jump)
+        qpos = np.tile(robot.model.qpos0, (rows, 1))
+        qvel = np.zeros((rows, robot.model.nv))
+        if robot.has_free_base:
+            qpos[:, :3], qpos[:, 3:7] = jump.stack(BASE_POSITION), jump.stack(BASE_QUATERNION)
+            for at, names in ((0, BASE_VELOCITY), (3, BASE_ANGULAR_VELOCITY)):
+                for axis, name in enumerate(names):
+                    if name in jump:
+                        qvel[:, at + axis] = jump[name]
+        qpos[:, robot.joint_qpos] = jump.per_joint("joint_pos", robot.joints)
+        if f"joint_vel/{robot.joints[0]}" in jump:
+            qvel[:, robot.joint_dofs] = jump.per_joint("joint_vel", robot.joints)
+        return Motion(qpos, qvel)
+
+    def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
+        """Simulated − logged in the channels, (rows, channels)."""
+        robot = self.robot
+        full = np.zeros((len(simulated.qpos), 2 * robot.model.nv))
+        if robot.has_free_base:
+            full[:, :3] = simulated.qpos[:, :3] - logged.qpos[:, :3]
+            full[:, 3:6] = turn_between(logged.qpos[:, 3:7], simulated.qpos[:, 3:7])
+        full[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - logged.qpos[:, robot.joint_qpos]
+        full[:, robot.model.nv :] = simulated.qvel - logged.qvel
+        return full[:, self.dofs]
+
+    def moved(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
+        """A state (nq + nv,) displaced in one channel."""
+        nq, nv = self.robot.model.nq, self.robot.model.nv
+        tangent = np.zeros(2 * nv)
+        tangent[self.dofs[channel]] = by
+        qpos = state[:nq].copy()
+        mujoco.mj_integratePos(self.robot.model, qpos, tangent[:nv], 1.0)
+        return np.concatenate([qpos, state[nq:] + tangent[nv:]])
+
+    def noise(self, logged: Motion) -> np.ndarray:
+        """Standard deviation of each channel's sensor noise, from second differences alone, (channels,).
+
+        Those of a smooth motion at 1 kHz are tiny against those of white noise, which have variance 6 σ²; the median
+        keeps impacts out.
+        """
+        steps = self.differences(Motion(logged.qpos[1:], logged.qvel[1:]), Motion(logged.qpos[:-1], logged.qvel[:-1]))
+        found = np.median(np.abs(np.diff(steps, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
+        return np.maximum(found, [LEAST_NOISE[quantity] for quantity in self.quantities])
+
+
+def turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Rotation vectors, rad, in the axes of ``first``, that take quaternions w x y z (rows, 4) to ``second``."""
+    w1, x1, y1, z1 = first.T
+    w2, x2, y2, z2 = second.T
+    imaginary = np.stack(
+        [
+            w1 * x2 - x1 * w2 - y1 * z2 + z1 * y2,
+            w1 * y2 + x1 * z2 - y1 * w2 - z1 * x2,
+            w1 * z2 - x1 * y2 + y1 * x2 - z1 * w2,
+        ],
+        axis=1,
+    )
+    real = (first * second).sum(axis=1)
+    return 2 * imaginary * np.sign(real)[:, None]
+
+
+def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
+    """At most so many rows of all, evenly: others of each log, so that together they cover what all logs do."""
+    lengths = [len(own) for own in rows]
+    total = sum(lengths)
+    kept = np.zeros(total, bool)
+    kept[np.unique((np.arange(min(most, total)) * total / min(most, total)).astype(int))] = True
+    return [own[k] for own, k in zip(rows, np.split(kept, np.cumsum(lengths)[:-1]), strict=True)]
+
+
+def smoothed(logged: Motion, row: int, rows: int) -> tuple[np.ndarray, float]:
+    """State at a row by a parabola through its neighbours, (nq + nv,), and the share of their noise that stays."""
+    first, last = max(0, row - SMOOTHED_ROWS), min(rows, row + SMOOTHED_ROWS + 1)
+    age = np.arange(first, last) - row
+    degree = 2 if first < row else 1  # at the log's beginning a parabola would swing
+    weights = np.linalg.pinv(np.vander(age, degree + 1, increasing=True))[0]
+    qpos, qvel = weights @ logged.qpos[first:last], weights @ logged.qvel[first:last]
+    return np.concatenate([qpos, qvel]), float(np.linalg.norm(weights))
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The pieces of one log."""
+
+    jump: Jump
+    logged: Motion
+    starts: Starts
+    noise: np.ndarray
+    """Of the log's sensors, (channels,)."""
+    start_noise: np.ndarray
+    """Share of it that the smoothed starts keep, (pieces,)."""
+
+    @staticmethod
+    def of(jump: Jump, rows: Sequence[int], state: State) -> "Pieces":
+        """Pieces that start at these rows."""
+        logged = state.logged(jump)
+        found = [smoothed(logged, row, len(jump)) for row in rows]
+        states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
+        if state.robot.has_free_base:
+            states[:, 3:7] /= np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
+        return Pieces(jump, logged, Starts(rows, states), state.noise(logged), np.array([kept for _, kept in found]))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Logs in pieces, and what noise does to them."""
+
+    state: State
+    replayer: Replayer
+    pieces: tuple[Pieces, ...]
+    ages: np.ndarray
+    """Rows after the start at which a piece is compared."""
+    whitening: tuple[np.ndarray, ...]
+    """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
+
+    @staticmethod
+    def of(jumps: Sequence[Jump], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "Evidence":
+        """Cut logs to pieces of a horizon, at most so many in all, compared every so often; no noise known yet."""
+        state = State.of(jumps, replayer.robot)
+        period = jumps[0].info.sample_period_s
+        ages = np.arange(1, round(horizon_s / every_s) + 1) * max(1, round(every_s / period))
+        length = ages[-1] + 1
+        rows = spread([np.arange(0, len(jump) - length + 1, length - 1) for jump in jumps], most)
+        if not any(map(len, rows)):
+            longest = max(len(jump) for jump in jumps) * period
+            raise InputError("diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log whole jumps")
+        pieces = [Pieces.of(jump, own.tolist(), state) for jump, own in zip(jumps, rows, strict=True)]
+        return Evidence(state, replayer, tuple(pieces), ages, ())
+
+    def around(self, effects: Sequence[Effects]) -> "Evidence":
+        """The same with what noise does to a robot with these effects, one set a log."""
+        return replace(self, whitening=tuple(self._whitening(effects)))
+
+    @property
+    def size(self) -> int:
+        """Number of pieces of all logs."""
+        return sum(len(p.starts.rows) for p in self.pieces)
+
+    @property
+    def log_of_piece(self) -> np.ndarray:
+        """Index of the log that each piece is of, (pieces,)."""
+        return np.repeat(np.arange(len(self.pieces)), [len(p.starts.rows) for p in self.pieces])
+
+    def same(self, effects: Effects) -> list[Effects]:
+        """The same effects on every log."""
+        return [effects] * len(self.pieces)
+
+    def by(self, replayer: Replayer) -> "Evidence":
+        """The same evidence judged by another simulation."""
+        return replace(self, replayer=replayer)
+
+    def errors(self, trials: Sequence[tuple[int, Effects, Starts]]) -> Iterator[np.ndarray]:
+        """Simulated − logged of trials (log, effects, starts): (pieces, values) each, rolled out in large batches."""
+        batch: list[tuple[int, Effects, Starts]] = []
+        for trial in trials:
+            batch.append(trial)
+            if sum(len(starts.rows) for _, _, starts in batch) >= ROLLOUTS_AT_ONCE:
+                yield from self._batch(batch)
+                batch = []
+        if batch:
+            yield from self._batch(batch)
+
+    def _batch(self, batch: Sequence[tuple[int, Effects, Starts]]) -> Iterable[np.ndarray]:
+        trials = [Trial(self.pieces[log].jump, effects) for log, effects, _ in batch]
+        motions = self.replayer.restarted(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
+        for (log, _, starts), of_trial in zip(batch, motions, strict=True):
+            logged = self.pieces[log].logged
+            yield np.array(
+                [
+                    self._difference(motion, logged, row).ravel()
+                    for motion, row in zip(of_trial, starts.rows, strict=True)
+                ]
+            )
+
+    def _difference(self, motion: Motion, logged: Motion, row: int) -> np.ndarray:
+        at = row + self.ages
+        simulated = Motion(motion.qpos[self.ages], motion.qvel[self.ages])
+        return self.state.differences(simulated, Motion(logged.qpos[at], logged.qvel[at]))
+
+    def residuals(self, candidates: Sequence[Sequence[Effects]]) -> list[list[np.ndarray]]:
+        """Whitened errors ``[candidate][log]``, (pieces, values), of effects ``candidates[candidate][log]``."""
+        logs = range(len(self.pieces))
+        trials = [(log, of[log], self.pieces[log].starts) for of in candidates for log in logs]
+        errors = self.errors(trials)
+        return [[self.whitened(log, next(errors)) for log in logs] for _ in candidates]
+
+    def whitened(self, log: int, error: np.ndarray) -> np.ndarray:
+        """Errors of one log (pieces, values) in units of noise, (pieces, values)."""
+        finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
+        return np.einsum("pij,pj->pi", self.whitening[log], finite)
+
+    def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:
+        """Inverse Cholesky factors of each piece's covariance: starts that are a little wrong, and white noise."""
+        channels = len(self.state.dofs)
+        for log, own in enumerate(self.pieces):
+            number = len(own.starts.rows)
+            sign = np.where(np.arange(number) % 2, -1.0, 1.0)
+            displaced = []
+            for c in range(channels):
+                by = sign * own.start_noise * own.noise[c]
+                states = np.array([self.state.moved(s, c, b) for s, b in zip(own.starts.states, by, strict=True)])
+                displaced.append((log, effects[log], Starts(own.starts.rows, states)))
+            base, *moved = self.errors([(log, effects[log], own.starts), *displaced])
+            growth = np.nan_to_num(np.stack([m - base for m in moved], axis=2))  # (pieces, values, channels)
+            white = np.tile(own.noise, len(self.ages)) ** 2
+            covariance = np.einsum("pik,pjk->pij", growth, growth) + np.diag(white)
+            yield np.linalg.inv(np.linalg.cholesky(covariance))

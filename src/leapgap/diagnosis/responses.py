@@ -1,0 +1,140 @@
+"""What each effect does to the evidence: one column of whitened errors for each parameter and single place.
+
+Columns are secants, from the nominal robot to an effect of moderate size; those of a pair, a joint group or all joints
+are sums of the single ones. Some also serve as nuisances: what no description of a robot has exactly.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap import effects
+from leapgap.diagnosis.evidence import Evidence
+from leapgap.diagnosis.fitting import Products
+from leapgap.diagnosis.hypotheses import Hypothesis, places, usable
+from leapgap.effects.base import Effect
+from leapgap.simulation.replay import Replayer
+
+FINER = 4
+"""Steps so many times as short show what the nominal simulation's own step does."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """Which column: an effect's parameter at a single place."""
+
+    effect: str
+    number: int
+    place: str
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Columns of all effects and nuisances, in pieces of all logs in order."""
+
+    evidence: Evidence
+    nominal: np.ndarray
+    """Whitened errors of the nominal robot, (pieces, values)."""
+    keys: tuple[Key, ...]
+    columns: np.ndarray
+    """One for each key, a unit of its parameter, (pieces, values, keys)."""
+    nuisances: np.ndarray
+    """One standard deviation each, (pieces, values, nuisances)."""
+    members: Mapping[tuple[str, str], tuple[str, ...]]
+    """(effect, location) → single places."""
+
+    @staticmethod
+    def of(
+        evidence: Evidence,
+        hypotheses: Sequence[Hypothesis],
+        tolerances: Mapping[str, float],
+        around: Sequence[tuple[Hypothesis, np.ndarray]] = (),
+    ) -> "Responses":
+        """Roll out every effect of the hypotheses, and every effect with a tolerance, once at every single place.
+
+        All of them act on top of ``around``, whose effects are not tried again.
+        """
+        robot = evidence.state.robot
+        present = {h.name for h, _ in around}
+        names = {h.name: h for h in hypotheses if h.name not in present}
+        for name in tolerances:
+            effect = name.partition(".")[0]
+            if effect not in present and usable(effect, robot):
+                names.setdefault(effect, Hypothesis(effect))
+        members = {(name, at): of for name in names for at, of in places(name, robot).items()}
+        keys = tuple(
+            Key(name, k, place)
+            for name, h in names.items()
+            for k in range(len(h.parameters))
+            for place in members[name, "all"]
+        )
+        evidence = evidence.around(on_logs(evidence, *around))
+        acting = [(), *([moved(names[key.effect], key)] for key in keys)]
+        found = evidence.residuals([on_logs(evidence, *around, *one) for one in acting])
+        origin = joined(found[0])
+        columns = np.stack([joined(of) - origin for of in found[1:]], axis=2) if keys else np.zeros((*origin.shape, 0))
+        columns /= np.array([names[key.effect].moderate[key.number] for key in keys])
+        finer = Replayer(robot, evidence.replayer.slots, evidence.replayer.threads, FINER)
+        (stepped,) = evidence.by(finer).residuals([on_logs(evidence, *around)])
+        nuisances = [joined(stepped) - origin]
+        for name, size in tolerances.items():
+            effect, _, parameter = name.partition(".")
+            which = [p.name for p in effects.known()[effect].parameters()].index(parameter)
+            nuisances += [
+                size * columns[:, :, i] for i, k in enumerate(keys) if (k.effect, k.number) == (effect, which)
+            ]
+        nominal = origin if not around else joined(evidence.residuals([evidence.same(())])[0])
+        return Responses(evidence, nominal, keys, columns, np.stack(nuisances, axis=2), members)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the effects that have columns."""
+        return frozenset(key.effect for key in self.keys)
+
+    def free(self, columns: np.ndarray) -> Products:
+        """Products of columns (pieces, values, columns) and the nuisances."""
+        return Products.of(np.concatenate([columns, self.nuisances], axis=2))
+
+    def beside(self, columns: np.ndarray, hypotheses: Sequence[Hypothesis]) -> Iterator[Products]:
+        """Products of columns, each hypothesis's own, and the nuisances; one a hypothesis."""
+        first, number = columns.shape[2], len(self.keys)
+        whole = Products.of(np.concatenate([columns, self.columns, self.nuisances], axis=2))
+        every = np.arange(whole.gram.shape[1])
+        fixed = np.concatenate([every[:first], every[first + number :]])
+        outer = whole.gram[:, fixed[:, None], fixed]
+        for h in hypotheses:
+            summed = [[first + i for i in self.at(h, k)] for k in range(len(h.parameters))]
+            cross = np.stack([whole.gram[:, rows].sum(axis=1) for rows in summed], axis=1)
+            inner = np.stack([cross[:, :, rows].sum(axis=2) for rows in summed], axis=2)
+            top = np.concatenate([outer, cross[:, :, fixed].transpose(0, 2, 1)], axis=2)
+            bottom = np.concatenate([cross[:, :, fixed], inner], axis=2)
+            order = np.concatenate([every[:first], len(fixed) + np.arange(len(summed)), np.arange(first, len(fixed))])
+            gram = np.concatenate([top, bottom], axis=1)[:, order[:, None], order]
+            yield Products(gram, whole.values)
+
+    def at(self, hypothesis: Hypothesis, number: int) -> list[int]:
+        """Which columns sum to a number of a hypothesis."""
+        places = self.members[hypothesis.name, hypothesis.location]
+        return [
+            i
+            for i, key in enumerate(self.keys)
+            if (key.effect, key.number) == (hypothesis.name, number) and key.place in places
+        ]
+
+
+def moved(hypothesis: Hypothesis, key: Key) -> tuple[Hypothesis, np.ndarray]:
+    """The hypothesis at one place with one number at moderate size."""
+    numbers = hypothesis.nominal
+    numbers[key.number] += hypothesis.moderate[key.number]
+    return Hypothesis(hypothesis.name, key.place, hypothesis.per_log), numbers
+
+
+def on_logs(evidence: Evidence, *acting: tuple[Hypothesis, np.ndarray]) -> list[tuple[Effect, ...]]:
+    """Effects of hypotheses with their numbers on every log."""
+    return [tuple(h.on(p.jump.name, numbers) for h, numbers in acting) for p in evidence.pieces]
+
+
+def joined(of_logs: Sequence[np.ndarray]) -> np.ndarray:
+    """Pieces of all logs in one, (pieces, values)."""
+    return np.concatenate(of_logs)

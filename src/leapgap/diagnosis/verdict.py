@@ -1,0 +1,71 @@
+"""What may be said: named, ambiguous, unknown or none, and how sure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap.diagnosis.attribution import Found
+from leapgap.diagnosis.fitting import losses
+
+Answer = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """When a diagnosis is convinced."""
+
+    rival_share: float = 0.05
+    """A rival that is best in this share of the resamples cannot be told apart."""
+    least_explained: float = 0.6
+    """Of the log likelihood that noise does not explain: a smaller share is no explanation,"""
+    enough_closure: float = 0.7
+    """unless so much of the headline gap closes on held-out jumps."""
+    least_closure: float = 0.35
+    """Of the headline gap: effects that close less of it on held-out jumps do not explain it."""
+    none_below: float = 1.15
+    """χ² over its expectation, median over pieces: up to here noise explains the nominal robot."""
+
+
+def first_shares(found: Found, draws: np.ndarray) -> np.ndarray:
+    """How often each rival has the least held-out loss when logs are drawn again (draws, logs), (rivals,)."""
+    losses = np.stack([np.bincount(found.log_of_piece, fit.heldout) for fit in found.rivals])
+    return np.bincount(losses[:, draws].sum(axis=2).argmin(axis=0), minlength=len(losses)) / len(draws)
+
+
+def answer_of(found: Found, shares: np.ndarray, doubts: Doubts) -> Answer:
+    """Each believed effect with the rivals that could stand in its place; ``shares`` are those of the rivals."""
+    names = list(found.believed.names)
+    answer = []
+    for i, name in enumerate(names):
+        others = set(names[:i] + names[i + 1 :])
+        standing_in: dict[str, float] = {}
+        for fit, share in zip(found.rivals, shares, strict=True):
+            left = set(fit.names) - others
+            if others < set(fit.names) and len(left) == 1 and name not in fit.names:
+                (rival,) = left
+                standing_in[rival] = standing_in.get(rival, 0.0) + float(share)
+        answer.append((name, *sorted(r for r, share in standing_in.items() if share >= doubts.rival_share)))
+    return tuple(answer)
+
+
+def probability(name: str, found: Found, shares: np.ndarray) -> float:
+    """How often an effect is part of the best set."""
+    return float(sum(share for fit, share in zip(found.rivals, shares, strict=True) if name in fit.names))
+
+
+def explained(found: Found, doubts: Doubts) -> float:
+    """Share of the nominal robot's loss beyond noise that goes away on held-out logs."""
+    noise = losses(np.array(doubts.none_below * found.values), found.values)
+    before, after = (np.maximum(f.heldout - noise, 0.0).sum() for f in (found.nominal, found.believed))
+    return float(1 - after / before) if before > 0 else 1.0
+
+
+def verdict_of(found: Found, answer: Answer, closes: float | None, doubts: Doubts) -> str:
+    """In one word; ``closes`` is the answer's closure on held-out jumps."""
+    if not found.believed.hypotheses:
+        return "none" if np.median(found.nominal.chi2) <= doubts.none_below else "unknown"
+    if closes is None or closes < doubts.least_closure:
+        return "unknown"
+    if closes < doubts.enough_closure and explained(found, doubts) < doubts.least_explained:
+        return "unknown"
+    return "named" if all(len(names) == 1 for names in answer) else "ambiguous"

@@ -1,0 +1,104 @@
+"""How long does a diagnosis take against all effects at all places, and how near is that to the roll-outs it needs?
+
+Sixteen logs (the real jumps where they are, else simulated ones) and a blind case of four. Beside them roll-outs of one
+log a second, in the same run. Run as ``python -m tests.benchmarks.diagnose --json <file>`` on an idle machine.
+"""
+
+import argparse
+import itertools
+import os
+import platform
+import time
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.effects.base import Motion
+from leapgap.files import write_json
+from leapgap.recording.jump import Jump, read_folder
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer, Trial
+from stages.common import read_config
+
+ROWS = 1101
+
+
+class Counting(Replayer):
+    """A replayer that counts what it simulates."""
+
+    steps = 0
+
+    def restarted(self, trials, starts, rows):  # type: ignore[no-untyped-def]
+        """Count the steps of pieces."""
+        pieces = sum(len(s.rows) * self.substeps(t.jump) for t, s in zip(trials, starts, strict=True))
+        Counting.steps += pieces * (rows - 1)
+        return super().restarted(trials, starts, rows)
+
+    def true_motions(self, trials: list[Trial], rows: int | None = None) -> list[Motion]:  # type: ignore[override]
+        """Count the steps of whole logs."""
+        Counting.steps += sum(min(len(t.jump), rows or len(t.jump)) * self.substeps(t.jump) for t in trials)
+        return super().true_motions(trials, rows)
+
+
+def logs(folder: str, number: int) -> list[Jump]:
+    """So many logs of a folder, repeated where it has fewer."""
+    jumps = read_folder(Path(folder)) if Path(folder).is_dir() else []
+    if not jumps:
+        raise SystemExit(f"no jumps in {folder}: run dvc repro first")
+    repeated = itertools.islice(itertools.cycle(enumerate(jumps)), number)
+    return [Jump(f"{jump.name}_{i}", jump.columns, jump.info) for i, (_, jump) in enumerate(repeated)]
+
+
+def timed(jumps: list[Jump], robot: Robot, settings: Settings) -> tuple[float, int]:
+    """Seconds of one diagnosis, and simulated steps."""
+    Counting.steps = 0
+    began = time.perf_counter()
+    diagnose(jumps, robot, settings, {})
+    return time.perf_counter() - began, Counting.steps
+
+
+def raw_limit(jumps: list[Jump], robot: Robot) -> float:
+    """Steps a second of plain roll-outs of whole logs on all cores."""
+    replayer = Replayer(robot, terrain_slots=max(1, *(len(j.info.terrain) for j in jumps)))
+    trials = [Trial(jump) for jump in jumps]
+    replayer.motions(trials, ROWS)
+    began = time.perf_counter()
+    motions = replayer.motions(trials, ROWS)
+    return sum(len(m.qpos) - 1 for m in motions) / (time.perf_counter() - began)
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    import leapgap.diagnosis.diagnose as engine
+    import leapgap.diagnosis.responses as responses
+
+    engine.Replayer = responses.Replayer = Counting  # type: ignore[misc]
+    robot = Robot.load()
+    settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
+    real = "data/jumps/real" if any(Path("data/jumps/real").glob("*.parquet")) else "data/jumps/damped"
+    sixteen, four = logs(real, 16), logs("data/jumps/damped", 4)
+    limit = raw_limit(sixteen, robot)
+    seconds_16, steps_16 = timed(sixteen, robot, settings)
+    seconds_4, steps_4 = timed(four, robot, settings)
+    found = {
+        "seconds_16_jumps": seconds_16,
+        "seconds_blind_case": seconds_4,
+        "steps_16_jumps": steps_16,
+        "steps_blind_case": steps_4,
+        "steps_per_second": (steps_16 + steps_4) / (seconds_16 + seconds_4),
+        "steps_per_second_rollout": limit,
+        "share_of_rollout": (steps_16 + steps_4) / (seconds_16 + seconds_4) / limit,
+        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+    }
+    for key, value in found.items():
+        print(f"{key}: {value if isinstance(value, str) else f'{value:.4g}'}")
+    if arguments.json is not None:
+        write_json(arguments.json, found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,232 @@
+"""Does the diagnosis name what was put in: every effect at moderate and large size, single places, pairs, nothing?
+
+Four jumps a case (own references of 40 to 70 cm, front feet on blocks of up to 3 cm) by the nominal robot with the
+effect, with sensor noise, in the diagnosing simulation itself; two more jumps of the same robot tell what the answer
+really closes. Run as ``python -m tests.benchmarks.diagnosis_injected --json <file>``, in two processes; ``--only``
+takes the first words of cases, ``--tsv`` a file for one line a case.
+"""
+
+import argparse
+import multiprocessing
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from leapgap import effects
+from leapgap.diagnosis.closure import closure, resamples
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose, run_checks
+from leapgap.diagnosis.gap import Judged, noise_floor, squares
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.effects.base import Effect
+from leapgap.files import write_json
+from leapgap.recording.jump import Jump, read
+from leapgap.robot.model import Robot
+from leapgap.simulation.hardware import Course, Plan, SensorNoise, make_jumps, terrain_slots
+from leapgap.simulation.replay import Replayer
+from stages.common import read_config
+
+REFERENCES = Path("data/references/own")
+DISTANCES = (40, 50, 60, 70)
+PROOF = 2
+HIGHEST_BLOCK_M = 0.03
+LARGE = {
+    "aerodynamic_drag": 3.0, "armature": 0.05, "com_offset": 0.06, "command_delay": 0.010, "encoder_bias": 0.08,
+    "foot_compliance": 0.06, "foot_friction": 0.3, "ground_height": 0.06, "ground_slope": 0.08, "joint_damping": 1.0,
+    "joint_friction": 2.5, "leg_mass": 1.6, "motor_lag": 0.010, "payload": 2.5, "sample_period": 1.15,
+    "state_latency": 0.030, "torque_gain": 0.7, "torque_speed_limit": 13.0, "trunk_inertia": 2.0,
+}  # fmt: skip
+"""Of the first parameter; moderate ones stand with the effects."""
+PLACED = (
+    ("torque_gain", "RR_calf", 0.7), ("torque_gain", "FL_thigh", 0.85), ("joint_friction", "RL_calf", 2.5),
+    ("joint_damping", "rear", 0.4), ("foot_compliance", "RR", 0.06), ("ground_height", "front", 0.03),
+    ("encoder_bias", "calf", 0.03),
+)  # fmt: skip
+PAIRS = (
+    (("joint_damping", 0.4), ("payload", 1.0)), (("torque_gain", 0.85), ("command_delay", 0.005)),
+    (("com_offset", 0.03), ("joint_friction", 1.0)), (("armature", 0.02), ("foot_compliance", 0.04)),
+    (("torque_speed_limit", 16.0), ("leg_mass", 1.3)), (("ground_slope", 0.03), ("motor_lag", 0.005)),
+)  # fmt: skip
+NONE = 4
+
+
+@dataclass(frozen=True)
+class Case:
+    """One robot."""
+
+    kind: str
+    effects: tuple[Effect, ...]
+    seed: int
+
+    @property
+    def label(self) -> str:
+        """``single joint_damping 0.4``."""
+        parts = (f"{e.name} at {e.location} {first_value(e):g}" for e in self.effects)
+        return f"{self.kind} {' + '.join(parts)}".strip()
+
+
+def first_value(effect: Effect) -> float:
+    """Of its first parameter."""
+    return effect.values[effect.parameters()[0].name]
+
+
+def made(name: str, value: float, location: str = "all") -> Effect:
+    """An effect by its first parameter."""
+    return effects.effect(name, location, **{effects.known()[name].parameters()[0].name: value})
+
+
+def cases() -> list[Case]:
+    """All of them."""
+    found: list[tuple[str, tuple[Effect, ...]]] = []
+    for name, kind in effects.known().items():
+        found.append(("moderate", (made(name, kind.parameters()[0].moderate),)))
+        found.append(("large", (made(name, LARGE[name]),)))
+    found += [("placed", (made(name, value, location),)) for name, location, value in PLACED]
+    found += [("pair", tuple(made(*one) for one in pair)) for pair in PAIRS]
+    found += [("none", ())] * NONE
+    return [Case(kind, own, seed) for seed, (kind, own) in enumerate(found)]
+
+
+def jumps_of(case: Case, robot: Robot) -> list[Jump]:
+    """Those to diagnose, then those to prove the answer on."""
+    rng = np.random.default_rng(case.seed)
+    references = [read(REFERENCES / f"h00_d{d}.parquet") for d in DISTANCES]
+    plans = [
+        Plan(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
+        for i in range(len(DISTANCES) + PROOF)
+    ]
+    assert terrain_slots(plans) == 1
+    return make_jumps(plans, robot, case.effects, SensorNoise(), Course(), rng)
+
+
+def realised(found: Diagnosis, proof: Sequence[Jump], robot: Robot, settings: Settings) -> float:
+    """Closure of the answer on jumps that the diagnosis never saw; their own clock where a value differs by log."""
+    judged, replayer = Judged.of(proof, robot), Replayer(robot)
+    clock = clock_of(run_checks(judged, robot, settings), judged, robot)
+    corrected = []
+    for jump in judged.jumps:
+        own = []
+        for effect, cause in zip(found.correction, found.report.causes, strict=False):
+            if cause.per_log and clock:
+                log, values = next(iter(cause.per_log.items()))
+                seen = next(c.per_log for c in found.report.checks if c.name == "joint_clock")[log]
+                share = (next(iter(values.values())) - 1) / (seen - 1)
+                effect = Hypothesis(effect.name, effect.location, clock).on(jump.name, np.array([share]))
+            own.append(effect)
+        corrected.append(tuple(own))
+    nominal, after = squares(judged, replayer, [[()] * len(proof), corrected])
+    floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
+    return closure(nominal, after, floor, judged, resamples(len(proof), 1, np.random.default_rng(0))).value
+
+
+def judge(case: Case) -> dict[str, Any]:
+    """Diagnose a case and put truth and answer side by side."""
+    os.cpu_count = lambda: 1  # two processes, two cores
+    robot = Robot.load()
+    settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
+    logs = jumps_of(case, robot)
+    began = time.process_time()
+    found = diagnose(logs[: len(DISTANCES)], robot, settings, {})
+    seconds = time.process_time() - began
+    report = found.report
+    names = {name for names in report.answer for name in names}
+    told = []
+    for effect in case.effects:
+        cause = next((c for c in report.causes if c.effect == effect.name), None)
+        for p in effect.parameters() if cause and effect.name in names else ():
+            true, estimate = effect.values[p.name], cause.parameters[p.name]
+            if true != p.nominal:
+                error = abs(estimate.value - true) / abs(true - p.nominal)
+                told.append((error, estimate.ci95[0] <= true <= estimate.ci95[1]))
+    promised = report.closure_of_answer
+    return {
+        "case": case.label,
+        "kind": case.kind,
+        "verdict": report.verdict,
+        "answer": [list(n) for n in report.answer],
+        "first": report.causes[0].effect if report.causes and report.answer else None,
+        "true": [e.name for e in case.effects],
+        "located": [
+            (e.location, next((c.location for c in report.causes if c.effect == e.name), None)) for e in case.effects
+        ],
+        "told": told,
+        "promised": promised.value if promised else None,
+        "realised": realised(found, logs[len(DISTANCES) :], robot, settings) if promised else None,
+        "cpu_s": seconds,
+    }
+
+
+def share(values: list[bool]) -> float | None:
+    """Of true ones."""
+    return float(np.mean(values)) if values else None
+
+
+def scores(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The keys of ``metrics/diagnosis.json``."""
+    alone = [o for o in outcomes if o["kind"] in ("moderate", "large", "placed")]
+    told = [t for o in outcomes for t in o["told"]]
+    promises = [abs(o["promised"] - o["realised"]) for o in outcomes if o["promised"] is not None]
+    names = [{n for names in o["answer"] for n in names} for o in outcomes]
+    return {
+        "cases": len(outcomes),
+        "injected_named_first": share([o["first"] in o["true"] for o in alone]),
+        "injected_named_alone": share([o["verdict"] == "named" and o["answer"] == [o["true"]] for o in alone]),
+        "injected_parameter_error_median": float(np.median([e for e, _ in told])) if told else None,
+        "injected_coverage": share([bool(c) for _, c in told]),
+        "closure_promise_error": float(np.mean(promises)) if promises else None,
+        "none_correct": share([o["verdict"] == "none" for o in outcomes if o["kind"] == "none"]),
+        "pairs_both_named": share(
+            [set(o["true"]) <= n for o, n in zip(outcomes, names, strict=True) if o["kind"] == "pair"]
+        ),
+        "locations_right": share(
+            [true == said for o in outcomes if o["kind"] == "placed" for true, said in o["located"]]
+        ),
+        "cpu_seconds_median": float(np.median([o["cpu_s"] for o in outcomes])),
+    }
+
+
+def main() -> None:
+    """Diagnose all and write the scores."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--tsv", type=Path)
+    parser.add_argument("--only", default="")
+    arguments = parser.parse_args()
+    chosen = [case for case in cases() if case.label.startswith(arguments.only)]
+    outcomes = []
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for outcome in pool.map(judge, chosen):
+            outcomes.append(outcome)
+            said = " + ".join(" or ".join(names) for names in outcome["answer"])
+            numbers = " ".join(f"{100 * e:.1f}%{'' if covered else '!'}" for e, covered in outcome["told"])
+            closes = "" if outcome["promised"] is None else f"{outcome['promised']:.2f}/{outcome['realised']:.2f}"
+            line = "\t".join(
+                [
+                    outcome["case"],
+                    outcome["verdict"],
+                    said,
+                    str(outcome["located"]),
+                    numbers,
+                    closes,
+                    f"{outcome['cpu_s']:.0f}",
+                ]
+            )
+            print(line, flush=True)
+            if arguments.tsv:
+                with arguments.tsv.open("a", encoding="utf-8") as file:
+                    file.write(line + "\n")
+    found = scores(outcomes)
+    for key, value in found.items():
+        print(f"{key}: {value}")
+    if arguments.json:
+        write_json(arguments.json, found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.attribution import Fit, Found, Plan, Search, broyden, covariance
+from leapgap.diagnosis.evidence import Evidence
+from leapgap.diagnosis.gap import Judged
+from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
+from leapgap.diagnosis.responses import Responses, joined, on_logs
+from leapgap.diagnosis.verdict import Doubts, answer_of, first_shares, probability, verdict_of
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.hardware import SensorNoise
+from leapgap.simulation.replay import Replayer
+from tests.diagnosis.test_gap import hardware
+
+
+def fit(names: tuple[str, ...], heldout: list[float], chi2: float = 1.0) -> Fit:
+    number = np.zeros(len(names))
+    hypotheses = tuple(Hypothesis(name) for name in names)
+    losses = np.array(heldout)
+    return Fit(hypotheses, number, number, np.zeros((1, 1, 1)), 0.0, np.full(4, chi2), np.eye(1), number[None], losses)
+
+
+def found(*rivals: Fit, nominal: float = 100.0, chi2: float = 5.0) -> Found:
+    alone = fit((), [nominal] * 4, chi2)
+    return Found(alone, rivals[0] if rivals else alone, (rivals,) if rivals else (), np.arange(4), 360, ())
+
+
+DRAWS = np.random.default_rng(0).integers(0, 4, size=(400, 4))
+
+
+def test_a_cause_that_is_best_on_every_log_is_named() -> None:
+    search = found(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
+    shares = first_shares(search, DRAWS)
+    answer = answer_of(search, shares, Doubts())
+    assert answer == (("payload",),)
+    assert probability("payload", search, shares) == 1
+    assert verdict_of(search, answer, 0.9, Doubts()) == "named"
+
+
+def test_a_rival_that_is_better_on_some_logs_is_told() -> None:
+    search = found(fit(("payload",), [1.0, 9, 1, 8]), fit(("leg_mass",), [9.0, 1, 9, 1]))
+    answer = answer_of(search, first_shares(search, DRAWS), Doubts())
+    assert answer == (("payload", "leg_mass"),)
+    assert verdict_of(search, answer, 0.9, Doubts()) == "ambiguous"
+
+
+def test_in_a_pair_a_rival_stands_in_the_place_it_could_take() -> None:
+    pair, other = fit(("payload", "armature"), [1.0, 9, 1, 8]), fit(("payload", "motor_lag"), [9.0, 1, 9, 1])
+    search = Found(fit((), [100.0] * 4), pair, ((fit(("payload",), [20.0] * 4),), (pair, other)), np.arange(4), 360, ())
+    shares = first_shares(search, DRAWS)
+    assert answer_of(search, shares, Doubts()) == (("payload",), ("armature", "motor_lag"))
+    assert probability("payload", search, shares) == pytest.approx(1)
+
+
+def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:
+    weak = found(fit(("payload",), [80.0] * 4))
+    assert verdict_of(weak, (("payload",),), 0.5, Doubts()) == "unknown"
+    assert verdict_of(weak, (("payload",),), 0.9, Doubts()) == "named"
+    strong = found(fit(("payload",), [1.0] * 4))
+    assert verdict_of(strong, (("payload",),), 0.1, Doubts()) == "unknown"
+    assert verdict_of(found(chi2=1.02), (), None, Doubts()) == "none"
+    assert verdict_of(found(chi2=3.0), (), None, Doubts()) == "unknown"
+
+
+def test_broyden_learns_the_slope_along_a_move() -> None:
+    rng = np.random.default_rng(0)
+    slopes, errors, move = rng.standard_normal((3, 5, 2)), rng.standard_normal((3, 5)), np.array([0.3, -0.2])
+    wrong = np.concatenate([errors[:, :, None], slopes + 0.5], axis=2)
+    learned = broyden(wrong, move, errors + slopes @ move)
+    assert learned @ move == pytest.approx(slopes @ move)
+    across = np.array([0.2, 0.3])
+    assert learned @ across == pytest.approx((slopes + 0.5) @ across)  # across it nothing was learned
+
+
+def test_covariance_is_the_curvature_unless_errors_scatter_more() -> None:
+    normal = np.array([[4.0, 1.0], [1.0, 3.0]])
+    inverse = np.linalg.inv(normal)
+    assert covariance(normal, normal, 1) == pytest.approx(inverse[:1, :1])
+    assert covariance(normal, 0.1 * normal, 1) == pytest.approx(inverse[:1, :1])
+    assert covariance(normal, 9 * normal, 1) == pytest.approx(9 * inverse[:1, :1])
+
+
+@pytest.fixture(scope="module")
+def search(robot: Robot, reference: Jump) -> Search:
+    """Two jumps of a robot with a heavier trunk."""
+    from leapgap import effects
+
+    jumps = hardware(robot, reference, effects.effect("payload", mass_kg=0.8), noise=SensorNoise(), jumps=2)
+    evidence = Evidence.of(Judged.of(jumps, robot).jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
+    hypotheses = hypotheses_of(["payload", "torque_gain"], robot, None)
+    return Search(Responses.of(evidence, hypotheses, {"payload.mass_kg": 0.02}), np.array([0, 1]), Plan(steps=4))
+
+
+def test_joints_together_do_what_the_sum_of_them_does(search: Search) -> None:
+    """The linear model of a place is the sum of its joints: near nominal the robot agrees."""
+    responses, h = search.responses, Hypothesis("torque_gain", "front")
+    small = -0.01
+    (errors,) = responses.evidence.residuals([on_logs(responses.evidence, (h, np.array([1 + small])))])
+    true = (joined(errors) - responses.nominal) / small
+    linear = responses.columns[:, :, responses.at(h, 0)].sum(axis=2)
+    assert (true * linear).sum() / np.linalg.norm(true) / np.linalg.norm(linear) > 0.95
+
+
+def test_gauss_newton_finds_the_mass_and_held_out_logs_agree(search: Search) -> None:
+    hypotheses = hypotheses_of(["payload", "torque_gain"], search.evidence.state.robot, None)
+    best = search.singles(hypotheses)[0]
+    assert best.names == ("payload",)
+    assert best.numbers[0] == pytest.approx(0.8, abs=0.1)
+    assert best.fold_numbers == pytest.approx(0.8, abs=0.15)
+    assert abs(best.numbers[0] - 0.8) < 4 * np.sqrt(best.covariance[0, 0])
+    assert best.heldout.sum() < search.nominal.heldout.sum() - 100
+    valley = search.valley(best)
+    assert valley.values[np.argmin(valley.loss)] == pytest.approx(best.numbers[0], rel=0.1)
+    assert valley.loss.min() == 0 and valley.loss.max() > 2

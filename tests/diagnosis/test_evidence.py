@@ -1,0 +1,90 @@
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap import effects
+from leapgap.diagnosis.evidence import Evidence, State, smoothed, spread, turn_between
+from leapgap.diagnosis.gap import Judged
+from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
+from leapgap.simulation.hardware import SensorNoise
+from leapgap.simulation.replay import Motion, Replayer, Starts, Trial
+from tests.diagnosis.test_gap import hardware
+
+
+@pytest.fixture(scope="module")
+def evidence(robot: Robot, reference: Jump) -> Evidence:
+    judged = Judged.of(hardware(robot, reference, noise=SensorNoise(), jumps=2), robot)
+    return Evidence.of(judged.jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
+
+
+def test_noise_explains_the_errors_of_the_robot_that_made_the_logs(evidence: Evidence) -> None:
+    """Whitened errors are standard normal when only noise acts: χ² is the number of values."""
+    about = evidence.around(evidence.same(()))
+    (errors,) = about.residuals([about.same(())])
+    chi2 = np.mean([np.mean(of**2) for of in errors])
+    assert 0.85 < chi2 < 1.25
+    (damped,) = about.residuals([about.same((effects.effect("joint_damping", damping=0.4),))])
+    assert np.mean([np.mean(of**2) for of in damped]) > 10
+
+
+def test_turns_are_mujocos(robot: Robot) -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.standard_normal((2, 4))
+    first /= np.linalg.norm(first)
+    by = np.array([0.002, -0.001, 0.003])
+    second = first.copy()
+    mujoco.mju_quatIntegrate(second, by, 1.0)
+    assert turn_between(first[None], second[None])[0] == pytest.approx(by, abs=1e-7)
+    assert turn_between(first[None], -second[None])[0] == pytest.approx(by, abs=1e-7)
+
+
+def test_a_displaced_state_differs_in_its_channel_alone(evidence: Evidence, robot: Robot) -> None:
+    state, at = evidence.state, evidence.pieces[0].starts.states[0]
+    nq = robot.model.nq
+    for channel in (0, 4, 8, 15, 30):
+        moved = state.moved(at, channel, 1e-3)
+        as_motion = [Motion(s[None, :nq], s[None, nq:]) for s in (moved, at)]
+        difference = state.differences(*as_motion)[0]
+        assert difference[channel] == pytest.approx(1e-3, abs=1e-8)
+        assert np.abs(np.delete(difference, channel)).max() < 1e-8
+
+
+def test_smoothing_keeps_parabolas_and_less_than_half_the_noise() -> None:
+    rows = np.arange(60.0)
+    logged = Motion((rows**2)[:, None], (3 * rows)[:, None])
+    value, kept = smoothed(logged, 30, 60)
+    assert value == pytest.approx([900.0, 90.0])
+    assert 0.2 < kept < 0.5
+    draws = np.random.default_rng(0).standard_normal((4000, 60))
+    assert np.std([smoothed(Motion(d[:, None], d[:, None]), 30, 60)[0][0] for d in draws]) == pytest.approx(
+        kept, rel=0.05
+    )
+
+
+def test_pieces_spread_over_logs_and_phases() -> None:
+    rows = [np.arange(0, 1100, 100)] * 4
+    kept = spread(rows, 22)
+    assert sum(map(len, kept)) == 22
+    assert set(np.concatenate(kept)) == set(rows[0])
+    assert [len(k) for k in spread(rows, 1000)] == [11] * 4
+
+
+def test_pieces_of_a_whole_jump_go_on_where_it_goes(robot: Robot, reference: Jump) -> None:
+    """A piece that starts from the true state of a whole replay repeats it, delayed commands and all."""
+    late = (effects.effect("command_delay", delay_s=0.004),)
+    replayer, trial = Replayer(robot), Trial(reference, late)
+    (whole,) = replayer.true_motions([trial], rows=400)
+    states = np.concatenate([whole.qpos, whole.qvel], axis=1)
+    ((piece,),) = replayer.restarted([trial], [Starts([200], states[200:201])], 101)
+    assert np.abs(piece.qpos - whole.qpos[200:301]).max() < 1e-9
+
+
+def test_noise_of_every_channel_is_read_off_the_log(robot: Robot, reference: Jump) -> None:
+    noise = SensorNoise(base_pos_m=0.002, base_angle_rad=0.003, joint_vel_rad_s=0.07)
+    (jump,) = hardware(robot, reference, noise=noise)
+    state = State.of([jump], robot)
+    found = dict(zip(state.names, state.noise(state.logged(jump)), strict=True))
+    assert found["base_pos_y"] == pytest.approx(0.002, rel=0.15)
+    assert found["base_pitch"] == pytest.approx(0.003, rel=0.15)
+    assert found["joint_vel/RR_calf"] == pytest.approx(0.07, rel=0.15)
