@@ -15,7 +15,7 @@ run: .venv/ready
 	@python -m leapgap.view.where
 
 test: .venv/ready renderer
-	pytest
+	pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_pipeline.py tests  # the longest file first
 
 lint: .venv/ready
 	ruff check

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from omegaconf import OmegaConf
@@ -22,7 +23,7 @@ from stages.params import composed
 from tests.code import ROOT, closure
 from tests.test_pipeline_files import stages
 
-FAST = {
+FAST: dict[str, Any] = {
     "effects": ["joint_damping"],
     "pieces_per_log": 4,
     "plan": {"most_causes": 1, "shortlist": 3, "steps": 3},
@@ -95,7 +96,8 @@ def job_of(case: Path, out: str) -> Job:
 
 def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path) -> None:
     run_jobs([job_of(case, "verdicts")], Executor("local", 1))
-    settings = [f"diagnose.settings.{key}={json.dumps(value)}" for key, value in FAST.items()]
+    flat = {k: v for k, v in FAST.items() if k != "plan"} | {f"plan.{k}": v for k, v in FAST["plan"].items()}
+    settings = [f"diagnose.settings.{key}={json.dumps(value)}" for key, value in flat.items()]
     out = case / "in_place"
     subprocess.run(
         [sys.executable, "-m", "stages.diagnose", f"diagnose.logs={case}/logs/case_000", f"diagnose.out={out}",

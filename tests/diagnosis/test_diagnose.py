@@ -148,7 +148,8 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
     settings = dataclasses.replace(FEW, effects=[found.name, *rivals])
     first = diagnose(jumps, robot, settings, {"logs": {}, "versions": {}}).report.causes[0]
     assert first.effect == found.name
-    assert first.location == "all"
+    # In this jump the front feet never come near their cone: where they slip, only the rear can tell.
+    assert first.location in (("all", "rear") if found.name == "foot_friction" else ("all",))
     departure = found.values[parameter] - type(found)().values[parameter]
     assert first.parameters[parameter].value == pytest.approx(found.values[parameter], abs=0.15 * abs(departure))
 

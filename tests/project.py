@@ -1,0 +1,77 @@
+"""A copy of the project, for tests that run DVC in it."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from tests.code import ROOT
+
+DVC = str(Path(sys.executable).with_name("dvc"))
+
+
+class Project:
+    """A copy of the working tree as a git repository of its own, set to size tiny."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        listed = subprocess.run(
+            ["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.splitlines()
+        for name in listed:
+            if (ROOT / name).is_file():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(ROOT / name, folder / name)
+        self.change("conf/config.yaml", "size: default", "size: tiny")
+        self.git("init", "-q", "-b", "main")
+        self.commit("start")
+
+    @property
+    def environment(self) -> dict[str, str]:
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(("DVC_", "GIT_"))}
+        path = f"{Path(sys.executable).parent}{os.pathsep}{kept['PATH']}"
+        return kept | {"PATH": path, "PYTHONPATH": str(self.folder / "src"), "DVC_NO_ANALYTICS": "1"}
+
+    def run(self, *command: str, code: int | None = 0) -> str:
+        done = subprocess.run(
+            command, cwd=self.folder, env=self.environment, capture_output=True, text=True, check=False
+        )
+        said = done.stdout + done.stderr
+        assert code is None or done.returncode == code, said[-6000:]
+        return said
+
+    def dvc(self, *arguments: str, code: int | None = 0) -> str:
+        return self.run(DVC, *arguments, code=code)
+
+    def git(self, *arguments: str) -> str:
+        identity = ("-c", "user.name=tester", "-c", "user.email=tester@example.org", "-c", "commit.gpgsign=false")
+        return self.run("git", *identity, *arguments)
+
+    def commit(self, message: str) -> None:
+        self.git("add", "-A")
+        self.git("commit", "-q", "-m", message)
+
+    def change(self, file: str, old: str, new: str) -> None:
+        path = self.folder / file
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    def outputs(self) -> dict[str, str]:
+        """Hash of every output that must repeat byte for byte (recordings do not)."""
+        lock = OmegaConf.to_container(OmegaConf.load(self.folder / "dvc.lock"))
+        return {
+            out["path"]: out["md5"]
+            for stage in lock["stages"].values()
+            for out in stage.get("outs", [])  # type: ignore[index,call-overload]
+            if not out["path"].startswith(("data/views", "data/reports"))
+        }
+
+
+def ran(said: str) -> set[str]:
+    """Names of the stages that DVC says it ran."""
+    return set(re.findall(r"Running stage '([^']+)'", said))
