@@ -100,6 +100,8 @@ def test_report_holds_the_contract_and_repeats(diagnosed) -> None:
     }
     assert set(report["causes"][0]["parameters"]["damping"]) >= {"value", "ci95", "nominal", "unit"}
     assert found.correction[0].name == "joint_damping"
+    for off in report["landing_misplaced_m"].values():
+        assert abs(off["corrected"]) < 0.4 * abs(off["nominal"])
     again = diagnosed(effects.effect("joint_damping", damping=0.4))
     assert json.dumps(again.report.to_json(), allow_nan=False) == text
 

@@ -13,7 +13,7 @@ from leapgap.diagnosis.channels import BASE_UNITS, is_logged
 from leapgap.diagnosis.checks import Check
 from leapgap.diagnosis.closure import Interval, closure, effects_on, heldout_squares, resamples
 from leapgap.diagnosis.evidence import Evidence
-from leapgap.diagnosis.gap import Judged, counts, noise_floor, pooled, squares, where
+from leapgap.diagnosis.gap import Judged, counts, misplaced_at_the_end, noise_floor, pooled, squares, where
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.report import Cause, Estimate, Profile, Report
 from leapgap.diagnosis.responses import FINER
@@ -26,6 +26,8 @@ from leapgap.simulation.replay import Motion, Replayer, Trial
 
 SIGMAS = 1.96
 """Of a 95 % interval."""
+NOTICEABLE = 0.05
+"""A share of the gap; of a smaller one no percentage is told."""
 
 
 @dataclass(frozen=True)
@@ -136,12 +138,22 @@ def diagnose(
             jump.name: {"nominal": float(np.sqrt(a / n)), "corrected": float(np.sqrt(b / n))}
             for jump, a, b, n in zip(jumps, nominal, heldout, counts(judged), strict=True)
         },
+        landing_misplaced_m=landing(whole, mended, judged),
         provenance={**provenance, "robot": robot.sha256, "config": asdict(settings)},
     )
     logs = [jump.name for jump in jumps]
     return Diagnosis(
         report, dict(zip(logs, whole, strict=True)), dict(zip(logs, mended, strict=True)), typical(believed, logs)
     )
+
+
+def landing(whole: Sequence[Motion], mended: Sequence[Motion], judged: Judged) -> dict[str, dict[str, float]]:
+    """Of each log, how far off the simulated trunk is at touch-down, m; nothing for robots without a base."""
+    nominal, corrected = misplaced_at_the_end(whole, judged), misplaced_at_the_end(mended, judged)
+    if nominal is None or corrected is None:
+        return {}
+    of_logs = zip(judged.jumps, nominal, corrected, strict=True)
+    return {jump.name: {"nominal": before, "corrected": after} for jump, before, after in of_logs}
 
 
 def folds_of(judged: Judged, folds: int) -> list[int]:
@@ -379,6 +391,11 @@ def sentence(
         + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(believed.hypotheses, believed.split(), answer, strict=True)
     ]
+    if closes.value < NOTICEABLE:
+        return (
+            f"{' and '.join(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
+            f"shrink the gap of whole jumps, which stays {nominal:.2f}."
+        )
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
         f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {min(100, 100 * closes.value):.0f} % (95 %: "

@@ -10,7 +10,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Motion, Replayer, Trial
 
 PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
 
@@ -51,6 +51,16 @@ def touch_down_row(jump: Jump, robot: Robot) -> int:
         ground = np.where(inside, np.maximum(ground, box.top_m), ground)
     touching = (feet[..., 2] - robot.foot_radius - ground < TOUCHING_M).any(axis=1)
     return begin + int(np.argmax(touching)) if touching.any() else len(jump)
+
+
+def misplaced_at_the_end(motions: Sequence[Motion], judged: "Judged") -> list[float] | None:
+    """How far along x each replay's trunk is from the log's in the last judged row (touch-down), m; None: no base."""
+    if all(channel.name != "base_pos_x" for channel in judged.channels):
+        return None
+    return [
+        float(motion.qpos[rows - 1, 0] - jump["base_pos_x"][rows - 1])
+        for motion, jump, rows in zip(motions, judged.jumps, judged.rows, strict=True)
+    ]
 
 
 @dataclass(frozen=True)

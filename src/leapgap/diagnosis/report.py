@@ -77,6 +77,9 @@ class Report:
     profiles: tuple[Profile, ...]
     gap_per_log: Mapping[str, Mapping[str, float]]
     """Headline gap of each log: nominal and corrected (held out)."""
+    landing_misplaced_m: Mapping[str, Mapping[str, float]]
+    """Where the trunk is along x at the end of what is judged (touch-down), simulated − logged: nominal and corrected
+    (held out) of each log; empty without a base."""
     provenance: Mapping[str, Any]
 
     @property
@@ -84,6 +87,11 @@ class Report:
         """The log whose nominal gap is the median one: neither the best nor the worst to show."""
         ordered = sorted(self.gap_per_log, key=lambda name: self.gap_per_log[name]["nominal"])
         return ordered[len(ordered) // 2]
+
+    def landing_off_cm(self, of: str) -> float | None:
+        """Mean absolute misplacement at touch-down of ``nominal`` or ``corrected``."""
+        off = [abs(both[of]) for both in self.landing_misplaced_m.values()]
+        return 100 * sum(off) / len(off) if off else None
 
     def to_json(self) -> dict[str, Any]:
         """As written to ``report.json``; numbers rounded to six digits, what is not finite is null."""
@@ -115,6 +123,7 @@ class Report:
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
                 "gap_per_log": self.gap_per_log,
+                "landing_misplaced_m": self.landing_misplaced_m,
                 "provenance": self.provenance,
             }
         )
@@ -130,6 +139,8 @@ class Report:
                 "gap_nominal": self.gap_nominal,
                 "gap_corrected": self.gap_corrected,
                 "noise_floor": self.noise_floor,
+                "landing_misplaced_nominal_cm": self.landing_off_cm("nominal"),
+                "landing_misplaced_corrected_cm": self.landing_off_cm("corrected"),
                 "jumps": len(self.gap_per_log),
             }
         )
