@@ -112,7 +112,7 @@ def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, 
     (project.folder / "dvc.lock").unlink(missing_ok=True)
     for victim, seconds in {"collect@simulated": 1.5, "train@simulated": 8.0, "diagnose@damped": 3.0}.items():
         process = subprocess.Popen(
-            [DVC, "repro", *goals],
+            [DVC, "repro", victim],
             cwd=project.folder,
             env=project.environment,
             text=True,

@@ -156,6 +156,12 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
     assert first.parameters[parameter].value == pytest.approx(found.values[parameter], abs=0.15 * abs(departure))
 
 
+def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, reference: Jump) -> None:
+    jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
+    settings = dataclasses.replace(FEW, effects=["joint_damping"], most_pieces=3, folds=2)
+    assert diagnose(jumps, robot, settings, {"logs": {}, "versions": {}}).report.gap_corrected < 0.5
+
+
 def test_a_single_weak_joint_is_found(robot: Robot, reference: Jump) -> None:
     weak = effects.effect("torque_gain", location="RR_calf", scale=0.7)
     report = diagnosed_of(hardware(robot, reference, weak, noise=SensorNoise(), jumps=4), robot)

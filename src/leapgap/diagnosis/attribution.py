@@ -288,7 +288,8 @@ class Search:
 
     def convincing(self, fit: Fit, before: Fit) -> bool:
         """Whether a further cause gains enough on held-out logs."""
-        gains = np.bincount(self.evidence.log_of_piece, before.heldout - fit.heldout)
+        log = self.evidence.log_of_piece
+        gains = np.bincount(log, before.heldout - fit.heldout)[np.unique(log)]  # not every log need have a piece
         gain = gains.sum()
         whole = (self.nominal.heldout - fit.heldout).sum()
         plan = self.plan

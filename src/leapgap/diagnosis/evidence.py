@@ -235,12 +235,10 @@ class Evidence:
         motions = self.replayer.restarted(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
         for (log, _, starts), of_trial in zip(batch, motions, strict=True):
             logged = self.pieces[log].logged
-            yield np.array(
-                [
-                    self._difference(motion, logged, row).ravel()
-                    for motion, row in zip(of_trial, starts.rows, strict=True)
-                ]
-            )
+            errors = [
+                self._difference(motion, logged, row).ravel() for motion, row in zip(of_trial, starts.rows, strict=True)
+            ]
+            yield np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.dofs))
 
     def _difference(self, motion: Motion, logged: Motion, row: int) -> np.ndarray:
         at = row + self.ages

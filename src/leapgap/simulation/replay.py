@@ -128,6 +128,9 @@ class Replayer:
             models, states, controls, counts = (
                 list(itertools.chain.from_iterable(prepared[i][k] for i in chosen)) for k in range(4)
             )
+            if not states:
+                found |= {i: [] for i in chosen}
+                continue
             data = self._data(trials[chosen[0]])
             out, _ = mujoco.rollout.rollout(
                 models, data, np.stack(states), held(controls, counts), persistent_pool=True

@@ -59,20 +59,25 @@ Rows = Sequence[Mapping[str, Any]]
 
 def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Path) -> str:
     """The page of the figures (landing.json), a row a jump (landings.csv), and the folder of kept runs."""
-    robots = list(dict.fromkeys(row["hardware"] for row in rows))
     methods = in_order({row["method"] for row in rows}, METHODS)
+    tried = {(row["hardware"], row["method"]) for row in rows}
+    methods_on = {
+        hardware: [name for name in methods if (hardware, name) in tried]
+        for hardware in dict.fromkeys(row["hardware"] for row in rows)
+    }
+    robots = sorted(methods_on, key=lambda hardware: -len(methods_on[hardware]))  # what most was tried on comes first
     tasks = in_order({row["task"] for row in rows}, TASKS)
     drawn: dict[str, go.Figure] = {}
     for hardware in robots:
-        mine = [row for row in rows if row["hardware"] == hardware]
+        mine, own = [row for row in rows if row["hardware"] == hardware], methods_on[hardware]
         drawn |= {
-            f"size_{hardware}": sizes(figures, hardware, methods, tasks),
-            f"signed_{hardware}": signed(mine, methods, tasks),
-            f"pitch_{hardware}": pitches(mine, methods, tasks),
+            f"size_{hardware}": sizes(figures, hardware, own, tasks),
+            f"signed_{hardware}": signed(mine, own, tasks),
+            f"pitch_{hardware}": pitches(mine, own, tasks),
         }
     if rows:
         drawn["bounds"] = bounds(rows, methods)
-    first = next(iter(rows), None)
+    first = next((row for row in rows if row["hardware"] == robots[0]), None)
     logs = {} if first is None else kept_logs(runs / first["robot"], methods, tasks)
     if logs:
         drawn |= {"forces": forces(logs), "joints": joints(logs)}
@@ -83,12 +88,14 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
         metrics=figures,
         robots=robots,
         methods=methods,
+        methods_on=methods_on,
         tasks=tasks,
         names={name: label(name) for name in methods},
         task_names={name: TASKS.get(name, name) for name in tasks},
         single=single,
         logs_of=first and first["robot"],
         steps={name: steps for name, steps in STEPS.items() if name in methods},
+        steps_on=[hardware for hardware in robots if set(STEPS) & set(methods_on[hardware])],
         box=BOX,
         reasons=reasons(runs),
         jumps=len(rows),
