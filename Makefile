@@ -14,6 +14,7 @@ run: .venv/ready
 	dvc repro
 	@python -m leapgap.view.where
 
+test: export OMP_NUM_THREADS := 1  # two workers share two cores
 test: .venv/ready renderer
 	pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_pipeline.py tests  # the longest file first
 
