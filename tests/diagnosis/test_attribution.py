@@ -38,6 +38,12 @@ def test_a_cause_that_is_best_on_every_log_is_named() -> None:
     assert verdict_of(search, answer, 0.9, Doubts()) == "named"
 
 
+def test_a_log_without_a_piece_can_be_drawn_again() -> None:
+    search = found(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
+    draws = np.array([[4, 0, 1, 2, 3], [4, 4, 4, 4, 0]])
+    assert first_shares(search, draws).tolist() == [1.0, 0.0]
+
+
 def test_a_rival_that_is_better_on_some_logs_is_told() -> None:
     search = found(fit(("payload",), [1.0, 9, 1, 8]), fit(("leg_mass",), [9.0, 1, 9, 1]))
     answer = answer_of(search, first_shares(search, DRAWS), Doubts())

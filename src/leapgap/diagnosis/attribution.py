@@ -177,6 +177,11 @@ class Found:
         """Sets as large as the believed one, itself among them."""
         return self.rounds[len(self.believed.hypotheses) - 1] if self.believed.hypotheses else ()
 
+    @property
+    def alternatives(self) -> tuple[Fit, ...]:
+        """The rivals, then each effect alone."""
+        return (*self.rivals, *(self.rounds[0] if self.rounds else ()))
+
 
 def find(
     bare: Evidence,

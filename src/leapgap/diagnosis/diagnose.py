@@ -226,7 +226,7 @@ def shown_fits(found: Found) -> list[Fit]:
     shown = [found.before(k + 1) for k in range(len(found.believed.hypotheses))]
     if found.believed.hypotheses:
         shown[-1] = found.believed
-    for fit in (*found.rivals, *(found.rounds[0] if found.rounds else ())):
+    for fit in found.alternatives:
         if not any(fit is other for other in shown):
             shown.append(fit)
     return shown
@@ -249,7 +249,7 @@ def causes_of(
         sure = probability(names[0], found, shares)
         causes.append(cause_of(believed, k, sure, names[1:], closures[id(step)], gaps[id(step)], judged, settings))
     told = {(cause.effect, cause.location) for cause in causes}
-    for fit in (*found.rivals, *(found.rounds[0] if found.rounds else ())):
+    for fit in found.alternatives:
         k = len(fit.hypotheses) - 1
         newest = fit.hypotheses[k]
         if (newest.name, newest.location) not in told:

@@ -28,8 +28,9 @@ class Doubts:
 
 def first_shares(found: Found, draws: np.ndarray) -> np.ndarray:
     """How often each rival has the least held-out loss when logs are drawn again (draws, logs), (rivals,)."""
-    losses = np.stack([np.bincount(found.log_of_piece, fit.heldout) for fit in found.rivals])
-    return np.bincount(losses[:, draws].sum(axis=2).argmin(axis=0), minlength=len(losses)) / len(draws)
+    logs = draws.shape[1]  # not every log need have a piece
+    of_logs = np.stack([np.bincount(found.log_of_piece, fit.heldout, minlength=logs) for fit in found.rivals])
+    return np.bincount(of_logs[:, draws].sum(axis=2).argmin(axis=0), minlength=len(of_logs)) / len(draws)
 
 
 def answer_of(found: Found, shares: np.ndarray, doubts: Doubts) -> Answer:
