@@ -1,5 +1,6 @@
 """The diagnosis of a folder of jump logs against a robot."""
 
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -37,7 +38,8 @@ def diagnose(config: DictConfig) -> None:
         "logs": {jump.name: sha256(logs / f"{jump.name}.parquet") for jump in jumps},
         "versions": {name: version(name) for name in ("leapgap", "mujoco", "numpy")},
     }
-    found = run_diagnosis(jumps, robot, settings, provenance, progress=lambda text: print(text, flush=True))
+    tell = partial(print, flush=True)
+    found = run_diagnosis(jumps, robot, settings, provenance, progress=tell, threads=section.threads)
     report, replayer = found.report, Replayer(robot)
     ghosts = {
         kind: {jump.name: replayer.as_jump(motions[jump.name], jump) for jump in jumps}

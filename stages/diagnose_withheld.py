@@ -5,7 +5,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,8 @@ class Job:
     diagnose: Mapping[str, Any]
     """Section ``diagnose`` without paths."""
     code: str
+    threads: int | None = None
+    """Of one diagnosis; None: as many as cores. No part of the key: they change no result."""
 
     @property
     def key(self) -> str:
@@ -86,6 +88,8 @@ def run_jobs(jobs: list[Job], executor: Executor) -> None:
         jobs[0].out.parent.mkdir(parents=True, exist_ok=True)
         write_text(jobs[0].out.parent / SCRIPT, plotly.offline.get_plotlyjs())
     todo = [job for job in jobs if not has_key(job.out, job.key)]
+    if executor.workers > 1:
+        todo = [replace(job, threads=1) for job in todo]
     print(f"{len(jobs)} cases, {len(jobs) - len(todo)} of them diagnosed already", flush=True)
     failed = {}
     for number, (name, sentence, error) in enumerate(executor.map(judge, todo), start=1):
@@ -115,7 +119,7 @@ def verdict_of(job: Job) -> str:
         folder = Path(name)
         shutil.copytree(job.logs, folder / "logs")
         shutil.copyfile(job.robot, folder / "robot.xml")
-        said = run_in(folder, job.diagnose)
+        said = run_in(folder, {**job.diagnose, "threads": job.threads})
         verdict = folder / "verdict"
         page = (verdict / "report.html").read_text(encoding="utf-8")
         inline = f"<script>{plotly.offline.get_plotlyjs()}</script>"

@@ -74,9 +74,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     import leapgap.diagnosis.diagnose as engine
-    import leapgap.diagnosis.responses as responses
 
-    engine.Replayer = responses.Replayer = Counting  # type: ignore[misc]
+    engine.Replayer = Counting  # type: ignore[misc]
     robot = Robot.load()
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
     real = "data/jumps/real" if any(Path("data/jumps/real").glob("*.parquet")) else "data/jumps/damped"

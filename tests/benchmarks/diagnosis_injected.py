@@ -8,7 +8,6 @@ takes the first words of cases, ``--tsv`` a file for one line a case.
 
 import argparse
 import multiprocessing
-import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -107,7 +106,7 @@ def jumps_of(case: Case, robot: Robot) -> list[Jump]:
 
 def realised(found: Diagnosis, proof: Sequence[Jump], robot: Robot, settings: Settings) -> float:
     """Closure of the answer on jumps that the diagnosis never saw; their own clock where a value differs by log."""
-    judged, replayer = Judged.of(proof, robot), Replayer(robot)
+    judged, replayer = Judged.of(proof, robot), Replayer(robot, threads=1)
     clock = clock_of(run_checks(judged, robot, settings), judged, robot)
     corrected = []
     for jump in judged.jumps:
@@ -127,12 +126,11 @@ def realised(found: Diagnosis, proof: Sequence[Jump], robot: Robot, settings: Se
 
 def judge(case: Case) -> dict[str, Any]:
     """Diagnose a case and put truth and answer side by side."""
-    os.cpu_count = lambda: 1  # two processes, two cores
     robot = Robot.load()
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
     logs = jumps_of(case, robot)
     began = time.process_time()
-    found = diagnose(logs[: len(DISTANCES)], robot, settings, {})
+    found = diagnose(logs[: len(DISTANCES)], robot, settings, {}, threads=1)
     seconds = time.process_time() - began
     report = found.report
     names = {name for names in report.answer for name in names}

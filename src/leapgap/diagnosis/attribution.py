@@ -6,7 +6,7 @@ robot and for every hypothesis alike.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -126,8 +126,12 @@ class Plan:
     """Sets fitted to replays of their own in the first round; of every later one, half as many."""
     per_effect: int = 3
     """Of them, with one effect at different places."""
+    coarse_steps: int = 3
+    """Of Gauss–Newton in some of the evidence,"""
     steps: int = 5
-    """Of Gauss–Newton."""
+    """and in all of it."""
+    promising: int = 7
+    """Effects that in some of the evidence explain most beside the first, and are tried in all of it."""
     beams: int = 2
     """Sets of a round that the next one builds on."""
     most_causes: int = 4
@@ -196,14 +200,17 @@ def find(
 
     Far from the truth neither noise nor small effects do what they do near it.
     """
-    first = Search(Responses.of(coarse, hypotheses, tolerances), fold_of_log, plan, progress)
+    rough = replace(plan, steps=plan.coarse_steps)
+    first = Search(Responses.of(coarse, hypotheses, tolerances), fold_of_log, rough, progress)
     singles = first.singles(hypotheses)
     sensible = [fit for fit in singles if fit.sensible]
     if sensible and first.convincing(sensible[0], first.nominal):
-        best = sensible[0]
+        best, again = sensible[0], sensible[: (plan.shortlist + 1) // 2]
         around = list(zip(best.hypotheses, best.split(), strict=True))
-        search = Search(Responses.of(bare, hypotheses, tolerances, around), fold_of_log, plan, progress)
-        return search.forward(hypotheses, search.again(sensible[: (plan.shortlist + 1) // 2]))
+        names = {*first.promising(best, hypotheses), *(fit.names[0] for fit in again)}
+        hopeful = [h for h in hypotheses if h.name in names]
+        search = Search(Responses.of(bare, hopeful, tolerances, around), fold_of_log, plan, progress)
+        return search.forward(hopeful, search.again(again))
     search = Search(Responses.of(bare, hypotheses, tolerances), fold_of_log, plan, progress)
     return search.forward(hypotheses, search.singles(hypotheses))
 
@@ -324,17 +331,25 @@ class Search:
         return products.penalised(products.fit(prior, self.every), prior)
 
     def trials(self, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
-        """Effects that act everywhere, at several sizes, as they are."""
+        """Effects that act everywhere, at several sizes, not linear in them."""
         tried = [
-            ((h,), numbers)
+            [(h, numbers)]
             for h in hypotheses
             if h.location == "all"
             for size in TRIALS
             for sign in (1.0, -1.0)
             if h.allows(numbers := h.nominal + size * sign * h.moderate)
         ]
-        found = self.residuals(tried)
-        return [Guess(h, x, self.loss_of(errors)) for (h, x), errors in zip(tried, found, strict=True)]
+        found = self.responses.departures(tried)
+        return [
+            Guess((h,), x, self.loss_of(self.responses.nominal + change))
+            for ((h, x),), change in zip(tried, found, strict=True)
+        ]
+
+    def promising(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[str]:
+        """Effects that may act beside a fit, the best first."""
+        guesses = sorted(self.linear(base, hypotheses), key=lambda guess: guess.loss)
+        return list(dict.fromkeys(guess.hypotheses[-1].name for guess in guesses))[: self.plan.promising]
 
     def linear(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
         """Each further hypothesis on top of a fit, in the linear model."""

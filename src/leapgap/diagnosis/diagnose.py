@@ -16,7 +16,7 @@ from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged, counts, misplaced_at_the_end, noise_floor, pooled, squares, where
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.report import Cause, Estimate, Profile, Report
-from leapgap.diagnosis.responses import FINER
+from leapgap.diagnosis.responses import FINE_STEP_S
 from leapgap.diagnosis.verdict import Answer, Doubts, answer_of, first_shares, probability, verdict_of
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
@@ -26,6 +26,9 @@ from leapgap.simulation.replay import Motion, Replayer, Trial
 
 SIGMAS = 1.96
 """Of a 95 % interval."""
+OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
+"""Of further jumps that may tell causes apart, unless one as far was logged."""
+OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
 NOTICEABLE = 0.05
 """A share of the gap; of a smaller one no percentage is told."""
 
@@ -80,10 +83,14 @@ def diagnose(
     settings: Settings,
     provenance: Mapping[str, Any],
     progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
 ) -> Diagnosis:
-    """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on."""
+    """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on.
+
+    ``threads`` (all cores, where it is None) change the time it takes and nothing else.
+    """
     names = known_names(settings)
-    replayer = Replayer(robot, terrain_slots=max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1)
+    replayer = Replayer(robot, max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1, threads)
     judged = Judged.of(jumps, robot)
     folds = folds_of(judged, settings.folds)
     rng = np.random.default_rng(settings.seed)
@@ -102,7 +109,9 @@ def diagnose(
     heldout = of_fits[id(found.believed)]
     closes = closure(nominal, heldout, floor, judged, draws) if found.believed.hypotheses else None
     answer = answer_of(found, shares, settings.doubts)
-    closed = max(closes.value, finer_closure(found.believed, judged, replayer, floor, folds)) if closes else None
+    closed = closes.value if closes else None
+    if closed is not None and closed < settings.doubts.enough_closure:
+        closed = max(closed, finer_closure(found.believed, judged, replayer, floor, folds))
     verdict = verdict_of(found, answer, closed, settings.doubts)
     believed = found.believed if verdict in ("named", "ambiguous") else found.nominal
     if verdict == "unknown" and confirmed(found):
@@ -131,7 +140,7 @@ def diagnose(
         where=tuple(where(judged, replayer, settings.where_horizon_s)),
         causes=causes,
         checks=tuple(checks),
-        next_experiment=next_experiment(answer),
+        next_experiment=next_experiment(answer, jumps, robot),
         not_judged=tuple(not_judged(jumps, robot)),
         profiles=tuple(profiles_of(found)),
         gap_per_log={
@@ -338,7 +347,7 @@ def shrunk(fit: Fit, judged: Judged, replayer: Replayer, folds: Sequence[int], s
 
 def finer_closure(believed: Fit, judged: Judged, replayer: Replayer, floor: np.ndarray, folds: Sequence[int]) -> float:
     """Closure in replays of shorter steps: the nominal step's own error may hide what a small effect closes."""
-    finer = Replayer(replayer.robot, replayer.slots, replayer.threads, FINER)
+    finer = replayer.with_steps(FINE_STEP_S)
     nominal = squares(judged, finer, [[()] * len(judged.jumps)])[0]
     corrected = heldout_squares(judged, finer, [believed], folds)[0]
     return closure(nominal, corrected, floor, judged, np.zeros((1, len(judged.jumps)), int)).value
@@ -350,8 +359,7 @@ def typical(fit: Fit, logs: Sequence[str], fold: int | None = None) -> tuple[Eff
     found = []
     for same in zip(*of_logs, strict=True):
         middle = {name: float(np.median([one.values[name] for one in same])) for name in same[0].values}
-        found.append(replace(same[0], profile=()) if "profile" in vars(same[0]) else same[0])
-        found[-1] = replace(found[-1], **middle)
+        found.append(replace(same[0].changing(()), **middle))
     return tuple(found)
 
 
@@ -416,16 +424,29 @@ def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: Judged) -> str:
     return f"{hypothesis.name}{place}: {', '.join(sizes)}"
 
 
-def next_experiment(answer: tuple[tuple[str, ...], ...]) -> dict[str, Any] | None:
-    """What would tell apart the first causes that these logs cannot."""
-    for names in answer:
-        if len(names) > 1:
-            return {
-                "sentence": f"These jumps leave the same trace for {' and '.join(names)}: log jumps to other "
-                "distances and with other joint gains, and diagnose all logs together.",
-                "separates": list(names),
-            }
-    return None
+def next_experiment(answer: Answer, jumps: Sequence[Jump], robot: Robot) -> dict[str, Any] | None:
+    """What would tell apart the first causes that these logs cannot: other jumps than were logged.
+
+    ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
+    """
+    separates = next((list(names) for names in answer if len(names) > 1), None)
+    if separates is None:
+        return None
+    trace = f"These jumps leave the same trace for {' and '.join(separates)}: "
+    if not robot.has_free_base:
+        sentence = f"{trace}log faster and slower motions, and diagnose all logs together."
+        return {"sentence": sentence, "separates": separates}
+    logged = np.array([jump.info.target.x_m for jump in jumps])
+    far = [x for x in OTHER_DISTANCES_M if np.abs(logged - x).min() > LOGGED_ALREADY_M] or list(OTHER_DISTANCES_M)
+    number = max(len(far), min(2 * len(jumps), MOST_FURTHER_JUMPS))
+    low, high = OTHER_BLOCKS_M
+    sentence = (
+        f"{trace}log {number} further jumps, to {', '.join(f'{100 * x:g}' for x in far)} cm, with the front feet on "
+        f"blocks of {100 * low:g} to {100 * high:g} cm, and diagnose all logs together."
+    )
+    targets = ",".join(f"[{x:g},0.0]" for x in far)
+    collect = [f"collect.targets=[{targets}]", f"collect.jumps={number}", f"collect.block_height_m=[{low:g},{high:g}]"]
+    return {"sentence": sentence, "separates": separates, "collect": collect}
 
 
 def not_judged(jumps: Sequence[Jump], robot: Robot) -> list[str]:

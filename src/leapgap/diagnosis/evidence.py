@@ -5,7 +5,10 @@ ages. What sensor noise does to such an error is known: noise of the start grows
 (finite differences), noise of the comparison is white. Both together whiten the errors of a piece.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -19,6 +22,8 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer, Starts, Trial
 
 Effects = tuple[Effect, ...]
+Batched = tuple[int, Effects, Starts]
+"""What to replay: number of the log, effects, starts."""
 
 SMOOTHED_ROWS = 9
 """A start is the value of a parabola through so many rows before and after it."""
@@ -31,8 +36,10 @@ LEAST_NOISE = {
     "joint_vel": 1e-3,
 }
 """Smallest noise a quantity is credited with, m, rad, m/s, rad/s: a log rounded to its last digit is not exact."""
-ROLLOUTS_AT_ONCE = 1500
-"""Bounds the memory of one batch."""
+ROLLOUTS_AT_ONCE = 200
+"""By one thread: bounds its memory."""
+SHARES = 3
+"""Of the work for each thread: several, so that no thread waits long for another."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +177,12 @@ class Pieces:
             states[:, 3:7] /= np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
         return Pieces(jump, logged, Starts(rows, states), state.noise(logged), np.array([kept for _, kept in found]))
 
+    def every(self, rows: int) -> "Pieces":
+        """The same pieces of the log's every so many-th row; what is known of its noise stays."""
+        logged = Motion(self.logged.qpos[::rows], self.logged.qvel[::rows])
+        starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
+        return replace(self, jump=self.jump.every(rows), logged=logged, starts=starts)
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -215,22 +228,32 @@ class Evidence:
         """The same effects on every log."""
         return [effects] * len(self.pieces)
 
-    def by(self, replayer: Replayer) -> "Evidence":
-        """The same evidence judged by another simulation."""
-        return replace(self, replayer=replayer)
+    def with_steps(self, largest_step_s: float) -> "Evidence":
+        """The same pieces, compared at the same instants, by replays of other steps: of several rows, if need be."""
+        replayer = self.replayer.with_steps(largest_step_s)
+        period = self.pieces[0].jump.info.sample_period_s
+        begun = [row for of in self.pieces for row in of.starts.rows]
+        every = math.gcd(*self.ages.tolist(), *begun, max(1, round(largest_step_s / period)))
+        pieces = tuple(of.every(every) for of in self.pieces)
+        return replace(self, replayer=replayer, pieces=pieces, ages=self.ages // every)
 
-    def errors(self, trials: Sequence[tuple[int, Effects, Starts]]) -> Iterator[np.ndarray]:
-        """Simulated − logged of trials (log, effects, starts): (pieces, values) each, rolled out in large batches."""
-        batch: list[tuple[int, Effects, Starts]] = []
-        for trial in trials:
-            batch.append(trial)
-            if sum(len(starts.rows) for _, _, starts in batch) >= ROLLOUTS_AT_ONCE:
-                yield from self._batch(batch)
-                batch = []
-        if batch:
-            yield from self._batch(batch)
+    def errors(self, trials: Sequence[Batched]) -> Iterator[np.ndarray]:
+        """Simulated − logged of trials (log, effects, starts): (pieces, values) each, by all threads."""
+        sizes = [len(starts.rows) for _, _, starts in trials]
+        most = min(ROLLOUTS_AT_ONCE, -(-sum(sizes) // (SHARES * self.replayer.threads)))
+        batches: list[list[Batched]] = []
+        room = 0
+        for trial, size in zip(trials, sizes, strict=True):
+            if room <= 0:
+                batches.append([])
+                room = most
+            batches[-1].append(trial)
+            room -= size
+        with ThreadPoolExecutor(self.replayer.threads) as pool:
+            yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
 
-    def _batch(self, batch: Sequence[tuple[int, Effects, Starts]]) -> Iterable[np.ndarray]:
+    def _batch(self, batch: Sequence[Batched]) -> list[np.ndarray]:
+        found = []
         trials = [Trial(self.pieces[log].jump, effects) for log, effects, _ in batch]
         motions = self.replayer.restarted(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
         for (log, _, starts), of_trial in zip(batch, motions, strict=True):
@@ -238,7 +261,8 @@ class Evidence:
             errors = [
                 self._difference(motion, logged, row).ravel() for motion, row in zip(of_trial, starts.rows, strict=True)
             ]
-            yield np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.dofs))
+            found.append(np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.dofs)))
+        return found
 
     def _difference(self, motion: Motion, logged: Motion, row: int) -> np.ndarray:
         at = row + self.ages
@@ -255,21 +279,27 @@ class Evidence:
     def whitened(self, log: int, error: np.ndarray) -> np.ndarray:
         """Errors of one log (pieces, values) in units of noise, (pieces, values)."""
         finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
-        return np.einsum("pij,pj->pi", self.whitening[log], finite)
+        return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
 
     def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:
         """Inverse Cholesky factors of each piece's covariance: starts that are a little wrong, and white noise."""
-        channels = len(self.state.dofs)
-        for log, own in enumerate(self.pieces):
-            number = len(own.starts.rows)
-            sign = np.where(np.arange(number) % 2, -1.0, 1.0)
-            displaced = []
-            for c in range(channels):
-                by = sign * own.start_noise * own.noise[c]
-                states = np.array([self.state.moved(s, c, b) for s, b in zip(own.starts.states, by, strict=True)])
-                displaced.append((log, effects[log], Starts(own.starts.rows, states)))
-            base, *moved = self.errors([(log, effects[log], own.starts), *displaced])
-            growth = np.nan_to_num(np.stack([m - base for m in moved], axis=2))  # (pieces, values, channels)
-            white = np.tile(own.noise, len(self.ages)) ** 2
-            covariance = np.einsum("pik,pjk->pij", growth, growth) + np.diag(white)
+        trials = [
+            (log, effects[log], starts)
+            for log, own in enumerate(self.pieces)
+            for starts in (own.starts, *self._displaced(own))
+        ]
+        errors = self.errors(trials)
+        for own in self.pieces:
+            base = next(errors)
+            growth = np.nan_to_num(np.stack([next(errors) - base for _ in self.state.dofs], axis=2))
+            white = np.tile(own.noise, len(self.ages)) ** 2  # growth: (pieces, values, channels)
+            covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
+
+    def _displaced(self, own: Pieces) -> Iterator[Starts]:
+        """The starts of a log, a standard deviation of their noise off in one channel after the other."""
+        sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
+        for c in range(len(self.state.dofs)):
+            by = sign * own.start_noise * own.noise[c]
+            states = [self.state.moved(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
+            yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -47,11 +46,11 @@ class Hypothesis:
 
     def on(self, log: str, numbers: np.ndarray) -> Effect:
         """The effect on one log."""
-        values: dict[str, Any] = dict(self.values(log, numbers))
-        if self.per_log is not None and len(self.per_log[log]) > 1:
-            local = 1 + float(numbers[0]) * (np.array(self.per_log[log]) - 1)
-            values["profile"] = tuple((local / local.mean()).tolist())
-        return effects.known()[self.name](location=self.location, **values)
+        effect = effects.known()[self.name](location=self.location, **self.values(log, numbers))
+        if self.per_log is None or len(self.per_log[log]) == 1:
+            return effect
+        local = 1 + float(numbers[0]) * (np.array(self.per_log[log]) - 1)
+        return effect.changing(tuple((local / local.mean()).tolist()))
 
     def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:
         """The effect's parameters on one log."""
@@ -107,8 +106,7 @@ def places(name: str, robot: Robot) -> dict[str, tuple[str, ...]]:
 def usable(name: str, robot: Robot) -> bool:
     """Whether a robot can have an effect at all."""
     kind = effects.known()[name]
-    needs_base = kind.places == "feet" or name in ("state_latency",)
-    return robot.has_free_base or not needs_base
+    return robot.has_free_base or not (kind.needs_base or kind.places == "feet")
 
 
 def hypotheses_of(

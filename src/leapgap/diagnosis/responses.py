@@ -5,7 +5,7 @@ are sums of the single ones. Some also serve as nuisances: what no description o
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.fitting import Products
 from leapgap.diagnosis.hypotheses import Hypothesis, places, usable
 from leapgap.effects.base import Effect
-from leapgap.simulation.replay import Replayer
 
-FINER = 4
-"""Steps so many times as short show what the nominal simulation's own step does."""
+FINE_STEP_S, ROUGH_STEP_S = 0.00028, 0.0022
+"""Replays of short steps show what the nominal simulation's own step does; long ones will do for derivatives."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +28,38 @@ class Key:
     place: str
 
 
+Acting = Sequence[tuple[Hypothesis, np.ndarray]]
+"""Hypotheses with their numbers."""
+
+
+@dataclass(frozen=True)
+class Departures:
+    """What hypotheses change in the evidence, by replays of long steps: twice as fast, and steps err on both sides."""
+
+    evidence: Evidence
+    around: Acting
+    start: np.ndarray
+    """Whitened errors without further hypotheses, (pieces, values)."""
+
+    @staticmethod
+    def of(evidence: Evidence, around: Acting) -> "Departures":
+        """From a robot with some hypotheses in it."""
+        rough = evidence.with_steps(ROUGH_STEP_S).around(on_logs(evidence, *around))
+        (start,) = rough.residuals([on_logs(rough, *around)])
+        return Departures(rough, around, joined(start))
+
+    def __call__(self, further: Sequence[Acting]) -> list[np.ndarray]:
+        """Whitened changes of sets of further hypotheses, (pieces, values) each."""
+        found = self.evidence.residuals([on_logs(self.evidence, *self.around, *one) for one in further])
+        return [joined(of) - self.start for of in found]
+
+
 @dataclass(frozen=True)
 class Responses:
     """Columns of all effects and nuisances, in pieces of all logs in order."""
 
     evidence: Evidence
+    departures: "Departures"
     nominal: np.ndarray
     """Whitened errors of the nominal robot, (pieces, values)."""
     keys: tuple[Key, ...]
@@ -49,7 +75,7 @@ class Responses:
         evidence: Evidence,
         hypotheses: Sequence[Hypothesis],
         tolerances: Mapping[str, float],
-        around: Sequence[tuple[Hypothesis, np.ndarray]] = (),
+        around: Acting = (),
     ) -> "Responses":
         """Roll out every effect of the hypotheses, and every effect with a tolerance, once at every single place.
 
@@ -69,15 +95,15 @@ class Responses:
             for k in range(len(h.parameters))
             for place in members[name, "all"]
         )
-        evidence = evidence.around(on_logs(evidence, *around))
-        acting = [(), *([moved(names[key.effect], key)] for key in keys)]
-        found = evidence.residuals([on_logs(evidence, *around, *one) for one in acting])
-        origin = joined(found[0])
-        columns = np.stack([joined(of) - origin for of in found[1:]], axis=2) if keys else np.zeros((*origin.shape, 0))
+        departures = Departures.of(evidence, around)
+        evidence = replace(evidence, whitening=departures.evidence.whitening)
+        found = departures([[moved(names[key.effect], key)] for key in keys])
+        columns = np.stack(found, axis=2) if keys else np.zeros((*departures.start.shape, 0))
         columns /= np.array([names[key.effect].moderate[key.number] for key in keys])
-        finer = Replayer(robot, evidence.replayer.slots, evidence.replayer.threads, FINER)
-        (stepped,) = evidence.by(finer).residuals([on_logs(evidence, *around)])
-        nuisances = [joined(stepped) - origin]
+        origin, stepped = (
+            joined(of.residuals([on_logs(evidence, *around)])[0]) for of in (evidence, evidence.with_steps(FINE_STEP_S))
+        )
+        nuisances = [stepped - origin]
         for name, size in tolerances.items():
             effect, _, parameter = name.partition(".")
             which = [p.name for p in effects.known()[effect].parameters()].index(parameter)
@@ -85,7 +111,7 @@ class Responses:
                 size * columns[:, :, i] for i, k in enumerate(keys) if (k.effect, k.number) == (effect, which)
             ]
         nominal = origin if not around else joined(evidence.residuals([evidence.same(())])[0])
-        return Responses(evidence, nominal, keys, columns, np.stack(nuisances, axis=2), members)
+        return Responses(evidence, departures, nominal, keys, columns, np.stack(nuisances, axis=2), members)
 
     @property
     def names(self) -> frozenset[str]:

@@ -69,6 +69,8 @@ class Effect(ABC):
     name: ClassVar[str]
     differs_per_log: ClassVar[bool] = False
     """Whether its value may differ from jump to jump."""
+    needs_base: ClassVar[bool] = False
+    """Whether it says nothing about a robot that is fixed to the ground."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
@@ -90,6 +92,10 @@ class Effect(ABC):
     def is_nominal(self) -> bool:
         """Whether every parameter has the value at which the effect is absent."""
         return all(getattr(self, p.name) == p.nominal for p in self.parameters())
+
+    def changing(self, profile: tuple[float, ...]) -> "Effect":
+        """The same where its value changes within a log: shares of it, evenly spaced from first row to last."""
+        return self
 
     @property
     def structure(self) -> Hashable | None:

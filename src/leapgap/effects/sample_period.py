@@ -1,6 +1,6 @@
 """A control loop that runs slower or faster than its log claims."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,10 @@ class SamplePeriod(Effect):
     scale: float = parameter(1.0, "1", 0.8, 1.3, 1.07)
     profile: tuple[float, ...] = ()
     """True length of a row over ``scale``, at rows evenly spaced from the log's first to its last; empty: 1."""
+
+    def changing(self, profile: tuple[float, ...]) -> "SamplePeriod":
+        """With this profile."""
+        return replace(self, profile=profile)
 
     def change_period(self, period_s: float) -> float:
         """Stretch the time that passes a row; the number of steps a row stays."""

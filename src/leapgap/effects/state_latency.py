@@ -19,6 +19,7 @@ class StateLatency(Effect):
     """
 
     name = "state_latency"
+    needs_base = True
 
     delay_s: float = parameter(0.0, "s", 0.0, 0.06, 0.015)
 

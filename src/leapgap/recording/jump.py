@@ -119,8 +119,18 @@ class Jump:
         return np.stack([self[column] for column in columns], axis=-1)
 
     def per_joint(self, quantity: str, joints: Sequence[str] | None = None) -> np.ndarray:
-        """``quantity/<joint>`` of all joints in order, shape (rows, joints)."""
-        return self.stack([f"{quantity}/{joint}" for joint in joints or self.joints])
+        """``quantity/<joint>`` of all joints in order, shape (rows, joints); kept, hence read-only."""
+        key = (quantity, tuple(joints or self.joints))
+        if key not in self._per_joint:
+            values = self.stack([f"{quantity}/{joint}" for joint in key[1]])
+            values.flags.writeable = False
+            self._per_joint[key] = values
+        return self._per_joint[key]
+
+    @cached_property
+    def _per_joint(self) -> dict[tuple[str, tuple[str, ...]], np.ndarray]:
+        """What was asked for once: replays ask thousands of times."""
+        return {}
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -156,6 +166,18 @@ class Jump:
     def first_rows(self, rows: int) -> "Jump":
         """The same jump, cut after ``rows`` rows."""
         return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
+
+    def every(self, rows: int) -> "Jump":
+        """The same jump by every so many-th row: what was sent to the joints is the mean over them."""
+        if rows == 1:
+            return self
+        last = len(self) // rows * rows
+        means = ("cmd_tau/", "cmd_pos/", "cmd_vel/")
+        columns = {
+            name: values[:last].reshape(-1, rows).mean(axis=1) if name.startswith(means) else values[:last:rows].copy()
+            for name, values in self.columns.items()
+        }
+        return replace(self, columns=columns, info=replace(self.info, sample_period_s=rows * self.info.sample_period_s))
 
 
 def check(jump: Jump) -> None:

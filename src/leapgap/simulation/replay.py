@@ -7,6 +7,7 @@ out without a Python loop, many at once on all cores, bit-identical at any numbe
 import copy
 import itertools
 import os
+import threading
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,7 +28,7 @@ from leapgap.recording.jump import (
 from leapgap.robot.model import Robot
 
 LARGEST_STEP_S = 0.0011
-"""A control period longer than this is simulated in several equal steps."""
+"""Of the simulation."""
 MODELS_KEPT = 256
 """Compiled models that are kept, one for each terrain and structure."""
 
@@ -75,20 +76,34 @@ class Starts:
 
 
 class Replayer:
-    """Replays logs on one robot; keeps compiled models and threads between calls.
+    """Replays logs on one robot; keeps compiled models and working memory between calls.
 
-    ``terrain_slots`` boxes are in every model, so that jumps over different terrain share one batch. Steps are
-    ``finer`` times as short as they need be.
+    ``terrain_slots`` boxes are in every model, so that jumps over different terrain share one batch. A control period
+    longer than ``largest_step_s`` is simulated in several equal steps. Several threads may call ``restarted`` at once.
     """
 
-    def __init__(self, robot: Robot, terrain_slots: int = 1, threads: int | None = None, finer: int = 1) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        terrain_slots: int = 1,
+        threads: int | None = None,
+        largest_step_s: float = LARGEST_STEP_S,
+    ) -> None:
         self.robot = robot
-        self.finer = finer
+        self.largest_step_s = largest_step_s
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.threads = threads or os.cpu_count() or 1
         self.data: dict[tuple[Hashable, ...], list[mujoco.MjData]] = {}
+        self.own = threading.local()
+        self.compiling = threading.Lock()
         self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
+
+    def with_steps(self, largest_step_s: float) -> "Replayer":
+        """The same with other steps; both share what is compiled."""
+        other = type(self)(self.robot, self.slots, self.threads, largest_step_s)
+        other.compiling, other.compiled = self.compiling, self.compiled
+        return other
 
     def motions(self, trials: Sequence[Trial], rows: int | None = None) -> list[Motion]:
         """Replay every trial over the first ``rows`` rows of its log (all, where it is None), as a log reports it.
@@ -115,7 +130,7 @@ class Replayer:
         return motion
 
     def restarted(self, trials: Sequence[Trial], starts: Sequence["Starts"], rows: int) -> list[list[Motion]]:
-        """Replay pieces of ``rows`` rows, each from a state of its own: for each trial, one motion a start.
+        """Replay pieces of ``rows`` rows, each from a state of its own, in the calling thread: one motion a start.
 
         Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
         the joint gains of its first row. Motions are as a log reports them.
@@ -131,10 +146,8 @@ class Replayer:
             if not states:
                 found |= {i: [] for i in chosen}
                 continue
-            data = self._data(trials[chosen[0]])
-            out, _ = mujoco.rollout.rollout(
-                models, data, np.stack(states), held(controls, counts), persistent_pool=True
-            )
+            data = self._own_data(trials[chosen[0]])
+            out, _ = mujoco.rollout.rollout(models, data, np.stack(states), held(controls, counts))
             pieces = zip(states, counts, out, strict=True)
             for i in chosen:
                 found[i] = [self._motion(trials[i], *next(pieces)) for _ in starts[i].rows]
@@ -230,6 +243,13 @@ class Replayer:
             self.data[trial.structure] = [mujoco.MjData(model) for _ in range(self.threads)]
         return self.data[trial.structure]
 
+    def _own_data(self, trial: Trial) -> mujoco.MjData:
+        """Working memory of the calling thread, for the trial's structure."""
+        memory: dict[tuple[Hashable, ...], mujoco.MjData] = self.own.__dict__  # type: ignore[assignment]
+        if trial.structure not in memory:
+            memory[trial.structure] = mujoco.MjData(self._compiled(trial))
+        return memory[trial.structure]
+
     def first_state(self, trial: Trial) -> np.ndarray:
         """True positions and velocities at the log's first row, (nq + nv,), by what the log reports.
 
@@ -275,7 +295,7 @@ class Replayer:
 
     def substeps(self, jump: Jump) -> int:
         """Simulation steps of one control period of the log."""
-        return self.finer * max(1, int(np.ceil(jump.info.sample_period_s / LARGEST_STEP_S)))
+        return max(1, int(np.ceil(jump.info.sample_period_s / self.largest_step_s)))
 
     def row_steps(self, trial: Trial) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
@@ -328,15 +348,18 @@ class Replayer:
                 "make the replayer with more terrain slots",
             )
         key = (terrain, trial.structure)
-        if key not in self.compiled:
-            spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
-            for effect in trial.effects:
-                if effect.structure is not None:
-                    effect.change_spec(spec, self.robot)
-            while len(self.compiled) >= MODELS_KEPT:
-                self.compiled.pop(next(iter(self.compiled)))
-            self.compiled[key] = spec.compile()
-        return self.compiled[key]
+        with self.compiling:
+            if key not in self.compiled:
+                spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
+                for effect in trial.effects:
+                    if effect.structure is not None:
+                        effect.change_spec(spec, self.robot)
+                while len(self.compiled) >= MODELS_KEPT:
+                    self.compiled.pop(next(iter(self.compiled)))
+                self.compiled[key] = spec.compile()
+                # The same dynamics a sixth faster: with so few joints MuJoCo would take dense matrices.
+                self.compiled[key].opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+            return self.compiled[key]
 
     def as_jump(self, motion: Motion, jump: Jump) -> Jump:
         """The motion as a jump log with the commands it was made with: measured columns are the simulation's."""
