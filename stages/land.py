@@ -28,15 +28,17 @@ from leapgap.experiment.trial import World
 from leapgap.files import whole_file, write_json, write_text
 from leapgap.keys import LANDING, code_hash
 from leapgap.planning.formulation import Limits
-from leapgap.planning.library import reference_to
+from leapgap.planning.library import planned, reference_to
 from leapgap.recording.jump import Jump, Target
 from leapgap.recording.windows import Purpose, TimeGrid
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
 from leapgap.robot.planar import PlanarRobot, planar_robot
 from leapgap.robot.prediction import PredictionModel
+from leapgap.robot.rigid_body import RigidBody
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.closed_loop import Sensing
+from leapgap.simulation.corrected import body_with, planned_with, read_corrected
 from leapgap.simulation.variants import Variant
 from leapgap.view import landing as page
 from stages.common import output_folder, read_config, run_stage
@@ -49,6 +51,8 @@ GRIDS = {
     "25_80": TimeGrid(0.025, 0.08, 10),
 }
 """Steps of the MPC by the end of a method's name."""
+CORRECTED = "_corrected"
+"""Ends the names of methods that plan for, and predict with, the robot that a diagnosis corrected."""
 RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.html"
 
 
@@ -58,6 +62,7 @@ class Settings:
 
     references: str
     published: str
+    corrected: str | None
     models: dict[str, str]
     model: str
     hardware: list[str]
@@ -145,9 +150,16 @@ class Rig:
 
     def method(self, name: str) -> Method | None:
         """By name; None where its trained models are not there."""
-        kind, _, steps = name.partition("_")
-        if name == "joint_pd":
-            return ByJointPd(self.robot, self.bench.references)
+        plain, corrected = name.removesuffix(CORRECTED), name.endswith(CORRECTED)
+        references, body = self.corrected if corrected else (self.bench.references, RigidBody())
+        kind, _, steps = plain.partition("_")
+        if plain == "joint_pd":
+            return ByJointPd(self.robot, references)
+        if kind == "nominal" and steps in GRIDS:
+            return self.mpc(RigidBodyModel(body), steps, references)
+        if kind == "learned" and steps in GRIDS:
+            model = self.learned(name, steps)
+            return None if model is None else self.mpc(model, steps, references)
         if name == "joint_pd_published":
             return ByJointPd(self.robot, {target: self.published(target) for target in self.bench.references})
         if name == "joint_pd_shifted":
@@ -159,18 +171,25 @@ class Rig:
             return self.ours
         if name == "ours_adapted":
             return adapted(self.bench, self.ours, self.tasks, self.settings.adapt)
-        if kind == "nominal" and steps in GRIDS:
-            return self.mpc(RigidBodyModel(), steps)
-        if kind == "learned" and steps in GRIDS:
-            model = self.learned(name, steps)
-            return None if model is None else self.mpc(model, steps)
         known = "joint_pd, joint_pd_published, joint_pd_shifted, nominal_<steps>, learned_<steps>, ours, ours_adapted"
+        known += f", and with {CORRECTED} those of joint_pd, nominal and learned that plan for a corrected robot"
         raise InputError("land.methods", name, known, f"choose known ones; steps are {', '.join(GRIDS)}")
 
-    def mpc(self, model: PredictionModel, steps: str) -> ByMpc:
+    @cached_property
+    def corrected(self) -> tuple[References, RigidBody]:
+        """Plans for the robot that a diagnosis corrected, and its rigid body in the crouch they begin in."""
+        if self.settings.corrected is None:
+            raise InputError("land.corrected", "no folder", "a folder 'corrected' of a diagnosis", "name one")
+        robot, found = read_corrected(Path(self.settings.corrected))
+        planar = planned_with(robot, found)
+        references = {target: planned(target, planar) for target in self.bench.references}
+        crouch = next(iter(references.values())).per_joint("cmd_pos", robot.joints)[0]
+        return references, body_with(robot, found, crouch)
+
+    def mpc(self, model: PredictionModel, steps: str, references: References) -> ByMpc:
         """The paper's."""
         config = replace(self.settings.mpc, grid=GRIDS[steps])
-        return ByMpc(self.robot, self.bench.references, model=model, config=config)
+        return ByMpc(self.robot, references, model=model, config=config)
 
     def learned(self, name: str, steps: str) -> PredictionModel | None:
         """The exported model of all jumps, for these steps."""

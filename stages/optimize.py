@@ -11,7 +11,9 @@ from leapgap.planning.library import planned_robot
 from leapgap.planning.reference import Gains, name_of
 from leapgap.planning.solve import solve_all
 from leapgap.robot.model import Robot
+from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import ContactSchedule
+from leapgap.simulation.corrected import planned_with, read_corrected
 from stages.common import output_folder, read_config, run_stage
 
 
@@ -23,7 +25,7 @@ def optimize(config: DictConfig) -> None:
     limits = read_config(Limits, section.limits, "optimize.limits")
     gains = read_config(Gains, section.gains, "optimize.gains")
     targets = read_targets(OmegaConf.to_container(section).get("targets"), "optimize.targets")
-    planar = planned_robot(str(section.planar), Robot.load(config.robot.model))
+    planar = planar_of(section, config.robot.model)
     problems = [Problem(target, grid, planar, weights, limits) for target in targets]
     out = output_folder(section.out)
     solutions = []
@@ -43,6 +45,13 @@ def optimize(config: DictConfig) -> None:
     if section.metrics is not None:
         write_json(Path(section.metrics), metrics(solutions))
     print(f"{len(solutions)} references in {out}")
+
+
+def planar_of(section: DictConfig, model: str) -> PlanarRobot:
+    """Of the published planner, of the robot, or of a corrected one with the effects that a diagnosis found."""
+    if section.robot is None:
+        return planned_robot(str(section.planar), Robot.load(model))
+    return planned_with(*read_corrected(Path(section.robot)))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ The logs' commands are replayed in the nominal robot with effects, and the effec
 the corrected robot of a diagnosis, with its hypotheses named beforehand.
 """
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,14 +13,9 @@ from scipy.optimize import least_squares
 
 from leapgap import effects
 from leapgap.effects.base import Effect
-from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
-from leapgap.robot.planar import PlanarRobot, planar_robot
 from leapgap.simulation.replay import Replayer, Trial
-
-IN_PLANS = ("armature", "com_offset", "joint_damping", "leg_mass", "payload", "trunk_inertia")
-"""Effects that a plan can reckon with; the others are no part of the planar robot."""
 
 
 @dataclass(frozen=True)
@@ -81,23 +75,3 @@ def difference(qpos: np.ndarray, log: Jump, robot: Robot) -> np.ndarray:
     joints = (qpos[at][:, robot.joint_qpos] - log.per_joint("joint_pos", robot.joints)[: len(qpos)][at]) / JOINT_SCALE
     x_scale, z_scale, pitch_scale = BASE_SCALE
     return np.concatenate([base[0] / x_scale, base[1] / z_scale, pitch / pitch_scale, joints.ravel()])
-
-
-def planned_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
-    """The planar robot with effects in it; one that no plan can reckon with is an ``InputError`` by its name."""
-    model = copy.copy(robot.model)
-    for effect in found:
-        if effect.name not in IN_PLANS or effect.location != "all":
-            raise InputError(
-                "effects in planning",
-                f"{effect.name} at {effect.location}",
-                f"one of {', '.join(IN_PLANS)}, at all",
-                "leave it out of the planned robot; the simulation can have it",
-            )
-        effect.change_model(model, robot)
-    return planar_robot(robot, model)
-
-
-def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Those of the effects that a plan can reckon with."""
-    return tuple(effect for effect in found if effect.name in IN_PLANS and effect.location == "all")

@@ -11,11 +11,12 @@ from leapgap.effects.base import Effect
 from leapgap.experiment.aimed import JumpPlanner
 from leapgap.experiment.aiming import AimConfig, LandingModel, Tried
 from leapgap.experiment.conduct import SUPPLY_V
-from leapgap.experiment.identify import identified, plannable, planned_with
+from leapgap.experiment.identify import identified
 from leapgap.experiment.made import Bench, Trial
 from leapgap.experiment.methods import ByAiming
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump
+from leapgap.simulation.corrected import plannable, planned_with
 
 DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=SUPPLY_V),)
 """What the motors' maker says, and the plans reckon with."""

@@ -25,5 +25,10 @@ def reference_to(target: Target, folder: Path, planar: PlanarRobot) -> Jump:
     path = folder / f"{name_of(target)}.parquet"
     if path.is_file():
         return read(path)
+    return planned(target, planar)
+
+
+def planned(target: Target, planar: PlanarRobot) -> Jump:
+    """The reference to a target for a planar robot, planned now."""
     (solution,) = solve_all([Problem(target, robot=planar)])
     return to_jump(solution, Gains())

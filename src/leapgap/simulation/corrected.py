@@ -1,14 +1,23 @@
-"""A corrected robot on disk: the model and the effects a diagnosis found, ready to simulate with."""
+"""A corrected robot on disk: the model and the effects a diagnosis found, ready to simulate and to plan with."""
 
+import copy
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
+
+import mujoco
+import numpy as np
 
 from leapgap import effects
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.files import read_json, write_json
 from leapgap.robot.model import Robot
+from leapgap.robot.planar import PlanarRobot, planar_robot
+from leapgap.robot.rigid_body import RigidBody
 
+IN_PLANS = ("armature", "com_offset", "joint_damping", "leg_mass", "payload", "trunk_inertia")
+"""Effects that a plan can reckon with; the others are no part of the planar robot."""
 MODEL, EFFECTS = "robot.xml", "effects.json"
 
 
@@ -25,3 +34,44 @@ def read_corrected(folder: Path) -> tuple[Robot, tuple[Effect, ...]]:
     if not isinstance(entries, list):
         raise InputError(folder / EFFECTS, "no list of effects", "the key effects", "write it as a diagnosis does")
     return Robot.load(folder / MODEL), effects.from_config(entries)
+
+
+def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those of the effects that a plan can reckon with."""
+    return tuple(effect for effect in found if effect.name in IN_PLANS and effect.location == "all")
+
+
+def planned_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
+    """The planar robot with effects in it; one that no plan can reckon with is an ``InputError`` by its name."""
+    return planar_robot(robot, changed(robot, found))
+
+
+def body_with(robot: Robot, found: Sequence[Effect], joint_pos: np.ndarray) -> RigidBody:
+    """Mass and composite pitch inertia about the centre of mass, trunk level, joints (joints,) rad as given."""
+    model = changed(robot, found)
+    data = mujoco.MjData(model)
+    data.qpos[3:7] = [1, 0, 0, 0]
+    data.qpos[robot.joint_qpos] = joint_pos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    away = data.xipos - data.subtree_com[robot.base_body]
+    turned = data.ximat.reshape(-1, 3, 3)
+    own = np.einsum("bi,bi->b", turned[:, 1] ** 2, model.body_inertia)  # about y of the world, through its own centre
+    inertia = own + model.body_mass * (away[:, 0] ** 2 + away[:, 2] ** 2)
+    return RigidBody(float(model.body_mass.sum()), float(inertia.sum()))
+
+
+def changed(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:
+    """The robot's model with effects that a plan can reckon with."""
+    refused = [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
+    if refused:
+        raise InputError(
+            "effects in planning",
+            ", ".join(refused),
+            f"one of {', '.join(IN_PLANS)}, at all",
+            "leave it out of the planned robot (effects.json); the simulation can have it",
+        )
+    model = copy.copy(robot.model)
+    for effect in found:
+        effect.change_model(model, robot)
+    return model
