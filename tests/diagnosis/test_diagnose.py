@@ -3,11 +3,12 @@ import json
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.diagnosis import checks
 from leapgap.diagnosis.attribution import Plan
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose, next_experiment
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump, JumpInfo, Target
@@ -243,3 +244,14 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
     report = diagnosed_of([jump.first_rows(900) for jump in jumps], robot)
     assert report.answer[0] == ("sample_period",)
     assert any(check.name == "even_clock" and not check.passed for check in report.checks)
+
+
+def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Jump) -> None:
+    """Other distances than were logged, as settings of `collect`; nothing where nothing is ambiguous."""
+    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4, robot)
+    assert asked is not None
+    assert asked["separates"] == ["torque_gain", "leg_mass"]
+    section = OmegaConf.from_dotlist(asked["collect"]).collect
+    assert section.jumps == 8
+    assert all(abs(target[0] - reference.info.target.x_m) > 0.02 for target in section.targets)
+    assert next_experiment((("payload",),), [reference], robot) is None

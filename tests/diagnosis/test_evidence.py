@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -26,6 +28,48 @@ def test_noise_explains_the_errors_of_the_robot_that_made_the_logs(evidence: Evi
     assert 0.85 < chi2 < 1.25
     (damped,) = about.residuals([about.same((effects.effect("joint_damping", damping=0.4),))])
     assert np.mean([np.mean(of**2) for of in damped]) > 10
+
+
+def test_long_steps_see_the_same_departures(evidence: Evidence) -> None:
+    """Replays of 2 ms compare the same instants of the same pieces, and what an effect changes is much the same."""
+    effect = effects.effect("joint_damping", damping=0.4)
+    changes = []
+    for of in (evidence, evidence.with_steps(0.0022)):
+        trials = [(log, acting, p.starts) for acting in ((), (effect,)) for log, p in enumerate(of.pieces)]
+        errors = np.array(list(of.errors(trials)))
+        nominal, damped = np.split(errors, 2)
+        changes.append((damped - nominal).reshape(evidence.size, -1))
+    exact, rough = changes
+    assert evidence.with_steps(0.0022).ages.tolist() == (evidence.ages // 2).tolist()
+    alike = (exact * rough).sum(axis=1) / np.linalg.norm(exact, axis=1) / np.linalg.norm(rough, axis=1)
+    assert np.median(alike) > 0.98
+    assert np.median(np.linalg.norm(rough, axis=1) / np.linalg.norm(exact, axis=1)) == pytest.approx(1, abs=0.05)
+
+
+def test_pieces_that_begin_at_odd_rows_keep_every_row(evidence: Evidence) -> None:
+    starts = replace(evidence.pieces[0].starts, rows=[r + 1 for r in evidence.pieces[0].starts.rows])
+    odd = replace(evidence, pieces=(replace(evidence.pieces[0], starts=starts), *evidence.pieces[1:]))
+    assert odd.with_steps(0.0022).ages.tolist() == odd.ages.tolist()
+
+
+def test_a_piece_may_end_with_the_log(robot: Robot, reference: Jump) -> None:
+    """Of 201 rows the last is compared and has no command to follow, by steps of two rows too."""
+    jumps = hardware(robot, reference, jumps=2)
+    jumps = [jump.first_rows(201) for jump in jumps]
+    for step_s in (0.0011, 0.0022):
+        ends = Evidence.of(jumps, Replayer(robot), 0.1, 0.01, 8).with_steps(step_s)
+        assert [of.starts.rows[-1] + int(ends.ages[-1]) for of in ends.pieces] == [
+            len(ends.pieces[0].logged.qpos) - 1
+        ] * 2
+        assert all(np.isfinite(of).all() for of in ends.errors([(i, (), p.starts) for i, p in enumerate(ends.pieces)]))
+
+
+def test_threads_change_nothing(evidence: Evidence) -> None:
+    robot = evidence.state.robot
+    alone, many = (
+        replace(evidence, replayer=Replayer(robot, 1, threads)).around(evidence.same(())) for threads in (1, 3)
+    )
+    assert [w.tobytes() for w in alone.whitening] == [w.tobytes() for w in many.whitening]
 
 
 def test_turns_are_mujocos(robot: Robot) -> None:

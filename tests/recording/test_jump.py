@@ -42,6 +42,18 @@ def test_first_change_of_gains_is_found(robot: Robot) -> None:
     assert standing(robot, 100).rows_before_gain_change == 100
 
 
+def test_every_other_row_carries_the_mean_of_what_was_sent(robot: Robot) -> None:
+    rows = np.arange(101.0)
+    log = standing(robot, 101, **{"cmd_tau/FR_calf": rows, "joint_pos/FR_calf": -rows})
+    half = log.every(2)
+    assert len(half) == 50
+    assert half.info.sample_period_s == pytest.approx(2 * log.info.sample_period_s)
+    assert half["cmd_tau/FR_calf"] == pytest.approx(rows[:100:2] + 0.5)
+    assert half["joint_pos/FR_calf"] == pytest.approx(-rows[:100:2])
+    assert half["cmd_kp/FR_calf"] == pytest.approx(log["cmd_kp/FR_calf"][:100:2])
+    assert log.every(1) is log
+
+
 def ridden(column: str) -> dict:
     values = np.zeros(100)
     values[[40, 60]] = np.nan

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from leapgap.files import read_json
 from leapgap.recording import jump as jump_log
 from leapgap.robot.model import Robot
 from tests.code import ROOT
@@ -145,3 +146,22 @@ def test_a_corrected_robot_can_be_simulated(tmp_path: Path, robot: Robot) -> Non
         assert stage("collect", *common, *extra, f"collect.out={tmp_path / out}").returncode == 0
     made = [jump_log.read(next((tmp_path / out).glob("*.parquet"))) for out in "ab"]
     assert (made[0]["base_pos_x"] == made[1]["base_pos_x"]).all()
+
+
+def test_a_corrected_robot_can_be_planned_for_unless_plans_cannot_express_it(tmp_path: Path, robot: Robot) -> None:
+    """A plan that reckons with damping costs more torque; one cannot reckon with commands that arrive late."""
+    from leapgap import effects
+    from leapgap.simulation.corrected import write_corrected
+
+    damped, late = effects.effect("joint_damping", damping=0.4), effects.effect("command_delay", delay_s=0.003)
+    write_corrected(tmp_path / "damped", robot, (damped,))
+    write_corrected(tmp_path / "late", robot, (damped, late))
+    costs = []
+    for name, chosen in (("own", "optimize.planar=own"), ("corrected", f"optimize.robot={tmp_path / 'damped'}")):
+        result = stage("optimize", "optimize.targets=[[0.4,0.0]]", chosen, f"optimize.out={tmp_path / name}")
+        assert result.returncode == 0, result.stderr
+        costs.append(read_json(tmp_path / name / "references.json")[0]["cost"])
+    assert costs[1] > costs[0] + 1
+    result = stage("optimize", f"optimize.robot={tmp_path / 'late'}", f"optimize.out={tmp_path / 'none'}")
+    refused(result, "command_delay at all", "joint_damping")
+    assert not (tmp_path / "none").exists()

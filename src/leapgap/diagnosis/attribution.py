@@ -6,7 +6,7 @@ robot and for every hypothesis alike.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -126,10 +126,8 @@ class Plan:
     """Sets fitted to replays of their own in the first round; of every later one, half as many."""
     per_effect: int = 3
     """Of them, with one effect at different places."""
-    coarse_steps: int = 3
-    """Of Gauss–Newton in some of the evidence,"""
-    steps: int = 5
-    """and in all of it."""
+    steps: int = 8
+    """Of Gauss–Newton; most sets settle earlier."""
     promising: int = 7
     """Effects that in some of the evidence explain most beside the first, and are tried in all of it."""
     beams: int = 2
@@ -200,8 +198,7 @@ def find(
 
     Far from the truth neither noise nor small effects do what they do near it.
     """
-    rough = replace(plan, steps=plan.coarse_steps)
-    first = Search(Responses.of(coarse, hypotheses, tolerances), fold_of_log, rough, progress)
+    first = Search(Responses.of(coarse, hypotheses, tolerances), fold_of_log, plan, progress)
     singles = first.singles(hypotheses)
     sensible = [fit for fit in singles if fit.sensible]
     if sensible and first.convincing(sensible[0], first.nominal):

@@ -5,7 +5,7 @@ are sums of the single ones. Some also serve as nuisances: what no description o
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Departures:
     @staticmethod
     def of(evidence: Evidence, around: Acting) -> "Departures":
         """From a robot with some hypotheses in it."""
-        rough = evidence.with_steps(ROUGH_STEP_S).around(on_logs(evidence, *around))
+        rough = evidence.with_steps(ROUGH_STEP_S)
         (start,) = rough.residuals([on_logs(rough, *around)])
         return Departures(rough, around, joined(start))
 
@@ -95,8 +95,8 @@ class Responses:
             for k in range(len(h.parameters))
             for place in members[name, "all"]
         )
+        evidence = evidence.around(on_logs(evidence, *around))
         departures = Departures.of(evidence, around)
-        evidence = replace(evidence, whitening=departures.evidence.whitening)
         found = departures([[moved(names[key.effect], key)] for key in keys])
         columns = np.stack(found, axis=2) if keys else np.zeros((*departures.start.shape, 0))
         columns /= np.array([names[key.effect].moderate[key.number] for key in keys])

@@ -158,7 +158,7 @@ class Replayer:
     ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
         """Model, full first state, controls and steps of the rows of each piece of one trial."""
         self.check_joints(trial.jump)
-        control = self._controls(trial, starts.rows[-1] + rows if len(starts.rows) else 0)
+        control = self._controls(trial, starts.rows[-1] + rows - 1 if len(starts.rows) else 0)
         gains = np.concatenate([trial.jump.per_joint(gain, self.robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
         of_gains: dict[bytes, mujoco.MjModel] = {}
         models, states, controls, counts = [], [], [], []
