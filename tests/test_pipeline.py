@@ -82,7 +82,7 @@ def test_metrics_params_and_plots_tell_the_difference(simulated: Project) -> Non
     """After the changed seed above, against the commit before it."""
     assert "gap_nominal" in simulated.dvc("metrics", "diff")
     assert "collect.seed" in simulated.dvc("params", "diff")
-    assert "metrics/diagnosis.json" in simulated.dvc("metrics", "show")
+    assert "metrics/damped/diagnosis.json" in simulated.dvc("metrics", "show")
     simulated.dvc("plots", "show", "-o", "plots_page")
     page = (simulated.folder / "plots_page" / "index.html").read_text()
     assert "train_loss" in page

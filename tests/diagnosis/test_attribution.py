@@ -18,7 +18,7 @@ def fit(names: tuple[str, ...], heldout: list[float], chi2: float = 1.0) -> Fit:
     number = np.zeros(len(names))
     hypotheses = tuple(Hypothesis(name) for name in names)
     losses = np.array(heldout)
-    return Fit(hypotheses, number, number, np.zeros((1, 1, 1)), 0.0, np.full(4, chi2), np.eye(1), number[None], losses)
+    return Fit(hypotheses, number, np.eye(1), number[None], number, np.zeros((1, 1, 1)), 0.0, np.full(4, chi2), losses)
 
 
 def found(*rivals: Fit, nominal: float = 100.0, chi2: float = 5.0) -> Found:

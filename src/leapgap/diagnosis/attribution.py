@@ -37,27 +37,16 @@ class Guess:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A set of hypotheses fitted to replays of its own, and judged on logs it was not fitted on."""
+class Belief:
+    """A set of hypotheses acting together, with their numbers."""
 
     hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
     """Fitted on all logs, those of all hypotheses in one vector."""
-    tried: np.ndarray
-    """Where it was replayed: the numbers are one linear step from here."""
-    columns: np.ndarray
-    """Errors there and their derivatives, (pieces, values, 1 + numbers)."""
-    loss: float
-    """On all logs, fitted on all."""
-    chi2: np.ndarray
-    """Of each piece over its values, fitted on all logs; 1 is what noise explains, (pieces,)."""
     covariance: np.ndarray
-    """Of the numbers, nuisances free: from the curvature of the loss, or from the scatter of its slope over pieces
-    where that says more."""
+    """Of the numbers."""
     fold_numbers: np.ndarray
     """Fitted without each fold, (folds, numbers)."""
-    heldout: np.ndarray
-    """Loss of each piece, fitted without its fold, (pieces,)."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,7 +73,27 @@ class Fit:
         return parted(self.hypotheses, self.numbers if numbers is None else numbers)
 
 
-def in_words(fit: Fit) -> str:
+@dataclass(frozen=True)
+class Fit(Belief):
+    """A belief fitted to replays of its own, and judged on logs it was not fitted on.
+
+    Its covariance has the nuisances free: from the curvature of the loss, or from the scatter of its slope over pieces
+    where that says more.
+    """
+
+    tried: np.ndarray
+    """Where it was replayed: the numbers are one linear step from here."""
+    columns: np.ndarray
+    """Errors there and their derivatives, (pieces, values, 1 + numbers)."""
+    loss: float
+    """On all logs, fitted on all."""
+    chi2: np.ndarray
+    """Of each piece over its values, fitted on all logs; 1 is what noise explains, (pieces,)."""
+    heldout: np.ndarray
+    """Loss of each piece, fitted without its fold, (pieces,)."""
+
+
+def in_words(fit: Belief) -> str:
     """``payload 1.7 + foot_friction at front 0.44``."""
     parts = []
     for h, numbers in zip(fit.hypotheses, fit.split(), strict=True):
@@ -414,15 +423,15 @@ class Search:
         normal = np.tensordot(emphasis, products.gram, axes=1)[1:, 1:] + np.diag(prior)
         slope = emphasis[:, None] * (products.gram @ weights)[:, 1:]
         return Fit(
-            hypotheses,
-            clipped(hypotheses, numbers + weights[1 : 1 + p]),
-            numbers,
-            columns,
-            products.penalised(weights, prior),
-            chi2 / products.values,
-            covariance(normal, slope.T @ slope + np.diag(prior), p),
-            np.array(folds),
-            heldout,
+            hypotheses=hypotheses,
+            numbers=clipped(hypotheses, numbers + weights[1 : 1 + p]),
+            covariance=covariance(normal, slope.T @ slope + np.diag(prior), p),
+            fold_numbers=np.array(folds),
+            tried=numbers,
+            columns=columns,
+            loss=products.penalised(weights, prior),
+            chi2=chi2 / products.values,
+            heldout=heldout,
         )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.diagnosis.attribution import Fit
+from leapgap.diagnosis.attribution import Belief
 from leapgap.diagnosis.gap import Judged, counts, squares
 from leapgap.effects.base import Effect
 from leapgap.simulation.replay import Replayer
@@ -40,13 +40,13 @@ def closure(
     return Interval(of(np.arange(len(number))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
 
 
-def effects_on(fit: Fit, log: str, fold: int | None) -> tuple[Effect, ...]:
+def effects_on(fit: Belief, log: str, fold: int | None) -> tuple[Effect, ...]:
     """Effects of a fit on one log, as fitted without a fold (None: on all logs)."""
     numbers = fit.numbers if fold is None else fit.fold_numbers[fold]
     return tuple(h.on(log, own) for h, own in zip(fit.hypotheses, fit.split(numbers), strict=True))
 
 
-def heldout_squares(judged: Judged, replayer: Replayer, fits: Sequence[Fit], folds: Sequence[int]) -> np.ndarray:
+def heldout_squares(judged: Judged, replayer: Replayer, fits: Sequence[Belief], folds: Sequence[int]) -> np.ndarray:
     """Headline sums of squares of fits on each jump, at numbers fitted without its fold, (fits, jumps)."""
     candidates = [
         [effects_on(fit, jump.name, fold) for jump, fold in zip(judged.jumps, folds, strict=True)] for fit in fits

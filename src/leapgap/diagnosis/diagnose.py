@@ -8,7 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis import checks as consistency
-from leapgap.diagnosis.attribution import Fit, Found, Plan, find
+from leapgap.diagnosis.attribution import Belief, Fit, Found, Plan, find
 from leapgap.diagnosis.channels import BASE_UNITS, is_logged
 from leapgap.diagnosis.checks import Check
 from leapgap.diagnosis.closure import Interval, closure, effects_on, heldout_squares, resamples
@@ -17,7 +17,8 @@ from leapgap.diagnosis.gap import Judged, counts, misplaced_at_the_end, noise_fl
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.report import Cause, Estimate, Profile, Report
 from leapgap.diagnosis.responses import FINE_STEP_S
-from leapgap.diagnosis.verdict import Answer, Doubts, answer_of, first_shares, probability, verdict_of
+from leapgap.diagnosis.verdict import Answer, Conclusion, Doubts, concluded, first_shares, probability
+from leapgap.diagnosis.whole_jumps import WholeJumps, WholePlan
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
@@ -55,8 +56,8 @@ class Settings:
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
     even_threshold: float = 0.03
-    shrinkage: list[float] = field(default_factory=lambda: [0.4, 0.6, 0.8, 1.0])
-    """Shares of a departure that are tried where a confirmed cause leaves most of the gap."""
+    whole: WholePlan = field(default_factory=WholePlan)
+    """Of the search in whole jumps, where a confirmed cause leaves most of the gap."""
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
     noise_draws: int = 3
@@ -100,30 +101,30 @@ def diagnose(
     progress(f"headline gap {pooled(nominal, judged):.3f}, noise floor {pooled(floor, judged):.3f}")
     checks = run_checks(judged, robot, settings)
     clock = clock_of(checks, judged, robot)
-    found = search(judged, replayer, hypotheses_of(names, robot, clock), folds, settings, progress)
+    hypotheses = hypotheses_of(names, robot, clock)
+    found = search(judged, replayer, hypotheses, folds, settings, progress)
     shown = shown_fits(found)
     of_fits = dict(zip(map(id, shown), heldout_squares(judged, replayer, shown, folds), strict=True))
     of_fits[id(found.nominal)] = nominal
     draws = resamples(len(jumps), settings.bootstrap_draws, rng)
     shares = first_shares(found, draws) if found.rivals else np.zeros(0)
-    heldout = of_fits[id(found.believed)]
-    closes = closure(nominal, heldout, floor, judged, draws) if found.believed.hypotheses else None
-    answer = answer_of(found, shares, settings.doubts)
-    closed = closes.value if closes else None
-    if closed is not None and closed < settings.doubts.enough_closure:
-        closed = max(closed, finer_closure(found.believed, judged, replayer, floor, folds))
-    verdict = verdict_of(found, answer, closed, settings.doubts)
-    believed = found.believed if verdict in ("named", "ambiguous") else found.nominal
-    if verdict == "unknown" and confirmed(found):
-        believed = shrunk(found.before(1), judged, replayer, folds, settings.shrinkage)
-        of_fits[id(believed)] = heldout_squares(judged, replayer, [believed], folds)[0]
-        verdict, answer = "named", (believed.names,)
-    answer = answer if believed.hypotheses else ()  # nothing is believed where nothing is answered
+    closed = None
+    if found.believed.hypotheses:
+        closed = closure(nominal, of_fits[id(found.believed)], floor, judged, draws[:1]).value
+        if closed < settings.doubts.enough_closure:
+            closed = max(closed, finer_closure(found.believed, judged, replayer, floor, folds))
+    said = concluded(found, shares, closed, settings.doubts)
+    if said.verdict == "unknown" and confirmed(found):
+        whole_jumps = WholeJumps(judged, replayer, np.array(folds), settings.whole, progress)
+        said = whole_jumps.concluded(found.before(1), hypotheses, nominal, floor, draws, settings.doubts.rival_share)
+        of_fits |= zip(map(id, said.steps), heldout_squares(judged, replayer, said.steps, folds), strict=True)
+    believed = said.steps[-1] if said.steps else found.nominal
+    verdict, answer = said.verdict, said.answer
     heldout = of_fits[id(believed)]
     closes = closure(nominal, heldout, floor, judged, draws) if answer else None
     closures = {key: closure(nominal, of, floor, judged, draws) for key, of in of_fits.items()}
     gaps = {key: pooled(of, judged) for key, of in of_fits.items()}
-    causes = tuple(causes_of(found, believed, answer, shares, closures, gaps, judged, settings))
+    causes = tuple(causes_of(found, said, shares, closures, gaps, judged, settings))
     whole = replayer.motions([Trial(jump) for jump in jumps])
     mended = replayer.motions(
         [Trial(jump, effects_on(believed, jump.name, fold)) for jump, fold in zip(jumps, folds, strict=True)]
@@ -243,8 +244,7 @@ def shown_fits(found: Found) -> list[Fit]:
 
 def causes_of(
     found: Found,
-    believed: Fit,
-    answer: Answer,
+    said: Conclusion,
     shares: np.ndarray,
     closures: Mapping[int, Interval],
     gaps: Mapping[int, float],
@@ -252,11 +252,11 @@ def causes_of(
     settings: Settings,
 ) -> list[Cause]:
     """The believed causes, then those that could stand in their place, then every effect alone, best first."""
-    causes = []
-    for k, names in enumerate(answer):
-        step = believed if k + 1 == len(answer) else found.before(k + 1)
-        sure = probability(names[0], found, shares)
-        causes.append(cause_of(believed, k, sure, names[1:], closures[id(step)], gaps[id(step)], judged, settings))
+    believed, answer = said.steps[-1] if said.steps else found.nominal, said.answer
+    causes = [
+        cause_of(believed, k, sure, names[1:], closures[id(step)], gaps[id(step)], judged, settings)
+        for k, (names, step, sure) in enumerate(zip(answer, said.steps, said.sure, strict=True))
+    ]
     told = {(cause.effect, cause.location) for cause in causes}
     for fit in found.alternatives:
         k = len(fit.hypotheses) - 1
@@ -269,7 +269,7 @@ def causes_of(
 
 
 def cause_of(
-    fit: Fit,
+    fit: Belief,
     which: int,
     sure: float,
     rivals: tuple[str, ...],
@@ -298,7 +298,7 @@ def cause_of(
 
 
 def shared_closure(
-    believed: Fit,
+    believed: Belief,
     judged: Judged,
     replayer: Replayer,
     nominal: np.ndarray,
@@ -324,28 +324,9 @@ def confirmed(found: Found) -> bool:
     return bool(found.believed.hypotheses) and found.believed.hypotheses[0].per_log is not None
 
 
-def shrunk(fit: Fit, judged: Judged, replayer: Replayer, folds: Sequence[int], shares: Sequence[float]) -> Fit:
-    """A fit that leaves much unexplained, its departures from nominal cut to the share that serves whole jumps best.
-
-    Each fold's share is chosen on the other folds' jumps.
-    """
-    nominal = np.concatenate([h.nominal for h in fit.hypotheses])
-
-    def cut(share: float) -> Fit:
-        numbers, fold_numbers = (nominal + share * (n - nominal) for n in (fit.numbers, fit.fold_numbers))
-        return replace(fit, numbers=numbers, fold_numbers=fold_numbers)
-
-    cuts = [cut(share) for share in shares]
-    whole = [[effects_on(c, jump.name, None) for jump in judged.jumps] for c in cuts]
-    losses = squares(judged, replayer, whole)
-    best = cuts[int(losses.sum(axis=1).argmin())].numbers
-    fold = np.array(folds)
-    of_folds = [cuts[int(losses[:, fold != f].sum(axis=1).argmin())].fold_numbers[f] for f in range(max(folds) + 1)]
-    wider = fit.covariance + np.diag(((best - fit.numbers) / SIGMAS) ** 2)
-    return replace(fit, numbers=best, fold_numbers=np.array(of_folds), covariance=wider)
-
-
-def finer_closure(believed: Fit, judged: Judged, replayer: Replayer, floor: np.ndarray, folds: Sequence[int]) -> float:
+def finer_closure(
+    believed: Belief, judged: Judged, replayer: Replayer, floor: np.ndarray, folds: Sequence[int]
+) -> float:
     """Closure in replays of shorter steps: the nominal step's own error may hide what a small effect closes."""
     finer = replayer.with_steps(FINE_STEP_S)
     nominal = squares(judged, finer, [[()] * len(judged.jumps)])[0]
@@ -353,7 +334,7 @@ def finer_closure(believed: Fit, judged: Judged, replayer: Replayer, floor: np.n
     return closure(nominal, corrected, floor, judged, np.zeros((1, len(judged.jumps)), int)).value
 
 
-def typical(fit: Fit, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
+def typical(fit: Belief, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
     """The effects of a fit at the median of some logs' values."""
     of_logs = [effects_on(fit, log, fold) for log in logs]
     found = []
@@ -377,7 +358,7 @@ def profiles_of(found: Found) -> list[Profile]:
 def sentence(
     verdict: str,
     answer: Answer,
-    believed: Fit,
+    believed: Belief,
     nominal: float,
     corrected: float,
     closes: Interval | None,

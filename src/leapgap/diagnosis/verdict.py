@@ -4,10 +4,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.diagnosis.attribution import Found
+from leapgap.diagnosis.attribution import Belief, Found
 from leapgap.diagnosis.fitting import losses
 
 Answer = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What is answered, and how sure that is."""
+
+    verdict: str
+    answer: Answer
+    """Each cause with the rivals that could stand in its place."""
+    steps: tuple[Belief, ...] = ()
+    """Beliefs of the first one, two, … causes; the last is what is believed."""
+    sure: tuple[float, ...] = ()
+    """How often each cause is part of the best set when logs are drawn again."""
 
 
 @dataclass(frozen=True)
@@ -70,3 +83,13 @@ def verdict_of(found: Found, answer: Answer, closes: float | None, doubts: Doubt
     if closes < doubts.enough_closure and explained(found, doubts) < doubts.least_explained:
         return "unknown"
     return "named" if all(len(names) == 1 for names in answer) else "ambiguous"
+
+
+def concluded(found: Found, shares: np.ndarray, closes: float | None, doubts: Doubts) -> Conclusion:
+    """What a search allows to say; ``closes`` is the closure of what it believes on held-out jumps."""
+    answer = answer_of(found, shares, doubts)
+    verdict = verdict_of(found, answer, closes, doubts)
+    if verdict not in ("named", "ambiguous"):
+        return Conclusion(verdict, ())
+    steps = (*(found.before(k) for k in range(1, len(answer))), found.believed)
+    return Conclusion(verdict, answer, steps, tuple(probability(names[0], found, shares) for names in answer))
