@@ -5,7 +5,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.attribution import Belief
-from leapgap.diagnosis.closure import resamples
+from leapgap.diagnosis.closure import Yardstick, resamples
 from leapgap.diagnosis.gap import Judged, squares
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.verdict import Conclusion
@@ -30,8 +30,8 @@ def concluded(robot: Robot, reference: Jump, *further: Effect) -> Conclusion:
     nominal = squares(judged, replayer, [[()] * JUMPS])[0]
     draws = resamples(JUMPS, 200, np.random.default_rng(0))
     plan = WholePlan(most_causes=2)
-    floor = np.full(JUMPS, 1.0)
-    return WholeJumps(judged, replayer, folds, plan).concluded(first, hypotheses, nominal, floor, draws, 0.05)
+    yardstick = Yardstick(judged, replayer, folds, nominal, np.full(JUMPS, 1.0), draws)
+    return WholeJumps(yardstick, plan).concluded(first, hypotheses, 0.05)
 
 
 def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: Jump) -> None:
@@ -62,7 +62,8 @@ def test_a_step_ends_at_the_least_squares_of_a_linear_law() -> None:
 
 def test_only_effects_that_act_everywhere_and_are_not_there_yet_are_tried(robot: Robot, reference: Jump) -> None:
     judged = Judged.of(hardware(robot, reference, jumps=2), robot)
-    whole = WholeJumps(judged, Replayer(robot), np.arange(2), WholePlan())
+    yardstick = Yardstick(judged, Replayer(robot), np.arange(2), np.ones(2), np.ones(2), np.zeros((1, 2), int))
+    whole = WholeJumps(yardstick, WholePlan())
     hypotheses = hypotheses_of(["payload", "torque_gain"], robot, None)
     base = whole.fitted((Hypothesis("payload"),), np.array([0.0]))
     assert [tuple(h.name for h in sets) for sets, _ in whole.promising(base, hypotheses)] == [

@@ -1,12 +1,12 @@
 """How far: what believed effects close of the headline gap on jumps they were not fitted on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.diagnosis.attribution import Belief
-from leapgap.diagnosis.gap import Judged, counts, squares
+from leapgap.diagnosis.gap import Judged, counts, pooled, squares
 from leapgap.effects.base import Effect
 from leapgap.simulation.replay import Replayer
 
@@ -46,9 +46,54 @@ def effects_on(fit: Belief, log: str, fold: int | None) -> tuple[Effect, ...]:
     return tuple(h.on(log, own) for h, own in zip(fit.hypotheses, fit.split(numbers), strict=True))
 
 
-def heldout_squares(judged: Judged, replayer: Replayer, fits: Sequence[Belief], folds: Sequence[int]) -> np.ndarray:
-    """Headline sums of squares of fits on each jump, at numbers fitted without its fold, (fits, jumps)."""
+def heldout_squares(judged: Judged, replayer: Replayer, beliefs: Sequence[Belief], folds: Sequence[int]) -> np.ndarray:
+    """Headline sums of squares on each jump, at numbers fitted without its fold, (beliefs, jumps)."""
     candidates = [
-        [effects_on(fit, jump.name, fold) for jump, fold in zip(judged.jumps, folds, strict=True)] for fit in fits
+        [effects_on(belief, jump.name, fold) for jump, fold in zip(judged.jumps, folds, strict=True)]
+        for belief in beliefs
     ]
     return squares(judged, replayer, candidates) if candidates else np.zeros((0, len(judged.jumps)))
+
+
+@dataclass(frozen=True)
+class Yardstick:
+    """What every belief about some logs is measured with: whole jumps that it was not fitted on."""
+
+    judged: Judged
+    replayer: Replayer
+    folds: np.ndarray
+    """Which fold each jump is held out with, (jumps,)."""
+    nominal: np.ndarray
+    """Sums of squares of the nominal robot, (jumps,),"""
+    floor: np.ndarray
+    """and of noise alone, (jumps,)."""
+    draws: np.ndarray
+    """Jumps drawn again, (draws, jumps)."""
+
+    def heldout(self, beliefs: Sequence[Belief]) -> np.ndarray:
+        """Sums of squares on jumps not fitted on, (beliefs, jumps)."""
+        return heldout_squares(self.judged, self.replayer, beliefs, self.folds.tolist())
+
+    def closure(self, corrected: np.ndarray) -> Interval:
+        """Of sums of squares (jumps,)."""
+        return closure(self.nominal, corrected, self.floor, self.judged, self.draws)
+
+    def closes(self, corrected: np.ndarray) -> float:
+        """The same without an interval."""
+        return closure(self.nominal, corrected, self.floor, self.judged, self.draws[:1]).value
+
+    def gap(self, corrected: np.ndarray) -> float:
+        """Headline gap of sums of squares (jumps,)."""
+        return pooled(corrected, self.judged)
+
+    def gap_by_log(self, corrected: np.ndarray) -> dict[str, dict[str, float]]:
+        """Headline gap of each log, nominal and corrected."""
+        both = np.sqrt(np.stack([self.nominal, corrected]) / counts(self.judged))
+        names = [jump.name for jump in self.judged.jumps]
+        return {n: {"nominal": float(a), "corrected": float(b)} for n, a, b in zip(names, *both, strict=True)}
+
+    def with_steps(self, largest_step_s: float) -> "Yardstick":
+        """In replays of other steps."""
+        replayer = self.replayer.with_steps(largest_step_s)
+        nominal = squares(self.judged, replayer, [[()] * len(self.judged.jumps)])[0]
+        return replace(self, replayer=replayer, nominal=nominal)

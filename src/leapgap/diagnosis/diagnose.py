@@ -11,9 +11,9 @@ from leapgap.diagnosis import checks as consistency
 from leapgap.diagnosis.attribution import Belief, Fit, Found, Plan, find
 from leapgap.diagnosis.channels import BASE_UNITS, is_logged
 from leapgap.diagnosis.checks import Check
-from leapgap.diagnosis.closure import Interval, closure, effects_on, heldout_squares, resamples
+from leapgap.diagnosis.closure import Interval, Yardstick, effects_on, resamples
 from leapgap.diagnosis.evidence import Evidence
-from leapgap.diagnosis.gap import Judged, counts, misplaced_at_the_end, noise_floor, pooled, squares, where
+from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares, where
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.report import Cause, Estimate, Profile, Report
 from leapgap.diagnosis.responses import FINE_STEP_S
@@ -93,61 +93,41 @@ def diagnose(
     names = known_names(settings)
     replayer = Replayer(robot, max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1, threads)
     judged = Judged.of(jumps, robot)
-    folds = folds_of(judged, settings.folds)
-    rng = np.random.default_rng(settings.seed)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
-    nominal = squares(judged, replayer, [[()] * len(jumps)])[0]
-    floor = noise_floor(judged, replayer, settings.noise_draws, rng)
-    progress(f"headline gap {pooled(nominal, judged):.3f}, noise floor {pooled(floor, judged):.3f}")
+    yardstick = yardstick_of(judged, replayer, settings)
+    gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
+    progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged, robot, settings)
-    clock = clock_of(checks, judged, robot)
-    hypotheses = hypotheses_of(names, robot, clock)
-    found = search(judged, replayer, hypotheses, folds, settings, progress)
+    hypotheses = hypotheses_of(names, robot, clock_of(checks, judged, robot))
+    found = search(yardstick, hypotheses, settings, progress)
+    shares = first_shares(found, yardstick.draws) if found.rivals else np.zeros(0)
     shown = shown_fits(found)
-    of_fits = dict(zip(map(id, shown), heldout_squares(judged, replayer, shown, folds), strict=True))
-    of_fits[id(found.nominal)] = nominal
-    draws = resamples(len(jumps), settings.bootstrap_draws, rng)
-    shares = first_shares(found, draws) if found.rivals else np.zeros(0)
-    closed = None
-    if found.believed.hypotheses:
-        closed = closure(nominal, of_fits[id(found.believed)], floor, judged, draws[:1]).value
-        if closed < settings.doubts.enough_closure:
-            closed = max(closed, finer_closure(found.believed, judged, replayer, floor, folds))
-    said = concluded(found, shares, closed, settings.doubts)
-    if said.verdict == "unknown" and confirmed(found):
-        whole_jumps = WholeJumps(judged, replayer, np.array(folds), settings.whole, progress)
-        said = whole_jumps.concluded(found.before(1), hypotheses, nominal, floor, draws, settings.doubts.rival_share)
-        of_fits |= zip(map(id, said.steps), heldout_squares(judged, replayer, said.steps, folds), strict=True)
+    measured = dict(zip(map(id, shown), yardstick.heldout(shown), strict=True)) | {id(found.nominal): yardstick.nominal}
+    said = conclude(found, shares, measured[id(found.believed)], hypotheses, yardstick, settings, progress)
+    measured |= zip(map(id, said.steps), yardstick.heldout(said.steps), strict=True)
     believed = said.steps[-1] if said.steps else found.nominal
-    verdict, answer = said.verdict, said.answer
-    heldout = of_fits[id(believed)]
-    closes = closure(nominal, heldout, floor, judged, draws) if answer else None
-    closures = {key: closure(nominal, of, floor, judged, draws) for key, of in of_fits.items()}
-    gaps = {key: pooled(of, judged) for key, of in of_fits.items()}
-    causes = tuple(causes_of(found, said, shares, closures, gaps, judged, settings))
+    heldout = measured[id(believed)]
+    closes = yardstick.closure(heldout) if said.answer else None
     whole = replayer.motions([Trial(jump) for jump in jumps])
     mended = replayer.motions(
-        [Trial(jump, effects_on(believed, jump.name, fold)) for jump, fold in zip(jumps, folds, strict=True)]
+        [Trial(jump, effects_on(believed, jump.name, int(f))) for jump, f in zip(jumps, yardstick.folds, strict=True)]
     )
     report = Report(
-        verdict=verdict,
-        sentence=sentence(verdict, answer, believed, pooled(nominal, judged), pooled(heldout, judged), closes, judged),
-        gap_nominal=pooled(nominal, judged),
-        gap_corrected=pooled(heldout, judged),
-        noise_floor=pooled(floor, judged),
-        answer=answer,
+        verdict=said.verdict,
+        sentence=sentence(said, believed, gap, yardstick.gap(heldout), closes, judged),
+        gap_nominal=gap,
+        gap_corrected=yardstick.gap(heldout),
+        noise_floor=floor,
+        answer=said.answer,
         closure_of_answer=closes,
-        closure_shared=shared_closure(believed, judged, replayer, nominal, heldout, floor, folds, draws),
+        closure_shared=shared_closure(believed, heldout, yardstick),
         where=tuple(where(judged, replayer, settings.where_horizon_s)),
-        causes=causes,
+        causes=tuple(causes_of(found, said, shares, measured, yardstick, settings)),
         checks=tuple(checks),
-        next_experiment=next_experiment(answer, jumps, robot),
+        next_experiment=next_experiment(said.answer, jumps, robot),
         not_judged=tuple(not_judged(jumps, robot)),
         profiles=tuple(profiles_of(found)),
-        gap_per_log={
-            jump.name: {"nominal": float(np.sqrt(a / n)), "corrected": float(np.sqrt(b / n))}
-            for jump, a, b, n in zip(jumps, nominal, heldout, counts(judged), strict=True)
-        },
+        gap_per_log=yardstick.gap_by_log(heldout),
         landing_misplaced_m=landing(whole, mended, judged),
         provenance={**provenance, "robot": robot.sha256, "config": asdict(settings)},
     )
@@ -155,6 +135,45 @@ def diagnose(
     return Diagnosis(
         report, dict(zip(logs, whole, strict=True)), dict(zip(logs, mended, strict=True)), typical(believed, logs)
     )
+
+
+def yardstick_of(judged: Judged, replayer: Replayer, settings: Settings) -> Yardstick:
+    """Folds, nominal gap, noise floor and resamples of the logs."""
+    rng = np.random.default_rng(settings.seed)
+    number = len(judged.jumps)
+    return Yardstick(
+        judged,
+        replayer,
+        np.array(folds_of(judged, settings.folds)),
+        squares(judged, replayer, [[()] * number])[0],
+        noise_floor(judged, replayer, settings.noise_draws, rng),
+        resamples(number, settings.bootstrap_draws, rng),
+    )
+
+
+def conclude(
+    found: Found,
+    shares: np.ndarray,
+    heldout: np.ndarray,
+    hypotheses: Sequence[Hypothesis],
+    yardstick: Yardstick,
+    settings: Settings,
+    progress: Callable[[str], None],
+) -> Conclusion:
+    """What the search allows to say; whole jumps are asked where a cause that logs confirm does not explain enough.
+
+    ``shares`` are those of the rivals, ``heldout`` the squares (jumps,) of what the search believes.
+    """
+    closes = yardstick.closes(heldout) if found.believed.hypotheses else None
+    if closes is not None and closes < settings.doubts.enough_closure:
+        # The nominal step's own error may hide what a small effect closes.
+        finer = yardstick.with_steps(FINE_STEP_S)
+        closes = max(closes, finer.closes(finer.heldout([found.believed])[0]))
+    said = concluded(found, shares, closes, settings.doubts)
+    if said.verdict != "unknown" or not confirmed(found):
+        return said
+    whole_jumps = WholeJumps(yardstick, settings.whole, progress)
+    return whole_jumps.concluded(found.before(1), hypotheses, settings.doubts.rival_share)
 
 
 def landing(whole: Sequence[Motion], mended: Sequence[Motion], judged: Judged) -> dict[str, dict[str, float]]:
@@ -180,20 +199,19 @@ def folds_of(judged: Judged, folds: int) -> list[int]:
 
 
 def search(
-    judged: Judged,
-    replayer: Replayer,
+    yardstick: Yardstick,
     hypotheses: Sequence[Hypothesis],
-    folds: Sequence[int],
     settings: Settings,
     progress: Callable[[str], None],
 ) -> Found:
     """Look for causes in some of the evidence, then in all of it."""
-    most = min(settings.most_pieces, settings.pieces_per_log * len(judged.jumps))
+    jumps = yardstick.judged.jumps
+    most = min(settings.most_pieces, settings.pieces_per_log * len(jumps))
     whole, coarse = (
-        Evidence.of(judged.jumps, replayer, settings.horizon_s, settings.every_s, pieces)
+        Evidence.of(jumps, yardstick.replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
-    return find(whole, coarse, hypotheses, settings.tolerances, np.array(folds), settings.plan, progress)
+    return find(whole, coarse, hypotheses, settings.tolerances, yardstick.folds, settings.plan, progress)
 
 
 def run_checks(judged: Judged, robot: Robot, settings: Settings) -> list[Check]:
@@ -246,26 +264,33 @@ def causes_of(
     found: Found,
     said: Conclusion,
     shares: np.ndarray,
-    closures: Mapping[int, Interval],
-    gaps: Mapping[int, float],
-    judged: Judged,
+    measured: Mapping[int, np.ndarray],
+    yardstick: Yardstick,
     settings: Settings,
 ) -> list[Cause]:
-    """The believed causes, then those that could stand in their place, then every effect alone, best first."""
-    believed, answer = said.steps[-1] if said.steps else found.nominal, said.answer
+    """The believed causes, then those that could stand in their place, then every effect alone, best first.
+
+    ``measured`` holds the held-out squares of every belief by its identity.
+    """
+
+    def told(belief: Belief, which: int, step: Belief, sure: float, rivals: tuple[str, ...]) -> Cause:
+        heldout = measured[id(step)]
+        closes, gap = yardstick.closure(heldout), yardstick.gap(heldout)
+        return cause_of(belief, which, sure, rivals, closes, gap, yardstick.judged, settings.model_error)
+
+    believed = said.steps[-1] if said.steps else found.nominal
     causes = [
-        cause_of(believed, k, sure, names[1:], closures[id(step)], gaps[id(step)], judged, settings)
-        for k, (names, step, sure) in enumerate(zip(answer, said.steps, said.sure, strict=True))
+        told(believed, k, step, sure, names[1:])
+        for k, (names, step, sure) in enumerate(zip(said.answer, said.steps, said.sure, strict=True))
     ]
-    told = {(cause.effect, cause.location) for cause in causes}
+    known, others = {(cause.effect, cause.location) for cause in causes}, []
     for fit in found.alternatives:
-        k = len(fit.hypotheses) - 1
-        newest = fit.hypotheses[k]
-        if (newest.name, newest.location) not in told:
-            told.add((newest.name, newest.location))
+        newest = fit.hypotheses[-1]
+        if (newest.name, newest.location) not in known:
+            known.add((newest.name, newest.location))
             sure = probability(newest.name, found, shares) if newest.name not in believed.names else 0.0
-            causes.append(cause_of(fit, k, sure, (), closures[id(fit)], gaps[id(fit)], judged, settings))
-    return causes[: len(answer)] + sorted(causes[len(answer) :], key=lambda cause: -cause.probability)
+            others.append(told(fit, len(fit.hypotheses) - 1, fit, sure, ()))
+    return causes + sorted(others, key=lambda cause: -cause.probability)
 
 
 def cause_of(
@@ -276,13 +301,13 @@ def cause_of(
     closes: Interval,
     gap: float,
     judged: Judged,
-    settings: Settings,
+    model_error: float,
 ) -> Cause:
     """One hypothesis of a fit in words of the report."""
     hypothesis, numbers = fit.hypotheses[which], fit.split()[which]
     spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
     logs = [jump.name for jump in judged.jumps]
-    half = SIGMAS * np.hypot(spread, settings.model_error * np.abs(numbers - hypothesis.nominal))
+    half = SIGMAS * np.hypot(spread, model_error * np.abs(numbers - hypothesis.nominal))
 
     def typical_value(of: np.ndarray, name: str) -> float:
         return float(np.median([hypothesis.values(log, hypothesis.clipped(of))[name] for log in logs]))
@@ -297,41 +322,22 @@ def cause_of(
     return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, closes, gap, rivals)
 
 
-def shared_closure(
-    believed: Belief,
-    judged: Judged,
-    replayer: Replayer,
-    nominal: np.ndarray,
-    heldout: np.ndarray,
-    floor: np.ndarray,
-    folds: Sequence[int],
-    draws: np.ndarray,
-) -> Interval | None:
+def shared_closure(believed: Belief, heldout: np.ndarray, yardstick: Yardstick) -> Interval | None:
     """Closure of the answer where every jump gets the median of the other folds' values instead of its own."""
     if not believed.hypotheses:
         return None
     if not any(h.per_log for h in believed.hypotheses):
-        return closure(nominal, heldout, floor, judged, draws)
-    candidate = []
-    for fold in folds:
-        others = [jump.name for jump, f in zip(judged.jumps, folds, strict=True) if f != fold]
+        return yardstick.closure(heldout)
+    judged, candidate = yardstick.judged, []
+    for fold in yardstick.folds.tolist():
+        others = [jump.name for jump, f in zip(judged.jumps, yardstick.folds, strict=True) if f != fold]
         candidate.append(typical(believed, others, fold))
-    return closure(nominal, squares(judged, replayer, [candidate])[0], floor, judged, draws)
+    return yardstick.closure(squares(judged, yardstick.replayer, [candidate])[0])
 
 
 def confirmed(found: Found) -> bool:
     """Whether the first cause is one that the logs contradict themselves about, whatever else there is."""
     return bool(found.believed.hypotheses) and found.believed.hypotheses[0].per_log is not None
-
-
-def finer_closure(
-    believed: Belief, judged: Judged, replayer: Replayer, floor: np.ndarray, folds: Sequence[int]
-) -> float:
-    """Closure in replays of shorter steps: the nominal step's own error may hide what a small effect closes."""
-    finer = replayer.with_steps(FINE_STEP_S)
-    nominal = squares(judged, finer, [[()] * len(judged.jumps)])[0]
-    corrected = heldout_squares(judged, finer, [believed], folds)[0]
-    return closure(nominal, corrected, floor, judged, np.zeros((1, len(judged.jumps)), int)).value
 
 
 def typical(fit: Belief, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
@@ -356,8 +362,7 @@ def profiles_of(found: Found) -> list[Profile]:
 
 
 def sentence(
-    verdict: str,
-    answer: Answer,
+    said: Conclusion,
     believed: Belief,
     nominal: float,
     corrected: float,
@@ -365,6 +370,7 @@ def sentence(
     judged: Judged,
 ) -> str:
     """The report in one sentence, with numbers."""
+    verdict, answer = said.verdict, said.answer
     if verdict == "none":
         return (
             f"The simulation agrees with the {len(judged.jumps)} jumps within sensor noise and the tolerances of the "

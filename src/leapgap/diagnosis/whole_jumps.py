@@ -12,11 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.attribution import Belief, clipped, in_words, parted
-from leapgap.diagnosis.closure import closure
-from leapgap.diagnosis.gap import Judged, scaled_errors
+from leapgap.diagnosis.closure import Yardstick
+from leapgap.diagnosis.gap import scaled_errors
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.verdict import Conclusion
-from leapgap.simulation.replay import Replayer
 
 DIFFERENCE = 0.25
 """Of a moderate departure: wide, for contacts make whole jumps rough."""
@@ -96,27 +95,16 @@ class Slopes:
 class WholeJumps:
     """Fits sets of effects, all of them everywhere, to whole jumps."""
 
-    judged: Judged
-    replayer: Replayer
-    folds: np.ndarray
-    """Which fold each jump is held out with, (jumps,)."""
+    yardstick: Yardstick
     plan: WholePlan
     progress: Callable[[str], None] = lambda _: None
 
-    def concluded(
-        self,
-        first: Belief,
-        hypotheses: Sequence[Hypothesis],
-        nominal: np.ndarray,
-        floor: np.ndarray,
-        draws: np.ndarray,
-        rival_share: float,
-    ) -> Conclusion:
+    def concluded(self, first: Belief, hypotheses: Sequence[Hypothesis], rival_share: float) -> Conclusion:
         """The first cause fitted anew, then with one further cause after the other while that is convincing.
 
-        ``nominal`` and ``floor`` are sums of squares (jumps,), ``draws`` of jumps (draws, jumps); a rival that is best
-        in ``rival_share`` of them cannot be told apart.
+        A rival that is best in ``rival_share`` of the resamples cannot be told apart.
         """
+        draws = self.yardstick.draws
         steps = [self.fitted(first.hypotheses, first.numbers)]
         answer: list[tuple[str, ...]] = [first.names]
         sure = [1.0]
@@ -126,7 +114,7 @@ class WholeJumps:
             for fit in tried:
                 self.progress(f"whole jumps, {in_words(fit)}: squares {fit.loss:.0f}, held out {fit.heldout.sum():.0f}")
             sensible = sorted((fit for fit in tried if fit.sensible), key=lambda fit: fit.loss)
-            if not sensible or not self.convincing(steps[-1], sensible[0], nominal, floor, draws):
+            if not sensible or not self.convincing(steps[-1], sensible[0]):
                 break
             steps.append(sensible[0])
             best = np.array([fit.heldout[draws].sum(axis=1) for fit in sensible]).argmin(axis=0)
@@ -138,12 +126,10 @@ class WholeJumps:
         verdict = "named" if all(len(names) == 1 for names in answer) else "ambiguous"
         return Conclusion(verdict, tuple(answer), tuple(steps), tuple(sure))
 
-    def convincing(
-        self, before: WholeFit, after: WholeFit, nominal: np.ndarray, floor: np.ndarray, draws: np.ndarray
-    ) -> bool:
+    def convincing(self, before: WholeFit, after: WholeFit) -> bool:
         """Whether a further cause closes enough more, on enough held-out jumps."""
-        plan = self.plan
-        closes = [closure(nominal, fit.heldout, floor, self.judged, draws[:1]).value for fit in (before, after)]
+        plan, draws = self.plan, self.yardstick.draws
+        closes = [self.yardstick.closes(fit.heldout) for fit in (before, after)]
         sure = (before.heldout[draws].sum(axis=1) > after.heldout[draws].sum(axis=1)).mean()
         agree = (after.heldout < before.heldout).mean()
         return bool(
@@ -184,12 +170,13 @@ class WholeJumps:
             if settled:
                 break
         slopes = self.slopes(hypotheses, numbers)
-        fold_of_value = self.folds[self.jump_of_value]
+        folds = self.yardstick.folds
+        fold_of_value = folds[self.jump_of_value]
         of_folds = [
             clipped(hypotheses, numbers + scale * slopes.step(DAMPINGS[1], fold_of_value != fold))
-            for fold in range(int(self.folds.max()) + 1)
+            for fold in range(int(folds.max()) + 1)
         ]
-        heldout = self.squares(hypotheses, of_folds)[self.folds, np.arange(len(self.folds))]
+        heldout = self.squares(hypotheses, of_folds)[folds, np.arange(len(folds))]
         spread = self.covariance(slopes, scale)
         return WholeFit(hypotheses, numbers, spread, np.array(of_folds), slopes.errors.squares, heldout)
 
@@ -219,16 +206,17 @@ class WholeJumps:
         candidates = [
             [
                 tuple(h.on(jump.name, own) for h, own in zip(hypotheses, parted(hypotheses, numbers), strict=True))
-                for jump in self.judged.jumps
+                for jump in self.yardstick.judged.jumps
             ]
             for numbers in tried
         ]
-        return scaled_errors(self.judged, self.replayer, candidates)
+        return scaled_errors(self.yardstick.judged, self.yardstick.replayer, candidates)
 
     @cached_property
     def jump_of_value(self) -> np.ndarray:
         """Which jump each compared value is of, (values,)."""
-        sizes = [len(range(0, rows, EVERY_ROWS)) * len(self.judged.channels) for rows in self.judged.rows]
+        judged = self.yardstick.judged
+        sizes = [len(range(0, rows, EVERY_ROWS)) * len(judged.channels) for rows in judged.rows]
         return np.repeat(np.arange(len(sizes)), sizes)
 
     def squares(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> np.ndarray:
