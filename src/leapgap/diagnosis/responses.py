@@ -16,7 +16,8 @@ from leapgap.diagnosis.hypotheses import Hypothesis, places, usable
 from leapgap.effects.base import Effect
 
 FINE_STEP_S, ROUGH_STEP_S = 0.00028, 0.0022
-"""Replays of short steps show what the nominal simulation's own step does; long ones will do for derivatives."""
+"""Replays of short steps show what the nominal simulation's own step does; long ones will do for derivatives of what
+is searched, but not of nuisances: those must take off the last of an error."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ Acting = Sequence[tuple[Hypothesis, np.ndarray]]
 
 @dataclass(frozen=True)
 class Departures:
-    """What hypotheses change in the evidence, by replays of long steps: twice as fast, and steps err on both sides."""
+    """What hypotheses change in the evidence."""
 
     evidence: Evidence
     around: Acting
@@ -44,9 +45,8 @@ class Departures:
     @staticmethod
     def of(evidence: Evidence, around: Acting) -> "Departures":
         """From a robot with some hypotheses in it."""
-        rough = evidence.with_steps(ROUGH_STEP_S)
-        (start,) = rough.residuals([on_logs(rough, *around)])
-        return Departures(rough, around, joined(start))
+        (start,) = evidence.residuals([on_logs(evidence, *around)])
+        return Departures(evidence, around, joined(start))
 
     def __call__(self, further: Sequence[Acting]) -> list[np.ndarray]:
         """Whitened changes of sets of further hypotheses, (pieces, values) each."""
@@ -59,7 +59,8 @@ class Responses:
     """Columns of all effects and nuisances, in pieces of all logs in order."""
 
     evidence: Evidence
-    departures: "Departures"
+    departures: Departures
+    """By long steps: twice as fast, and steps err on both sides."""
     nominal: np.ndarray
     """Whitened errors of the nominal robot, (pieces, values)."""
     keys: tuple[Key, ...]
@@ -96,14 +97,19 @@ class Responses:
             for place in members[name, "all"]
         )
         evidence = evidence.around(on_logs(evidence, *around))
-        departures = Departures.of(evidence, around)
-        found = departures([[moved(names[key.effect], key)] for key in keys])
-        columns = np.stack(found, axis=2) if keys else np.zeros((*departures.start.shape, 0))
-        columns /= np.array([names[key.effect].moderate[key.number] for key in keys])
-        origin, stepped = (
-            joined(of.residuals([on_logs(evidence, *around)])[0]) for of in (evidence, evidence.with_steps(FINE_STEP_S))
-        )
-        nuisances = [stepped - origin]
+        exact = Departures.of(evidence, around)
+        rough = Departures.of(evidence.with_steps(ROUGH_STEP_S), around)
+        origin, free = exact.start, {name.partition(".")[0] for name in tolerances}
+        columns = np.zeros((*origin.shape, len(keys)))
+        for departures, chosen in (
+            (exact, [i for i, key in enumerate(keys) if key.effect in free]),
+            (rough, [i for i, key in enumerate(keys) if key.effect not in free]),
+        ):
+            changes = departures([[moved(names[keys[i].effect], keys[i])] for i in chosen])
+            for i, change in zip(chosen, changes, strict=True):
+                columns[:, :, i] = change / names[keys[i].effect].moderate[keys[i].number]
+        (stepped,) = evidence.with_steps(FINE_STEP_S).residuals([on_logs(evidence, *around)])
+        nuisances = [joined(stepped) - origin]
         for name, size in tolerances.items():
             effect, _, parameter = name.partition(".")
             which = [p.name for p in effects.known()[effect].parameters()].index(parameter)
@@ -111,7 +117,7 @@ class Responses:
                 size * columns[:, :, i] for i, k in enumerate(keys) if (k.effect, k.number) == (effect, which)
             ]
         nominal = origin if not around else joined(evidence.residuals([evidence.same(())])[0])
-        return Responses(evidence, departures, nominal, keys, columns, np.stack(nuisances, axis=2), members)
+        return Responses(evidence, rough, nominal, keys, columns, np.stack(nuisances, axis=2), members)
 
     @property
     def names(self) -> frozenset[str]:
