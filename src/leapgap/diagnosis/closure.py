@@ -10,6 +10,9 @@ from leapgap.diagnosis.gap import Judged, counts, pooled, squares
 from leapgap.effects.base import Effect
 from leapgap.simulation.replay import Replayer
 
+LEAST_ABOVE = 0.05
+"""Of the noise floor: a share of less is a share of noise."""
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -28,13 +31,17 @@ def resamples(jumps: int, draws: int, rng: np.random.Generator) -> np.ndarray:
 def closure(
     nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: Judged, draws: np.ndarray
 ) -> Interval:
-    """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a jump."""
+    """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a jump.
+
+    A gap that is within ``LEAST_ABOVE`` of its floor has nothing to close: 0.
+    """
     number = counts(judged)
 
     def of(chosen: np.ndarray) -> float:
         values = number[chosen].sum()
         before, after, least = (np.sqrt(s[chosen].sum() / values) for s in (nominal, corrected, floor))
-        return float((before - after) / max(before - least, 1e-12))
+        above = before - least
+        return float((before - after) / above) if above > LEAST_ABOVE * least else 0.0
 
     sample = [of(chosen) for chosen in draws]
     return Interval(of(np.arange(len(number))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
