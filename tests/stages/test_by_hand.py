@@ -1,5 +1,6 @@
 """Stages called by hand: what a user types, and what a user gets when it cannot work."""
 
+import json
 import os
 import subprocess
 import sys
@@ -7,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.files import read_json
 from leapgap.recording import jump as jump_log
 from leapgap.robot.model import Robot
 from tests.code import ROOT
@@ -160,7 +160,7 @@ def test_a_corrected_robot_can_be_planned_for_unless_plans_cannot_express_it(tmp
     for name, chosen in (("own", "optimize.planar=own"), ("corrected", f"optimize.robot={tmp_path / 'damped'}")):
         result = stage("optimize", "optimize.targets=[[0.4,0.0]]", chosen, f"optimize.out={tmp_path / name}")
         assert result.returncode == 0, result.stderr
-        costs.append(read_json(tmp_path / name / "references.json")[0]["cost"])
+        costs.append(json.loads((tmp_path / name / "references.json").read_text())[0]["cost"])
     assert costs[1] > costs[0] + 1
     result = stage("optimize", f"optimize.robot={tmp_path / 'late'}", f"optimize.out={tmp_path / 'none'}")
     refused(result, "command_delay at all", "joint_damping")
