@@ -38,7 +38,7 @@ from leapgap.robot.prediction import PredictionModel
 from leapgap.robot.rigid_body import RigidBody
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.closed_loop import Sensing
-from leapgap.simulation.corrected import body_with, planned_with, read_corrected
+from leapgap.simulation.corrected import body_with, plannable, planned_with, read_corrected
 from leapgap.simulation.variants import Variant
 from leapgap.view import landing as page
 from stages.common import output_folder, read_config, run_stage
@@ -149,9 +149,12 @@ class Rig:
         ]
 
     def method(self, name: str) -> Method | None:
-        """By name; None where its trained models are not there."""
+        """By name; None where its trained models are not there, or plans cannot express what was corrected."""
         plain, corrected = name.removesuffix(CORRECTED), name.endswith(CORRECTED)
-        references, body = self.corrected if corrected else (self.bench.references, RigidBody())
+        plans = self.corrected if corrected else (self.bench.references, RigidBody())
+        if plans is None:
+            return None
+        references, body = plans
         kind, _, steps = plain.partition("_")
         if plain == "joint_pd":
             return ByJointPd(self.robot, references)
@@ -176,11 +179,18 @@ class Rig:
         raise InputError("land.methods", name, known, f"choose known ones; steps are {', '.join(GRIDS)}")
 
     @cached_property
-    def corrected(self) -> tuple[References, RigidBody]:
-        """Plans for the robot that a diagnosis corrected, and its rigid body in the crouch they begin in."""
+    def corrected(self) -> tuple[References, RigidBody] | None:
+        """Plans for the robot that a diagnosis corrected, and its rigid body in the crouch they begin in.
+
+        None, and said by name, where it has an effect that no plan can reckon with.
+        """
         if self.settings.corrected is None:
             raise InputError("land.corrected", "no folder", "a folder 'corrected' of a diagnosis", "name one")
         robot, found = read_corrected(Path(self.settings.corrected))
+        beyond = [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
+        if beyond:
+            print(f"no plan can reckon with {', '.join(beyond)}: methods {CORRECTED} are left out", flush=True)
+            return None
         planar = planned_with(robot, found)
         references = {target: planned(target, planar) for target in self.bench.references}
         crouch = next(iter(references.values())).per_joint("cmd_pos", robot.joints)[0]

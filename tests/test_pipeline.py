@@ -61,11 +61,13 @@ def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated:
         "params",
         "collect@simulated",
         "collect@damped",
+        "chunk@damped",
         "chunk@simulated",
         "chunk@simulated_25_25",
         "chunk@simulated_25_25_k22",
         "chunk@simulated_25_80",
         "chunk@simulated_50_50",
+        "train@damped",
         "train@simulated",
         "train@simulated_25_25",
         "train@simulated_25_25_k22",
@@ -74,6 +76,7 @@ def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated:
         "evaluate@simulated",
         "diagnose@damped",
         "land",
+        "land_corrected",
         "view",
     }
 
