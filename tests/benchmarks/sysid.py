@@ -1,6 +1,6 @@
 """Side by side with ``mujoco.sysid``: every parameter fitted at once, on the same logs, with the same weights.
 
-Both see four jumps and are judged on two more of the same robot. The peer gets what its authors advise: scaled
+Both see four jumps and are judged on further ones of the same robot. The peer gets what its authors advise: scaled
 parameters, starts off the bounds, Gauss–Newton in bounds, its own 95 % intervals; its residuals are those of the
 diagnosis (replays of 0.1 s from the log, whitened by sensor noise), so that only the way to an answer differs. A
 parameter whose interval leaves out nominal is what it says. Needs ``pip install -e ".[peers]"``. Run as
@@ -39,7 +39,6 @@ CHOSEN = (
 )  # fmt: skip
 STEP, MOST_ITERATIONS = 0.02, 30
 """Finite differences, in moderate departures; iterations of the peer."""
-SIGMAS = 1.96
 
 
 def peer(logs: Sequence[Jump], robot: Robot, settings: Settings) -> tuple[dict[str, list[float]], tuple[Effect, ...]]:
