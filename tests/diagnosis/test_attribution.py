@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.attribution import Fit, Found, Plan, Search, broyden, covariance
+from leapgap.diagnosis.attribution import MOST_SURPRISE, Fit, Found, Guess, Plan, Search, broyden, covariance
 from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
@@ -119,3 +119,31 @@ def test_gauss_newton_finds_the_mass_and_held_out_logs_agree(search: Search) -> 
     valley = search.valley(best)
     assert valley.values[np.argmin(valley.loss)] == pytest.approx(best.numbers[0], rel=0.1)
     assert valley.loss.min() == 0 and valley.loss.max() > 2
+
+
+def test_later_rounds_try_every_effect_before_a_second_place_of_one(search: Search) -> None:
+    """Places of one effect look alike in the linear model, and would leave no room for another."""
+    first, places = Hypothesis("payload"), ("all", "front", "rear", "hip", "thigh")
+    guesses = [
+        Guess((first, Hypothesis("leg_mass", at)), np.zeros(2), float(loss)) for loss, at in enumerate(places)
+    ] + [Guess((first, Hypothesis("torque_gain")), np.zeros(2), 10.0)]
+    assert [guess.hypotheses[-1].name for guess in search.shortlisted(guesses, 5)] == ["leg_mass", "torque_gain"]
+    alone = [Guess(guess.hypotheses[1:], np.zeros(1), guess.loss) for guess in guesses]
+    names = [guess.hypotheses[-1].name for guess in search.shortlisted(alone, 5)]
+    assert names == ["leg_mass"] * 3 + ["torque_gain"]
+
+
+def test_one_piece_that_derivatives_mislead_does_not_decide(search: Search) -> None:
+    """A piece whose errors jump with the number, as where a foot just touches, as held out against the others."""
+    rng = np.random.default_rng(0)
+    pieces, values, _ = search.responses.nuisances.shape
+    slope = rng.standard_normal((pieces, values, 1))
+    errors = rng.standard_normal((pieces, values, 1)) - 0.05 * slope
+    slope[0] *= 300.0
+    errors[0] += 0.02 * slope[0]  # wants another number than all others
+    columns = np.concatenate([errors, slope], axis=2)
+    fit = search.judged((Hypothesis("payload"),), np.array([0.8]), columns)
+    products = search.responses.free(columns)
+    fitted = products.loss(products.fit(search.prior(1), search.every))
+    assert fit.heldout[0] == pytest.approx(fitted[0] + MOST_SURPRISE)
+    assert (fit.heldout[1:] < fitted[1:] + MOST_SURPRISE).all()

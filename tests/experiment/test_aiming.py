@@ -43,6 +43,18 @@ def test_held_out_errors_are_those_of_jumps_that_were_not_seen() -> None:
     assert 0.015 < np.sqrt(np.mean(noisy**2)) < 0.04  # never below the noise, which cannot be foreseen
 
 
+def test_jumps_that_slipped_do_not_move_the_aim_of_those_that_hold() -> None:
+    held = practice(30, 0.002)
+    rng = np.random.default_rng(1)
+    goal = np.column_stack([rng.uniform(0.6, 0.9, 6), rng.uniform(0.0, 0.1, 6), rng.uniform(-0.2, 0.2, 6)])
+    slipped = Tried(goal, np.full(6, -0.1), goal - rng.uniform(0.1, 0.5, (6, 1)) * [1, -0.3, 1.5])
+    model = LandingModel(held.and_also(slipped), AimConfig())
+    assert (model.counts[30:] < 0.2).all()
+    assert model.counts[:30].mean() > 0.9
+    missed = lands(best_goal(model, Target(0.7), -0.1)[None], np.array([-0.1]))[0, 0] - 0.7
+    assert abs(missed) < 0.02
+
+
 def test_without_a_model_the_target_is_the_goal() -> None:
     assert best_goal(None, BOX, 0.1) == pytest.approx([0.6, 0.2, 0.0])
 

@@ -84,6 +84,22 @@ def test_terrain_of_different_jumps_has_one_size(robot: Robot) -> None:
     assert top.pos[2] + top.size[2] == pytest.approx(0.03)
 
 
+def test_a_foot_deep_in_a_thin_block_is_pushed_up(robot: Robot) -> None:
+    """Past the middle of a box that ends at the floor it would be pushed out of the underside, and held there."""
+    model = robot.on_terrain((Box(0.18, 0.0, (0.24, 0.6, 0.03), 0.03),))
+    data = mujoco.MjData(model)
+    data.qpos[:7] = 0, 0, 0.17, 1, 0, 0, 0
+    data.qpos[robot.joint_qpos] = CROUCH * 4
+    mujoco.mj_forward(model, data)
+    foot = model.geom(robot.feet[0]).id
+    data.qpos[2] -= data.geom_xpos[foot][2] - 0.012  # its centre, 3 mm below the middle
+    mujoco.mj_forward(model, data)
+    block = model.geom("terrain_0").id
+    normals = [c.frame[:3] * (1 if c.geom2 == foot else -1) for c in data.contact if {foot, block} == set(c.geom)]
+    assert len(normals) == 1
+    assert normals[0] == pytest.approx([0, 0, 1])
+
+
 def test_models_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         Robot.load(tmp_path / "none.xml")

@@ -66,20 +66,28 @@ class Rest:
 
     def qp(self, state: np.ndarray, first: Affine) -> Qp:
         """The problem from a state (6,), with the model's word for the first step: ``Affine`` of one moment."""
-        m0, weight = len(self.first), 2 * self.force_weight
         free = advance(state, first.bias[0], self.step_s, self.curvature)
         gained = first.by_force[0][:, self.first] * self.first_push_s
         enters = np.concatenate([self.curvature * self.step_s * gained, gained])  # of x₁, (6, m₀)
-        of_rest = enters.T @ self.quadratic[:STATES]
-        hessian = np.empty((m0 + len(self.linear) - STATES,) * 2)
-        hessian[:m0, :m0] = of_rest[:, :STATES] @ enters
-        hessian[:m0, :m0] += weight * np.eye(m0)
+        of_states, m0 = self.quadratic[:STATES], len(self.first)
+        of_rest = enters.T @ of_states
+        hessian = self._hessian.copy()
+        hessian[:m0, :m0] += of_rest[:, :STATES] @ enters
         hessian[:m0, m0:] = of_rest[:, STATES:]
-        hessian[m0:, :m0] = hessian[:m0, m0:].T
-        hessian[m0:, m0:] = self.quadratic[STATES:, STATES:]
-        slope = free @ self.quadratic[:STATES] + self.linear
-        gradient = np.concatenate([slope[:STATES] @ enters - weight * self.first_force, slope[STATES:]])
+        hessian[m0:, :m0] = of_rest[:, STATES:].T
+        slope = free @ of_states + self.linear
+        of_first = slope[:STATES] @ enters - 2 * self.force_weight * self.first_force
+        gradient = np.concatenate([of_first, slope[STATES:]])
         return Qp(hessian, gradient, self.lower, self.upper, self.rows, self.row_upper)
+
+    @cached_property
+    def _hessian(self) -> np.ndarray:
+        """What of the Hessian does not depend on the first step."""
+        m0 = len(self.first)
+        hessian = np.zeros((m0 + len(self.linear) - STATES,) * 2)
+        hessian[:m0, :m0] = 2 * self.force_weight * np.eye(m0)
+        hessian[m0:, m0:] = self.quadratic[STATES:, STATES:]
+        return hessian
 
     @cached_property
     def step_s(self) -> float:

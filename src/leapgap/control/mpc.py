@@ -44,14 +44,19 @@ class JumpMpc(JumpController):
 
     def feed_forward(self, time_s: float, estimate: Estimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
-        contact = self.reference.schedule.in_contact(np.array(time_s))
-        if not contact.any():
+        push = self._pushing(time_s)
+        if not push.any():
             return self.nothing()
         if time_s > self._updates * self.config.period_s - ROUNDING_S:
             self._update(time_s, estimate, frame)
         assert self.plan_now is not None
-        force = self.plan_now.force[0] * np.repeat(contact, 2)
+        force = self.plan_now.force[0] * push
         return self.legs.torque(*self._measured_pose(time_s, estimate), frame.in_world(force)), force
+
+    def _pushing(self, time_s: float) -> np.ndarray:
+        """Which of the forces front x z, rear x z are planned to act, (4,)."""
+        contact = self.reference.schedule.in_contact(np.array(time_s))
+        return np.repeat(contact, 2)
 
     def _update(self, time_s: float, estimate: Estimate, frame: StartFrame) -> None:
         """Plan anew; the next update is due at the next whole period."""

@@ -5,6 +5,7 @@ Every hypothesis is tried in the linear model of the responses; the most promisi
 robot and for every hypothesis alike.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -23,6 +24,8 @@ TRIALS = (0.4, 2.5)
 LINEAR_ITERATIONS = 4
 LEAST_SPREADS = 2.0
 """A number this many standard deviations from nominal is known to differ from it."""
+MOST_SURPRISE = 30.0
+"""Log likelihood that a piece may lose by not being fitted; pieces that derivatives do not mislead lose a few."""
 HOPELESS = 0.3
 """A fit that after its second step bought less than this share of what the best one bought is not pursued."""
 
@@ -134,7 +137,8 @@ class Plan:
     shortlist: int = 10
     """Sets fitted to replays of their own in the first round; of every later one, half as many."""
     per_effect: int = 3
-    """Of them, with one effect at different places."""
+    """Of those of the first round, with one effect at different places; later ones try every set of effects once, at
+    the places that promise most."""
     steps: int = 8
     """Of Gauss–Newton; most sets settle earlier."""
     promising: int = 7
@@ -294,14 +298,15 @@ class Search:
         return tuple(fits)
 
     def shortlisted(self, guesses: Sequence[Guess], most: int) -> list[Guess]:
-        """The most promising guesses, not too many of one effect, each set once."""
+        """The most promising guesses, not too many of the same effects, each set once."""
         kept: dict[frozenset[Hypothesis], Guess] = {}
-        of_effect: dict[str, int] = {}
+        of_effects = Counter[frozenset[str]]()
         for guess in sorted(guesses, key=lambda g: g.loss):
-            newest, key = guess.hypotheses[-1].name, frozenset(guess.hypotheses)
-            if key not in kept and of_effect.get(newest, 0) < self.plan.per_effect and len(kept) < most:
+            key, effects = frozenset(guess.hypotheses), frozenset(h.name for h in guess.hypotheses)
+            many = self.plan.per_effect if len(effects) == 1 else 1
+            if key not in kept and of_effects[effects] < many and len(kept) < most:
                 kept[key] = guess
-                of_effect[newest] = of_effect.get(newest, 0) + 1
+                of_effects[effects] += 1
         return list(kept.values())
 
     def convincing(self, fit: Fit, before: Fit) -> bool:
@@ -408,16 +413,21 @@ class Search:
             d.numbers = clipped(d.hypotheses, d.best + products.fit(self.prior(p), self.every)[1 : 1 + p])
 
     def judged(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
-        """Held out: numbers and nuisances fitted on the other folds, by the derivatives at the fit."""
+        """Held out: numbers and nuisances fitted on the other folds, by the derivatives at the fit.
+
+        Where a foot touches a moment later these derivatives mislead: one such piece must not decide, so that none
+        is held to lose more than ``MOST_SURPRISE`` by not being fitted.
+        """
         products, p = self.responses.free(columns), len(numbers)
         prior = self.prior(p)
+        weights = products.fit(prior, self.every)
+        most = products.loss(weights) + MOST_SURPRISE
         heldout, folds = np.zeros(self.evidence.size), []
         for fold in range(int(self.fold_of_log.max()) + 1):
             out = self.fold_of_piece == fold
-            weights = products.fit(prior, ~out)
-            folds.append(clipped(hypotheses, numbers + weights[1 : 1 + p]))
-            heldout[out] = products.loss(weights)[out]
-        weights = products.fit(prior, self.every)
+            others = products.fit(prior, ~out)
+            folds.append(clipped(hypotheses, numbers + others[1 : 1 + p]))
+            heldout[out] = np.minimum(products.loss(others), most)[out]
         chi2 = products.chi2(weights)
         emphasis = 2 * products.values / (products.values + chi2)
         normal = np.tensordot(emphasis, products.gram, axes=1)[1:, 1:] + np.diag(prior)

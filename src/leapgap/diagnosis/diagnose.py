@@ -104,7 +104,8 @@ def diagnose(
     shown = shown_fits(found)
     measured = dict(zip(map(id, shown), yardstick.heldout(shown), strict=True)) | {id(found.nominal): yardstick.nominal}
     said = conclude(found, shares, measured[id(found.believed)], hypotheses, yardstick, settings, progress)
-    measured |= zip(map(id, said.steps), yardstick.heldout(said.steps), strict=True)
+    further = [step for step in said.steps if id(step) not in measured]
+    measured |= zip(map(id, further), yardstick.heldout(further), strict=True)
     believed = said.steps[-1] if said.steps else found.nominal
     heldout = measured[id(believed)]
     closes = yardstick.closure(heldout) if said.answer else None

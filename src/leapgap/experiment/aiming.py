@@ -16,6 +16,11 @@ GOAL = ("x", "z", "pitch")
 """Layout of a goal and of a landing: m, m over the height of a robot that stands on level ground, rad nose-down."""
 
 
+REWEIGHTED = 10
+"""Times that jumps are weighed anew; most settle after three."""
+LEAST_COUNT = 1e-4
+
+
 @dataclass(frozen=True)
 class AimConfig:
     """How landing errors are learned and weighed."""
@@ -28,6 +33,9 @@ class AimConfig:
     """Of the linear trend below the kernel; a quadratic one extrapolates badly, to a box that was never practised."""
     noise: float = 0.02
     """Variance of what does not repeat, as part of the kernel's."""
+    astray: float = 2.5
+    """A jump whose landing is this many times farther off what all others foretell than is usual counts less, by the
+    square: feet that slip land anywhere, and say nothing about those that hold."""
     matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
     """Landing errors that cost alike: m, m, rad."""
     clearance_m: float = 0.015
@@ -72,17 +80,34 @@ class LandingModel:
     def __init__(self, tried: Tried, config: AimConfig) -> None:
         self.tried, self.config = tried, config
         self.centre = tried.inputs.mean(axis=0) if len(tried) else np.zeros(4)
-        error = tried.landing - tried.goal
+        self.error = tried.landing - tried.goal
+        self.counts = np.ones(len(tried))
+        """How much each jump counts, 0 to 1, (n,)."""
+        self._fit()
+        for _ in range(REWEIGHTED):
+            self.counts = self._trusted()
+            self._fit()
+
+    def _fit(self) -> None:
+        """Trend, then the process on what it leaves; a jump that counts less is one with more noise."""
+        tried, config = self.tried, self.config
         trend = self._trend(tried.inputs)
+        weighed = trend.T * self.counts
         ridge = config.trend_ridge * np.eye(trend.shape[1])
         ridge[0, 0] = 1e-6  # the mean error is free
-        self.weights = np.linalg.solve(trend.T @ trend + ridge, trend.T @ error)
-        gram = self._kernel(tried.inputs, tried.inputs) + config.noise * np.eye(len(tried))
-        self.inverse = np.linalg.inv(gram)
-        left = error - trend @ self.weights
+        self.weights = np.linalg.solve(weighed @ trend + ridge, weighed @ self.error)
+        self.inverse = np.linalg.inv(self._kernel(tried.inputs, tried.inputs) + np.diag(config.noise / self.counts))
+        left = self.error - trend @ self.weights
         self.dual = self.inverse @ left
         self.scatter = np.sqrt((left * self.dual).sum(axis=0) / max(len(tried), 1))
         """Standard deviation of the process, by maximum likelihood, (3,), m, m, rad."""
+
+    def _trusted(self) -> np.ndarray:
+        """How much each jump counts by how far it is from what the process makes of all others, (n,)."""
+        others_miss = self.dual / np.diag(self.inverse)[:, None] / np.array(self.config.matters)
+        off = np.linalg.norm(others_miss, axis=1)
+        usual = max(float(np.median(off)), 1.0) if len(off) else 1.0  # errors that do not matter are not astray
+        return np.clip((self.config.astray * usual / np.maximum(off, 1e-9)) ** 2, LEAST_COUNT, 1.0)
 
     def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Predicted landing of a goal (3,), (3,)."""

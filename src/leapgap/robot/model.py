@@ -13,6 +13,9 @@ from leapgap.errors import InputError
 from leapgap.robot.terrain import Box
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
+ROOTED_M = 0.5
+"""Blocks reach this far below the floor: a soft foot that sinks past the middle of a thin box is pushed out of its
+underside, and held there."""
 PARKED_BELOW_FLOOR_M = 50.0
 
 
@@ -201,8 +204,9 @@ class Robot:
             geom.rgba = [0.72, 0.62, 0.48, 1.0]
             if i < len(boxes):
                 box = boxes[i]
-                geom.size = [edge / 2 for edge in box.size_m]
-                geom.pos = [box.x_m, box.y_m, box.top_m - box.size_m[2] / 2]
+                height = max(box.size_m[2], box.top_m + ROOTED_M)
+                geom.size = [box.size_m[0] / 2, box.size_m[1] / 2, height / 2]
+                geom.pos = [box.x_m, box.y_m, box.top_m - height / 2]
             else:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
