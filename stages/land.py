@@ -94,15 +94,15 @@ def land(config: DictConfig) -> None:
         for one in Rig(settings, config, hardware, place, tasks, shelf).run(repeats)
     ]
     shelf.sweep()
-    means = overall(scored, settings.single)
-    found = tables(scored, settings.seed) | {"mean_abs_error_cm": means, "seed": settings.seed}
+    means = overall(scored, settings.single, settings.seed)
+    found = tables(scored, settings.seed) | means | {"seed": settings.seed}
     rows = [row for one in scored for row in one.rows()]
     write_rows(rows, out / TABLE)
     write_text(out / PAGE, page.html(found, rows, settings.single, out / RUNS))
     write_json(out / FIGURES, found)
     if settings.metrics is not None:
         write_json(Path(settings.metrics), found)
-    for key, value in means.items():
+    for key, value in means["mean_abs_error_cm"].items():
         print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
     print(f"look at it: {out / PAGE}")
 

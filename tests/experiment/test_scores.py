@@ -12,12 +12,17 @@ CONDUCT = Conduct(0.4, 200.0, 0.02, 30.0, 0.1)
 
 
 def run(
-    errors: list[float], task: str = "jump_60", wanted: int = 1, fallbacks: int = 0, success: bool = True
+    errors: list[float],
+    task: str = "jump_60",
+    wanted: int = 1,
+    fallbacks: int = 0,
+    success: bool = True,
+    robot: str = "worn",
 ) -> Scored:
     landings = tuple(Landing(error, error, -error, 2.0, success) for error in errors)
     total = sum(errors) if len(errors) == wanted else None
     done = Done(landings, total, {"late": fallbacks} if fallbacks else {}, (), CONDUCT)
-    return Scored("worn", "worn", "ours", task, 0, wanted, done)
+    return Scored("worn", robot, "ours", task, 0, wanted, done)
 
 
 def test_figures_of_three_runs() -> None:
@@ -47,12 +52,21 @@ def test_a_method_that_never_jumped_has_figures_without_numbers() -> None:
     found = tables([run([])], seed=0)
     assert found["abs_error_cm"]["worn/ours/jump_60"] is None
     assert found["success"]["worn/ours/jump_60"] == 0.0
-    assert overall([run([])], ["jump_60"]) == {}
+    assert overall([run([])], ["jump_60"], seed=0)["mean_abs_error_cm"] == {}
 
 
 def test_the_headline_counts_each_task_alike() -> None:
     runs = [run([1.0]), run([1.0]), run([1.0]), run([-5.0], "box_60_20"), run([99.0], "block_60")]
-    assert overall(runs, ["jump_60", "box_60_20"]) == {"worn/ours": 3.0}
+    found = overall(runs, ["jump_60", "box_60_20"], seed=0)
+    assert found["mean_abs_error_cm"] == {"worn/ours": 3.0}
+    assert found["mean_abs_error_ci95_cm"] == {"worn/ours": [3.0, 3.0]}, "no scatter within a task"
+
+
+def test_robots_are_drawn_again_with_all_they_did() -> None:
+    """Twenty jumps of each of two robots tell little about a third."""
+    runs = [run([error], robot=robot) for robot, error in (("a", 1.0), ("b", 3.0)) for _ in range(20)]
+    assert tables(runs, seed=0)["abs_error_ci95_cm"]["worn/ours/jump_60"] == [1.0, 3.0]
+    assert overall(runs, ["jump_60"], seed=0)["mean_abs_error_ci95_cm"] == {"worn/ours": [1.0, 3.0]}
 
 
 def test_the_interval_of_a_mean_has_its_coverage() -> None:

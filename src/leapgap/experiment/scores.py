@@ -1,6 +1,6 @@
 """Landing figures of methods and tasks, as tables."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -41,7 +41,7 @@ class Scored:
 
 
 def tables(scored: Iterable[Scored], seed: int) -> dict[str, dict[str, Any]]:
-    """``{"abs_error_cm": {"worn/ours/jump_60": 1.2, …}, …}``; intervals are 95 % by resampling the jumps."""
+    """``{"abs_error_cm": {"worn/ours/jump_60": 1.2, …}, …}``; intervals are 95 %, as in ``interval``."""
     groups: dict[str, list[Scored]] = {}
     for one in scored:
         groups.setdefault(one.key, []).append(one)
@@ -57,14 +57,15 @@ def figures(runs: Sequence[Scored], seed: int) -> dict[str, Any]:
     jumps = [landing for run in runs for landing in run.done.landings]
     wanted = sum(run.wanted for run in runs)
     error = np.array([jump.error_cm for jump in jumps])
+    robots = [run.robot for run in runs for _ in run.done.landings]
     pitch = np.array([jump.pitch_deg for jump in jumps])
     conducts = [run.done.conduct for run in runs]
     found = {
         "error_cm": of(np.mean, error),
-        "error_ci95_cm": interval(error, seed),
+        "error_ci95_cm": interval(error, robots, seed),
         "error_sd_cm": sd(error),
         "abs_error_cm": of(np.mean, np.abs(error)),
-        "abs_error_ci95_cm": interval(np.abs(error), seed),
+        "abs_error_ci95_cm": interval(np.abs(error), robots, seed),
         "worst_error_cm": of(np.max, np.abs(error)),
         "success": tidy(sum(jump.success for jump in jumps) / wanted),
         "landing_pitch_deg": of(np.mean, np.abs(pitch)),
@@ -94,12 +95,15 @@ def sd(values: np.ndarray) -> float | None:
     return tidy(values.std(ddof=1)) if len(values) > 1 else None
 
 
-def interval(values: np.ndarray, seed: int) -> list[float | None] | None:
-    """Of the mean."""
+def interval(values: np.ndarray, robots: Sequence[str], seed: int) -> list[float | None] | None:
+    """Of the mean: robots drawn again with all they did, where there are several; else jumps drawn again."""
     if not len(values):
         return None
-    drawn = np.random.default_rng(seed).choice(values, (BOOTSTRAP_DRAWS, len(values))).mean(axis=1)
-    return [tidy(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
+    units = np.unique(robots, return_inverse=True)[1] if len(set(robots)) > 1 else np.arange(len(values))
+    sums, counts = (np.bincount(units, weights) for weights in (values, np.ones(len(values))))
+    drawn = np.random.default_rng(seed).integers(0, len(sums), (BOOTSTRAP_DRAWS, len(sums)))
+    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    return [tidy(edge) for edge in np.percentile(means, [2.5, 97.5])]
 
 
 def tidy(value: Any) -> Any:
@@ -107,11 +111,27 @@ def tidy(value: Any) -> Any:
     return value if value is None or isinstance(value, bool) else round(float(value), 3)
 
 
-def overall(scored: Iterable[Scored], tasks: Sequence[str]) -> dict[str, float]:
-    """Mean absolute error over some tasks by hardware and method, each task counting alike, cm."""
-    by: dict[str, dict[str, list[float]]] = {}
+def overall(scored: Iterable[Scored], tasks: Sequence[str], seed: int) -> dict[str, dict[str, Any]]:
+    """Mean absolute error over some tasks by hardware and method, each task counting alike, cm, with its interval."""
+    by: dict[str, dict[tuple[str, str], list[float]]] = {}
     for run in scored:
         if run.task in tasks and run.done.landings:
-            of_task = by.setdefault(f"{run.hardware}/{run.method}", {}).setdefault(run.task, [])
+            of_task = by.setdefault(f"{run.hardware}/{run.method}", {}).setdefault((run.task, run.robot), [])
             of_task += [abs(jump.error_cm) for jump in run.done.landings]
-    return {key: tidy(np.mean([np.mean(v) for v in tasks_of.values()])) for key, tasks_of in by.items()}
+    return {
+        "mean_abs_error_cm": {key: tidy(np.mean([np.mean(v) for v in of.values()])) for key, of in by.items()},
+        "mean_abs_error_ci95_cm": {key: interval_of_tasks(of, seed) for key, of in by.items()},
+    }
+
+
+def interval_of_tasks(errors: Mapping[tuple[str, str], Sequence[float]], seed: int) -> list[float | None] | None:
+    """Of the mean of the tasks' means, of errors by task and robot."""
+    of_robots: dict[str, list[np.ndarray]] = {}
+    for (_, robot), of_task in errors.items():
+        of_robots.setdefault(robot, []).append(np.array(of_task))
+    if len(of_robots) > 1:
+        means = np.array([np.mean([of_task.mean() for of_task in tasks]) for tasks in of_robots.values()])
+        return interval(means, list(of_robots), seed)
+    rng, (tasks,) = np.random.default_rng(seed), of_robots.values()
+    drawn = np.mean([rng.choice(v, (BOOTSTRAP_DRAWS, len(v))).mean(axis=1) for v in tasks], axis=0)
+    return [tidy(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
