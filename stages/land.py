@@ -73,6 +73,7 @@ class Settings:
     metrics: str | None
     single: list[str]
     tasks: dict[str, Any]
+    schedule: ContactSchedule = field(default_factory=ContactSchedule)
     mpc: MpcConfig = field(default_factory=MpcConfig)
     practice: PracticeConfig = field(default_factory=PracticeConfig)
     adapt: AdaptConfig = field(default_factory=AdaptConfig)
@@ -131,11 +132,11 @@ class Rig:
 
     def plan(self, target: Target) -> Jump:
         """A plan from level ground."""
-        return reference_to(target, Path(self.settings.references), planar_robot(self.robot))
+        return reference_to(target, Path(self.settings.references), planar_robot(self.robot), self.settings.schedule)
 
     def published(self, target: Target) -> Jump:
         """The same for the masses of the published planner."""
-        return reference_to(target, Path(self.settings.published), PlanarRobot())
+        return reference_to(target, Path(self.settings.published), PlanarRobot(), self.settings.schedule)
 
     def run(self, repeats: Mapping[str, int]) -> list[Scored]:
         """Every method at every task."""
@@ -192,7 +193,7 @@ class Rig:
             print(f"no plan can reckon with {', '.join(beyond)}: methods {CORRECTED} are left out", flush=True)
             return None
         planar = planned_with(robot, found)
-        references = {target: planned(target, planar) for target in self.bench.references}
+        references = {target: planned(target, planar, self.settings.schedule) for target in self.bench.references}
         crouch = next(iter(references.values())).per_joint("cmd_pos", robot.joints)[0]
         return references, body_with(robot, found, crouch)
 
@@ -209,13 +210,13 @@ class Rig:
         if not folder.is_dir():
             print(f"{name}: no trained models in {folder}, left out", flush=True)
             return None
-        purpose = Purpose(GRIDS[steps], ContactSchedule(), self.robot.name, self.robot.sha256)
+        purpose = Purpose(GRIDS[steps], self.settings.schedule, self.robot.name, self.robot.sha256)
         return load(folder, self.settings.model, purpose)
 
     @cached_property
     def ours(self) -> ByAiming:
         """After its practice."""
-        planner = JumpPlanner(planar_robot(self.robot), limits=self.settings.limits)
+        planner = JumpPlanner(planar_robot(self.robot), self.settings.schedule, self.settings.limits)
         start = ByAiming(self.robot, self.bench.references, planner=planner)
         learned = practised(self.bench, start, self.settings.practice)
         print(f"{self.bench.hardware}: found {json.dumps(to_config(learned.found))}", flush=True)
