@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.attribution import MOST_SURPRISE, Fit, Found, Guess, Plan, Search, broyden, covariance
+from leapgap.diagnosis.attribution import MOST_SURPRISE, Guess, Plan, Search, broyden, covariance
+from leapgap.diagnosis.beliefs import Fit, Found
 from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of

@@ -8,7 +8,8 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.diagnosis import checks
 from leapgap.diagnosis.attribution import Plan
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose, next_experiment
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.telling import next_experiment
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump, JumpInfo, Target

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.attribution import Belief
+from leapgap.diagnosis.beliefs import Belief
 from leapgap.diagnosis.closure import Yardstick, resamples
 from leapgap.diagnosis.gap import Judged, squares
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of

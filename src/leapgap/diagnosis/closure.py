@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.attribution import Belief
+from leapgap.diagnosis.beliefs import Belief
 from leapgap.diagnosis.gap import Judged, counts, pooled, squares
 from leapgap.effects.base import Effect
 from leapgap.simulation.replay import Replayer

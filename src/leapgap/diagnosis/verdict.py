@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.diagnosis.attribution import Belief, Found
+from leapgap.diagnosis.beliefs import Belief, Found
 from leapgap.diagnosis.fitting import losses
 
 Answer = tuple[tuple[str, ...], ...]

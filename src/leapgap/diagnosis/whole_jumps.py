@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.attribution import Belief, clipped, in_words, parted
+from leapgap.diagnosis.beliefs import Belief, clipped, in_words, parted
 from leapgap.diagnosis.closure import Yardstick
 from leapgap.diagnosis.gap import scaled_errors
 from leapgap.diagnosis.hypotheses import Hypothesis
