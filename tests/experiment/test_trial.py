@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.experiment.aimed import AimedJump, JumpPlanner
+from leapgap.experiment.aimed import OTHER_PLAN, AimedJump, JumpPlanner
 from leapgap.experiment.conduct import pair_force
 from leapgap.experiment.made import Bench, came_down, tried_in
 from leapgap.experiment.methods import ByAiming, ByJointPd
@@ -73,8 +73,8 @@ def test_a_goal_without_a_plan_becomes_a_nearer_one_and_says_so(bench: Bench) ->
     (jump,) = found.controllers
     assert isinstance(jump, AimedJump) and jump.goal is not None
     assert 0 <= jump.goal[1] < 0.9
-    assert found.substituted == ((0.06, "no plan to this goal, a nearer one"),)
-    assert found.fallbacks == {"no plan to this goal, a nearer one": 1}
+    assert found.substituted == ((0.06, OTHER_PLAN),)
+    assert found.fallbacks == {OTHER_PLAN: 1}
 
 
 def test_a_flight_that_the_ground_cuts_short_is_continued_as_a_free_one(bench: Bench, joint_pd: ByJointPd) -> None:

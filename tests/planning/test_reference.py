@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from leapgap.planning.boxes import terrain
 from leapgap.planning.dynamics import centre_of_mass
-from leapgap.planning.reference import motion, name_of, terrain
+from leapgap.planning.reference import motion, name_of
 from leapgap.recording.jump import Target, read, write
 from leapgap.robot.model import Robot
 from leapgap.robot.planar import PlanarRobot

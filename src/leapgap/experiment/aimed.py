@@ -1,6 +1,6 @@
 """A jump that is planned when it is due: from the stance that is measured, to the goal that lands on the target."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,7 +21,10 @@ from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.rigid_body import Z
 from leapgap.robot.schedule import ContactSchedule
 
-NO_PLAN, NEARER_PLAN = "no plan from this stance", "no plan to this goal, a nearer one"
+NO_PLAN = "no plan from this stance"
+OTHER_PLAN = "no plan to this goal, a nearer one or of a nimbler robot"
+NEARER = (0.8, 0.6, 0.4, 0.2, 0.0)
+"""Shares of the way from the target to a goal that has no plan."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +34,18 @@ class JumpPlanner:
     robot: PlanarRobot
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
     limits: Limits = field(default_factory=Limits)
+    nimbler: tuple[PlanarRobot, ...] = ()
+    """What to plan for where the robot itself cannot do it: it lands off, but repeats, which can be learned."""
 
-    def plan(self, target: Target, goal: np.ndarray, stance_pitch: float) -> Solution | None:
+    def plan(
+        self, target: Target, goal: np.ndarray, stance_pitch: float, robot: PlanarRobot | None = None
+    ) -> Solution | None:
         """To a goal (x, z, pitch); None where there is no such jump."""
         aim = Aim(*(float(v) for v in goal - wanted(target)))
         problem = Problem(
             target,
             Grid(self.schedule),
-            self.robot,
+            robot or self.robot,
             limits=self.limits,
             stance_pitch_rad=stance_pitch,
             aim=aim,
@@ -47,13 +54,21 @@ class JumpPlanner:
         return solution if solution.solved else None
 
     def nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
-        """The plan to the goal, or to one between it and the target where there is none, with the goal it has."""
-        for share in (1.0, 0.8, 0.6, 0.4, 0.2, 0.0):
-            nearer = wanted(target) * (1 - share) + goal * share
-            solution = self.plan(target, nearer, stance_pitch)
+        """The plan to the goal; where there is none to one between it and the target, or for a nimbler robot."""
+        for to, robot in self._candidates(target, goal, stance_pitch):
+            solution = self.plan(target, to, stance_pitch, robot)
             if solution is not None:
-                return nearer, solution
+                return to, solution
         return None
+
+    def _candidates(
+        self, target: Target, goal: np.ndarray, stance_pitch: float
+    ) -> Iterator[tuple[np.ndarray, PlanarRobot]]:
+        """What to plan, one after the other; goals between are not tried where the target itself is out of reach."""
+        yield goal, self.robot
+        if self.plan(target, wanted(target), stance_pitch) is not None:
+            yield from ((wanted(target) * (1 - share) + goal * share, self.robot) for share in NEARER)
+        yield from ((goal, robot) for robot in self.nimbler)
 
 
 class AimedJump(JumpController):
@@ -94,8 +109,8 @@ class AimedJump(JumpController):
             self._substitute(NO_PLAN)  # what was planned for level ground is the best there is
         else:
             self.goal, solution = found
-            if not np.allclose(self.goal, wished):
-                self._substitute(NEARER_PLAN)
+            if solution.problem.robot != self.planner.robot or not np.allclose(self.goal, wished):
+                self._substitute(OTHER_PLAN)
             self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
         self.tracker = JointPd(self.reference, self.robot, self.gains)
         self.start_s = estimate.time_s

@@ -22,6 +22,10 @@ DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=SUPPLY_V),)
 """What the motors' maker says, and the plans reckon with."""
 
 
+NIMBLER = (0.75, 0.5, 0.25, 0.0)
+"""Shares of the found effects in the robots that are planned for where the found one itself cannot do a jump."""
+
+
 @dataclass(frozen=True)
 class Beyond:
     """Ranges from which goals are drawn, evenly, beyond what is believed to be best."""
@@ -85,7 +89,8 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
     logs = [done.log for done in bench.shelf.results(trials) if done.log is not None]
     found = identified_once(bench, logs)
     assert method.planner is not None
-    planner = replace(method.planner, robot=planned_with(bench.robot, plannable(found)))
+    robot, *nimbler = (planned_with(bench.robot, shares(found, share)) for share in (1.0, *NIMBLER))
+    planner = replace(method.planner, robot=robot, nimbler=tuple(nimbler))
     method, tried = replace(method, planner=planner), Tried()
     for number, jumps in enumerate((config.random_jumps, *config.rounds)):
         landing = LandingModel(tried, config.aim) if len(tried) else None
@@ -93,6 +98,14 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
         for done in bench.shelf.results(attempts(f"round_{number}", jumps, replace(method, landing=landing), beyond)):
             tried = tried.and_also(done.tried)
     return Learned(planner, found, tried)
+
+
+def shares(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:
+    """Of the effects that plans can reckon with, all of them nothing at the size 0."""
+    return tuple(
+        effects_by_name.effect(effect.name, effect.location, **{k: share * v for k, v in effect.values.items()})
+        for effect in plannable(found)
+    )
 
 
 def identified_once(bench: Bench, logs: Sequence[Jump]) -> tuple[Effect, ...]:

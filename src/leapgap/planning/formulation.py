@@ -26,11 +26,16 @@ from leapgap.planning.layout import COORDINATES, CROUCH, FORCES, JOINT, JOINTS, 
 from leapgap.recording.jump import Target
 from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import PAIRS, ContactSchedule
+from leapgap.robot.terrain import Box
 
 Bounds = tuple[np.ndarray, np.ndarray]
 """Lower and upper."""
 
 INFINITY = float("inf")
+SWING_RISE_M = 0.004
+"""0.4 m/s: a foot that swings leaves the floor at least so fast."""
+EDGE_MARGIN_M, ROUNDED_M = 0.02, 0.02
+"""Feet keep so far from a box's face; the larger of two distances is rounded off, by half as much where they meet."""
 AMPLE = 1e3
 """N·m and rad/s that no jump needs."""
 LONGEST_JUMP_M = 5.0
@@ -74,6 +79,10 @@ class Limits:
     """Least height of a standing leg's knee above its foot."""
     hip_clearance_m: float = 0.07
     """Least height of a standing leg's hip above its foot."""
+    swing_clearance_m: float | None = None
+    """Least height of the front feet over where they stood while only the rear ones push, reached by ``SWING_RISE_M`` a
+    knot; feet in the air keep clear of boxes, too. None, as published: plans may then sweep feet through the floor and
+    through boxes, where real ones drag or trip; for robots with stiff joints they do."""
     crouch_before_landing_knots: int = 11
     """So many knots at the end have the joints in the crouch and at rest, ready to touch down."""
 
@@ -220,7 +229,9 @@ class Programme:
     entries of ``w`` are labelled, so that a violated one can be named.
     """
 
-    def __init__(self, grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits) -> None:
+    def __init__(
+        self, grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits, boxes: Sequence[Box] = ()
+    ) -> None:
         self.grid, self.robot, self.weights, self.limits = grid, robot, weights, limits
         self._variables: list[ca.SX] = []
         self.variable_labels: list[Label] = []
@@ -235,6 +246,9 @@ class Programme:
         self.cost = self._cost()
         self._dynamics()
         self._stance()
+        self._swing()
+        for box in boxes:
+            self._clear_of(box)
         self._friction()
         self._motors()
         self.w = ca.vertcat(*self._variables)
@@ -327,6 +341,29 @@ class Programme:
                 ):
                     label = Label("clearance", k, f"{name} {what}")
                     self._anchor(joint.z, pair, 1, label, height, INFINITY)
+
+    def _swing(self) -> None:
+        """The front feet keep off the floor."""
+        clearance = self.limits.swing_clearance_m
+        if clearance is None:
+            return
+        first = self.grid.front_stance_knots
+        for k in range(first, self.grid.rear_stance_knots):
+            front, _ = legs(self.robot, self.q[k])
+            least = min(clearance, SWING_RISE_M * (k - first))
+            self._anchor(front.anchor.z, 0, 1, Label("clearance", k, "front feet"), least, INFINITY)
+
+    def _clear_of(self, box: Box) -> None:
+        """Feet in the air are above a box or before its edge that faces the start, until they come down on it."""
+        forward = 1.0 if box.x_m >= 0 else -1.0
+        edge = abs(box.x_m) - box.size_m[0] / 2 - self.robot.foot_radius - EDGE_MARGIN_M
+        floor = start_feet(self.robot)[0][1]
+        for k in range(self.grid.front_stance_knots, self.grid.steps - self.limits.crouch_before_landing_knots):
+            for pair, leg in enumerate(legs(self.robot, self.q[k])):
+                if k >= self.grid.stance_knots(pair):
+                    before, above = edge - forward * leg.foot.x, leg.foot.z - floor - box.top_m
+                    larger = (before + above + ca.sqrt((before - above) ** 2 + ROUNDED_M**2)) / 2
+                    self._constrain(larger, 0, INFINITY, Label("clearance", k, f"{PAIRS[pair]} feet at the box"))
 
     def _friction(self) -> None:
         mu = self.limits.friction

@@ -16,19 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from leapgap.planning.boxes import terrain
 from leapgap.planning.formulation import Problem, start_feet
 from leapgap.planning.layout import FORCES, JOINT, JOINTS, PITCH, X, Z
 from leapgap.planning.solve import Solution
 from leapgap.recording.jump import Jump, JumpInfo, Target
 from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import PAIRS
-from leapgap.robot.terrain import Box
 
 SAMPLES_PER_SECOND = 1000
-BOX_MARGIN = 0.05
-"""m, least distance of a box from the feet that start in front of it: knees bend beyond them."""
-BOX_EDGES = (1.2, 1.0)
-"""m, along x and y: room to land and stand."""
 
 
 @dataclass(frozen=True)
@@ -141,24 +137,6 @@ def joint_columns(
                 f"cmd_kd/{joint}": still + gains.kd_nms_per_rad,
             }
     return columns
-
-
-def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:
-    """The box a jump lands on, if it lands higher than it started.
-
-    Its near edge lies midway between the feet that start in front of it and those that land on it; where
-    these overlap (boxes nearer than about 0.46 m), just beyond the feet at the start.
-    """
-    if target.z_m == 0:
-        return ()
-    (front, _), (rear, _) = start_feet(robot)
-    forward = 1.0 if target.x_m >= 0 else -1.0
-    leading, trailing = (front, rear) if forward > 0 else (rear, front)
-    last_at_start = forward * leading + robot.foot_radius
-    first_at_landing = forward * (target.x_m + trailing) - robot.foot_radius
-    near = max(last_at_start + BOX_MARGIN, (last_at_start + first_at_landing) / 2)
-    size = (BOX_EDGES[0], BOX_EDGES[1], target.z_m)
-    return (Box(x_m=forward * (near + BOX_EDGES[0] / 2), y_m=0.0, size_m=size, top_m=target.z_m),)
 
 
 def positive_zero(values: np.ndarray) -> np.ndarray:

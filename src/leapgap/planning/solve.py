@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.planning.boxes import terrain
 from leapgap.planning.formulation import (
     GROUPS,
     Bounds,
@@ -22,6 +23,7 @@ from leapgap.planning.formulation import (
     Weights,
 )
 from leapgap.robot.planar import PlanarRobot
+from leapgap.robot.terrain import Box
 
 FEASIBLE = 1e-6
 """A solution may break no constraint by more than this, each in its SI unit."""
@@ -107,17 +109,19 @@ class Solution:
 
 @dataclass(frozen=True)
 class Planner:
-    """Plans jumps of one robot, schedule, cost and limits; what no target changes is built once."""
+    """Plans jumps of one robot, schedule, cost, limits and boxes; what no target changes is built once."""
 
     grid: Grid
     robot: PlanarRobot
     weights: Weights
     limits: Limits
+    boxes: tuple[Box, ...] = ()
+    """What feet in the air keep clear of."""
 
     @cached_property
     def programme(self) -> Programme:
         """The nonlinear programme of all targets."""
-        return Programme(self.grid, self.robot, self.weights, self.limits)
+        return Programme(self.grid, self.robot, self.weights, self.limits, self.boxes)
 
     @cached_property
     def _nlp(self) -> dict[str, ca.SX]:
@@ -205,10 +209,10 @@ class Planner:
         )
 
 
-@lru_cache(maxsize=4)
-def planner(grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits) -> Planner:
+@lru_cache(maxsize=16)
+def planner(grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits, boxes: tuple[Box, ...] = ()) -> Planner:
     """The planner of these settings; kept, because building it takes longer than a jump."""
-    return Planner(grid, robot, weights, limits)
+    return Planner(grid, robot, weights, limits, boxes)
 
 
 def solve(problem: Problem, near: Solution | None = None) -> Solution:
@@ -218,7 +222,9 @@ def solve(problem: Problem, near: Solution | None = None) -> Solution:
 
 def planner_of(problem: Problem) -> Planner:
     """The planner of a problem's settings."""
-    return planner(problem.grid, problem.robot, problem.weights, problem.limits)
+    limits = problem.limits
+    boxes = () if limits.swing_clearance_m is None else terrain(problem.robot, problem.target)
+    return planner(problem.grid, problem.robot, problem.weights, limits, boxes)
 
 
 def solve_all(problems: Sequence[Problem]) -> Iterator[Solution]:
