@@ -1,15 +1,19 @@
 """A run of a task: what lands where, what it asked of the robot, and jumps in a row."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from leapgap import effects
 from leapgap.experiment.aimed import OTHER_PLAN, AimedJump, JumpPlanner
+from leapgap.experiment.aiming import wanted
 from leapgap.experiment.conduct import pair_force
 from leapgap.experiment.made import Bench, came_down, tried_in
 from leapgap.experiment.methods import ByAiming, ByJointPd
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import Outcome, attempt_task
+from leapgap.recording.jump import Target
 from leapgap.robot.planar import planar_robot
 from leapgap.robot.schedule import ContactSchedule
 
@@ -75,6 +79,18 @@ def test_a_goal_without_a_plan_becomes_a_nearer_one_and_says_so(bench: Bench) ->
     assert 0 <= jump.goal[1] < 0.9
     assert found.substituted == ((0.06, OTHER_PLAN),)
     assert found.fallbacks == {OTHER_PLAN: 1}
+
+
+def test_what_the_robot_cannot_do_is_planned_for_a_nimbler_one(bench: Bench) -> None:
+    able = planar_robot(bench.robot)
+    weak = replace(able, torque_limit=tuple(0.1 * torque for torque in able.torque_limit))
+    goal = wanted(Target(0.5))
+    assert JumpPlanner(weak).nearest(Target(0.5), goal, 0.0) is None
+    found = JumpPlanner(weak, nimbler=(weak, able)).nearest(Target(0.5), goal, 0.0)
+    assert found is not None
+    to, solution = found
+    assert to == pytest.approx(goal)
+    assert solution.problem.robot == able
 
 
 def test_a_flight_that_the_ground_cuts_short_is_continued_as_a_free_one(bench: Bench, joint_pd: ByJointPd) -> None:

@@ -247,10 +247,10 @@ class Programme:
         self._dynamics()
         self._stance()
         self._swing()
-        for box in boxes:
-            self._clear_of(box)
         self._friction()
         self._motors()
+        for box in boxes:  # last: other rows keep their places
+            self._clear_of(box)
         self.w = ca.vertcat(*self._variables)
         self.g = ca.vertcat(*self._g)
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -79,6 +79,10 @@ class Iterate:
     w: np.ndarray
     multipliers_w: np.ndarray
     multipliers_g: np.ndarray
+
+    def with_rows(self, rows: int) -> "Iterate":
+        """For a programme with further constraints, nothing known of them."""
+        return replace(self, multipliers_g=np.pad(self.multipliers_g, (0, rows - len(self.multipliers_g))))
 
 
 @dataclass(frozen=True)
@@ -216,15 +220,24 @@ def planner(grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits, bo
 
 
 def solve(problem: Problem, near: Solution | None = None) -> Solution:
-    """Plan one jump; ``near`` is the solution of a close target with otherwise the same settings."""
-    return planner_of(problem).solve(problem, near)
+    """Plan one jump; ``near`` is the solution of a close target with otherwise the same settings.
+
+    Boxes that feet keep clear of make a programme that often leads astray from afar: only a plan that runs into one is
+    made anew with it, from there.
+    """
+    free = planner_of(problem).solve(problem, near)
+    boxes = () if problem.limits.swing_clearance_m is None else terrain(problem.robot, problem.target)
+    if not (boxes and free.solved):
+        return free
+    around = planner_of(problem, boxes)
+    if around.programme.violations(free.iterate.w, problem)[0].max() <= FEASIBLE:
+        return free
+    return around.solve(problem, replace(free, iterate=free.iterate.with_rows(len(around.programme.row_labels))))
 
 
-def planner_of(problem: Problem) -> Planner:
+def planner_of(problem: Problem, boxes: tuple[Box, ...] = ()) -> Planner:
     """The planner of a problem's settings."""
-    limits = problem.limits
-    boxes = () if limits.swing_clearance_m is None else terrain(problem.robot, problem.target)
-    return planner(problem.grid, problem.robot, problem.weights, limits, boxes)
+    return planner(problem.grid, problem.robot, problem.weights, problem.limits, boxes)
 
 
 def solve_all(problems: Sequence[Problem]) -> Iterator[Solution]:
