@@ -239,10 +239,10 @@ class Robot:
         """
         data = mujoco.MjData(self.model)
         jacobian = np.empty((3, self.model.nv))
-        force = np.zeros((len(joint_pos), len(self.feet), 3))
-        of_leg = [
-            np.array([i for i, j in enumerate(self.joints) if self.leg_of(j) == self.leg_of(f)]) for f in self.feet
-        ]
+        of_leg = np.array(
+            [[i for i, j in enumerate(self.joints) if self.leg_of(j) == self.leg_of(f)] for f in self.feet]
+        )
+        of_rows = np.empty((len(joint_pos), len(self.feet), 3, 3))
         for row in range(len(joint_pos)):
             data.qpos[:3], data.qpos[3:7] = 0.0, base_quaternion[row]
             data.qpos[self.joint_qpos] = joint_pos[row]
@@ -251,8 +251,8 @@ class Robot:
             for foot, (geom, joints) in enumerate(zip(self.foot_geoms, of_leg, strict=True)):
                 body = self.model.geom_bodyid[geom]
                 mujoco.mj_jac(self.model, data, jacobian, None, data.geom_xpos[geom], body)
-                force[row, foot] = -np.linalg.solve(jacobian[:, self.joint_dofs[joints]].T, torque[row, joints])
-        return force
+                of_rows[row, foot] = jacobian[:, self.joint_dofs[joints]].T
+        return -np.linalg.solve(of_rows, torque[:, of_leg, None])[..., 0]
 
     def per_pair(self, of_feet: np.ndarray) -> np.ndarray:
         """Sum over the feet of each pair, in the planar axes: (rows, feet, 3) → front x z, rear x z (rows, 4)."""

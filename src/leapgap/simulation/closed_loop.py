@@ -61,6 +61,8 @@ class Plant:
         self.gains: tuple[np.ndarray, np.ndarray] | None = None
         self.truth: list[tuple[np.ndarray, np.ndarray]] = [self.state]
         self.sent: list[Command] = []
+        self.newest: Commands | None = None
+        """Commands of the last ``MEMORY_ROWS`` ticks, the first of all held before them."""
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -113,12 +115,17 @@ class Plant:
 
     def _arriving(self) -> Commands:
         """What reaches the joints of the newest commands."""
-        rows = self.sent[-MEMORY_ROWS:] if self.effects_of_commands else self.sent[-1:]
-        commands = Commands(
-            np.array([c.torque for c in rows]),
-            np.array([c.position for c in rows]),
-            np.array([c.velocity for c in rows]),
-        )
+        sent = self.sent[-1]
+        rows = (sent.torque[None], sent.position[None], sent.velocity[None])
+        if not self.effects_of_commands:
+            return Commands(*rows)
+        if self.newest is None:
+            self.newest = Commands(*(np.repeat(row, MEMORY_ROWS, axis=0) for row in rows))
+        kept = (self.newest.torque, self.newest.position, self.newest.velocity)
+        for known, row in zip(kept, rows, strict=True):
+            known[:-1] = known[1:]
+            known[-1] = row
+        commands = self.newest
         for effect in self.effects_of_commands:
             commands = effect.change_commands(commands, self.trial.period_s, self.robot)
         return commands
