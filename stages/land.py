@@ -38,7 +38,7 @@ from leapgap.robot.prediction import PredictionModel
 from leapgap.robot.rigid_body import RigidBody
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.closed_loop import Sensing
-from leapgap.simulation.corrected import body_with, plannable, planned_with, read_corrected
+from leapgap.simulation.corrected import beyond_plans, body_with, planned_with, read_corrected
 from leapgap.simulation.variants import Variant
 from leapgap.view import landing as page
 from stages.common import output_folder, read_config, run_stage
@@ -188,7 +188,7 @@ class Rig:
         if self.settings.corrected is None:
             raise InputError("land.corrected", "no folder", "a folder 'corrected' of a diagnosis", "name one")
         robot, found = read_corrected(Path(self.settings.corrected))
-        beyond = [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
+        beyond = beyond_plans(found)
         if beyond:
             print(f"no plan can reckon with {', '.join(beyond)}: methods {CORRECTED} are left out", flush=True)
             return None

@@ -18,6 +18,7 @@ from leapgap.blind.withholding import Withheld, World, described, restored, with
 from leapgap.effects.base import Effect
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.simulation.hardware import out_of_the_ground
 from leapgap.simulation.replay import Replayer, Trial
 from stages.common import CONF
 from tests.conftest import standing
@@ -125,7 +126,9 @@ def test_every_nameless_effect_changes_the_motion(
 ) -> None:
     generator = Generator(robot, terrain_slots=1, step_s=0.0005)
     jump = plain.logs[0].first_rows(1100)
-    on, off = generator.motions([Trial(jump, (largest(sizes, name),)), Trial(jump)])
+    trial = Trial(jump, (largest(sizes, name),))
+    assert out_of_the_ground(trial, generator.first_state(trial), generator).shape == (robot.model.nq + robot.model.nv,)
+    on, off = generator.motions([trial, Trial(jump)])
     assert np.abs(on.qpos - off.qpos).max() > 0.005
 
 

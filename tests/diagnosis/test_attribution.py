@@ -7,7 +7,7 @@ from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.responses import Responses, joined, on_logs
-from leapgap.diagnosis.verdict import Doubts, answer_of, first_shares, probability, verdict_of
+from leapgap.diagnosis.verdict import Doubts, answer_of, confirmed_by_jumps, first_shares, probability, verdict_of
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.hardware import SensorNoise
@@ -60,12 +60,26 @@ def test_in_a_pair_a_rival_stands_in_the_place_it_could_take() -> None:
     assert probability("payload", search, shares) == pytest.approx(1)
 
 
+def test_a_further_cause_that_worsens_whole_jumps_is_not_believed() -> None:
+    one, pair = fit(("payload",), [20.0] * 4), fit(("payload", "armature"), [1.0] * 4)
+    search = Found(fit((), [100.0] * 4), pair, ((one,), (pair,)), np.arange(4), 360, ())
+    assert search.steps == (one, pair)
+    assert confirmed_by_jumps(search, [0.9, 0.89], Doubts()).believed is pair
+    cut = confirmed_by_jumps(search, [0.9, 0.6], Doubts())
+    assert cut.believed is one
+    assert cut.rivals == (one,)
+    assert confirmed_by_jumps(found(), [], Doubts()).believed.hypotheses == ()
+
+
 def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:
     weak = found(fit(("payload",), [80.0] * 4))
     assert verdict_of(weak, (("payload",),), 0.5, Doubts()) == "unknown"
     assert verdict_of(weak, (("payload",),), 0.9, Doubts()) == "named"
     strong = found(fit(("payload",), [1.0] * 4))
     assert verdict_of(strong, (("payload",),), 0.1, Doubts()) == "unknown"
+    # Whole jumps without a gap to close leave it to short replays.
+    assert verdict_of(strong, (("payload",),), None, Doubts()) == "named"
+    assert verdict_of(weak, (("payload",),), None, Doubts()) == "unknown"
     assert verdict_of(found(chi2=1.02), (), None, Doubts()) == "none"
     assert verdict_of(found(chi2=3.0), (), None, Doubts()) == "unknown"
 

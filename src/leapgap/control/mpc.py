@@ -44,7 +44,7 @@ class JumpMpc(JumpController):
 
     def feed_forward(self, time_s: float, estimate: Estimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
-        push = self._pushing(time_s)
+        push = np.repeat(self.reference.schedule.in_contact(np.array(time_s)), 2)  # of forces front x z, rear x z
         if not push.any():
             return self.nothing()
         if time_s > self._updates * self.config.period_s - ROUNDING_S:
@@ -52,11 +52,6 @@ class JumpMpc(JumpController):
         assert self.plan_now is not None
         force = self.plan_now.force[0] * push
         return self.legs.torque(*self._measured_pose(time_s, estimate), frame.in_world(force)), force
-
-    def _pushing(self, time_s: float) -> np.ndarray:
-        """Which of the forces front x z, rear x z are planned to act, (4,)."""
-        contact = self.reference.schedule.in_contact(np.array(time_s))
-        return np.repeat(contact, 2)
 
     def _update(self, time_s: float, estimate: Estimate, frame: StartFrame) -> None:
         """Plan anew; the next update is due at the next whole period."""

@@ -100,6 +100,11 @@ class Found:
         return next(fit for fit in self.rounds[number - 1] if fit.hypotheses == wanted)
 
     @property
+    def steps(self) -> tuple[Fit, ...]:
+        """Fits of the first one, two, … of the believed hypotheses; the last is what is believed."""
+        return tuple(self.before(k) for k in range(1, len(self.believed.hypotheses) + 1))
+
+    @property
     def rivals(self) -> tuple[Fit, ...]:
         """Sets as large as the believed one, itself among them."""
         return self.rounds[len(self.believed.hypotheses) - 1] if self.believed.hypotheses else ()

@@ -1,7 +1,7 @@
 """How far: what believed effects close of the headline gap on jumps they were not fitted on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +23,11 @@ class Interval:
     high: float
 
 
+def above_noise(gap: float, floor: float) -> bool:
+    """Whether a headline gap has something to close."""
+    return gap - floor > LEAST_ABOVE * floor
+
+
 def resamples(jumps: int, draws: int, rng: np.random.Generator) -> np.ndarray:
     """Bootstrap over jumps: indices (draws, jumps)."""
     return rng.integers(0, jumps, size=(draws, jumps))
@@ -33,15 +38,14 @@ def closure(
 ) -> Interval:
     """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a jump.
 
-    A gap that is within ``LEAST_ABOVE`` of its floor has nothing to close: 0.
+    A gap that has nothing to close closes 0.
     """
     number = counts(judged)
 
     def of(chosen: np.ndarray) -> float:
         values = number[chosen].sum()
         before, after, least = (np.sqrt(s[chosen].sum() / values) for s in (nominal, corrected, floor))
-        above = before - least
-        return float((before - after) / above) if above > LEAST_ABOVE * least else 0.0
+        return float((before - after) / (before - least)) if above_noise(before, least) else 0.0
 
     sample = [of(chosen) for chosen in draws]
     return Interval(of(np.arange(len(number))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
@@ -89,6 +93,11 @@ class Yardstick:
         """The same without an interval."""
         return closure(self.nominal, corrected, self.floor, self.judged, self.draws[:1]).value
 
+    @property
+    def shows(self) -> bool:
+        """Whether whole jumps have a gap to close; where not, only short replays can tell."""
+        return above_noise(self.gap(self.nominal), self.gap(self.floor))
+
     def gap(self, corrected: np.ndarray) -> float:
         """Headline gap of sums of squares (jumps,)."""
         return pooled(corrected, self.judged)
@@ -104,3 +113,19 @@ class Yardstick:
         replayer = self.replayer.with_steps(largest_step_s)
         nominal = squares(self.judged, replayer, [[()] * len(self.judged.jumps)])[0]
         return replace(self, replayer=replayer, nominal=nominal)
+
+
+@dataclass
+class HeldOut:
+    """Sums of squares (jumps,) of beliefs on jumps they were not fitted on; each belief is replayed once."""
+
+    yardstick: Yardstick
+    known: dict[int, tuple[Belief, np.ndarray]] = field(default_factory=dict)
+    """By identity: beliefs hold arrays."""
+
+    def of(self, beliefs: Sequence[Belief]) -> list[np.ndarray]:
+        """Those of several beliefs, replayed as one batch where they are not known yet."""
+        new = [belief for belief in beliefs if id(belief) not in self.known and belief.hypotheses]
+        for belief, found in zip(new, self.yardstick.heldout(new), strict=True):
+            self.known[id(belief)] = belief, found
+        return [self.known[id(belief)][1] if belief.hypotheses else self.yardstick.nominal for belief in beliefs]

@@ -9,9 +9,9 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis import checks as consistency
 from leapgap.diagnosis.attribution import Plan, find
-from leapgap.diagnosis.beliefs import Fit, Found
+from leapgap.diagnosis.beliefs import Found
 from leapgap.diagnosis.checks import Check
-from leapgap.diagnosis.closure import Yardstick, effects_on, resamples
+from leapgap.diagnosis.closure import HeldOut, Yardstick, effects_on, resamples
 from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares, where
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
@@ -26,7 +26,7 @@ from leapgap.diagnosis.telling import (
     shared_closure,
     typical,
 )
-from leapgap.diagnosis.verdict import Conclusion, Doubts, concluded, first_shares
+from leapgap.diagnosis.verdict import Conclusion, Doubts, concluded, confirmed_by_jumps, first_shares
 from leapgap.diagnosis.whole_jumps import WholeJumps, WholePlan
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
@@ -101,35 +101,34 @@ def diagnose(
     checks = run_checks(judged, robot, settings)
     hypotheses = hypotheses_of(names, robot, clock_of(checks, judged, robot))
     found = search(yardstick, hypotheses, settings, progress)
+    heldout = HeldOut(yardstick)
+    found = confirmed_by_jumps(found, [yardstick.closes(of) for of in heldout.of(found.steps)], settings.doubts)
     shares = first_shares(found, yardstick.draws) if found.rivals else np.zeros(0)
-    shown = shown_fits(found)
-    measured = dict(zip(map(id, shown), yardstick.heldout(shown), strict=True)) | {id(found.nominal): yardstick.nominal}
-    said = conclude(found, shares, measured[id(found.believed)], hypotheses, yardstick, settings, progress)
-    further = [step for step in said.steps if id(step) not in measured]
-    measured |= zip(map(id, further), yardstick.heldout(further), strict=True)
+    heldout.of([*found.steps, *found.alternatives])
+    said = conclude(found, shares, heldout, hypotheses, settings, progress)
     believed = said.steps[-1] if said.steps else found.nominal
-    heldout = measured[id(believed)]
-    closes = yardstick.closure(heldout) if said.answer else None
+    (corrected,) = heldout.of([believed])
+    closes = yardstick.closure(corrected) if said.answer else None
     whole = replayer.motions([Trial(jump) for jump in jumps])
     mended = replayer.motions(
         [Trial(jump, effects_on(believed, jump.name, int(f))) for jump, f in zip(jumps, yardstick.folds, strict=True)]
     )
     report = Report(
         verdict=said.verdict,
-        sentence=sentence(said, believed, gap, yardstick.gap(heldout), closes, judged),
+        sentence=sentence(said, believed, gap, yardstick.gap(corrected), closes, judged),
         gap_nominal=gap,
-        gap_corrected=yardstick.gap(heldout),
+        gap_corrected=yardstick.gap(corrected),
         noise_floor=floor,
         answer=said.answer,
         closure_of_answer=closes,
-        closure_shared=shared_closure(believed, heldout, yardstick),
+        closure_shared=shared_closure(believed, corrected, yardstick),
         where=tuple(where(judged, replayer, settings.where_horizon_s)),
-        causes=tuple(causes_of(found, said, shares, measured, yardstick, settings.model_error)),
+        causes=tuple(causes_of(found, said, shares, heldout, settings.model_error)),
         checks=tuple(checks),
         next_experiment=next_experiment(said.answer, jumps, robot),
         not_judged=tuple(not_judged(jumps, robot)),
         profiles=tuple(profiles_of(found)),
-        gap_per_log=yardstick.gap_by_log(heldout),
+        gap_per_log=yardstick.gap_by_log(corrected),
         landing_misplaced_m=landing(whole, mended, judged),
         provenance={**provenance, "robot": robot.sha256, "config": asdict(settings)},
     )
@@ -156,21 +155,22 @@ def yardstick_of(judged: Judged, replayer: Replayer, settings: Settings) -> Yard
 def conclude(
     found: Found,
     shares: np.ndarray,
-    heldout: np.ndarray,
+    heldout: HeldOut,
     hypotheses: Sequence[Hypothesis],
-    yardstick: Yardstick,
     settings: Settings,
     progress: Callable[[str], None],
 ) -> Conclusion:
     """What the search allows to say; whole jumps are asked where a cause that logs confirm does not explain enough.
 
-    ``shares`` are those of the rivals, ``heldout`` the squares (jumps,) of what the search believes.
+    ``shares`` are those of the rivals.
     """
-    closes = yardstick.closes(heldout) if found.believed.hypotheses else None
-    if closes is not None and closes < settings.doubts.enough_closure:
-        # The nominal step's own error may hide what a small effect closes.
-        finer = yardstick.with_steps(FINE_STEP_S)
-        closes = max(closes, finer.closes(finer.heldout([found.believed])[0]))
+    yardstick, closes = heldout.yardstick, None
+    if found.believed.hypotheses and yardstick.shows:
+        closes = yardstick.closes(*heldout.of([found.believed]))
+        if closes < settings.doubts.enough_closure:
+            # The nominal step's own error may hide what a small effect closes.
+            finer = yardstick.with_steps(FINE_STEP_S)
+            closes = max(closes, finer.closes(finer.heldout([found.believed])[0]))
     said = concluded(found, shares, closes, settings.doubts)
     if said.verdict != "unknown" or not confirmed(found):
         return said
@@ -249,17 +249,6 @@ def clock_of(checks: Sequence[Check], judged: Judged, robot: Robot) -> Mapping[s
     if "joint_clock" in failed:
         return {log: (value,) for log, value in failed["joint_clock"].items()}
     return None
-
-
-def shown_fits(found: Found) -> list[Fit]:
-    """Fits whose closure the report tells: the believed ones on the way, and the best of each effect alone."""
-    shown = [found.before(k + 1) for k in range(len(found.believed.hypotheses))]
-    if found.believed.hypotheses:
-        shown[-1] = found.believed
-    for fit in found.alternatives:
-        if not any(fit is other for other in shown):
-            shown.append(fit)
-    return shown
 
 
 def confirmed(found: Found) -> bool:

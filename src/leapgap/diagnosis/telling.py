@@ -1,6 +1,6 @@
 """How a diagnosis is told: causes with their numbers, one sentence, the next experiment, and what logs lack."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.beliefs import Belief, Found
 from leapgap.diagnosis.channels import BASE_UNITS, is_logged
-from leapgap.diagnosis.closure import Interval, Yardstick, effects_on
+from leapgap.diagnosis.closure import HeldOut, Interval, Yardstick, effects_on
 from leapgap.diagnosis.gap import Judged, squares
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.report import Cause, Estimate, Profile
@@ -31,18 +31,18 @@ def causes_of(
     found: Found,
     said: Conclusion,
     shares: np.ndarray,
-    measured: Mapping[int, np.ndarray],
-    yardstick: Yardstick,
+    heldout: HeldOut,
     model_error: float,
 ) -> list[Cause]:
     """The believed causes, then those that could stand in their place, then every effect alone, best first.
 
-    ``measured`` holds the held-out squares of every belief by its identity; ``model_error`` as in ``Settings``.
+    ``model_error`` as in ``Settings``.
     """
+    yardstick = heldout.yardstick
 
     def told(belief: Belief, which: int, step: Belief, sure: float, rivals: tuple[str, ...]) -> Cause:
-        heldout = measured[id(step)]
-        closes, gap = yardstick.closure(heldout), yardstick.gap(heldout)
+        (squares_left,) = heldout.of([step])
+        closes, gap = yardstick.closure(squares_left), yardstick.gap(squares_left)
         return cause_of(belief, which, sure, rivals, closes, gap, yardstick.judged, model_error)
 
     believed = said.steps[-1] if said.steps else found.nominal

@@ -13,9 +13,10 @@ import numpy as np
 
 from leapgap.diagnosis.beliefs import Belief, clipped, in_words, parted
 from leapgap.diagnosis.closure import Yardstick
-from leapgap.diagnosis.gap import scaled_errors
+from leapgap.diagnosis.gap import scaled_errors, squares
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.verdict import Conclusion
+from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.25
 """Of a moderate departure: wide, for contacts make whole jumps rough."""
@@ -176,7 +177,8 @@ class WholeJumps:
             clipped(hypotheses, numbers + scale * slopes.step(DAMPINGS[1], fold_of_value != fold))
             for fold in range(int(folds.max()) + 1)
         ]
-        heldout = self.squares(hypotheses, of_folds)[folds, np.arange(len(folds))]
+        candidates = self.candidates(hypotheses, of_folds)
+        heldout = squares(self.yardstick.judged, self.yardstick.replayer, candidates)[folds, np.arange(len(folds))]
         spread = self.covariance(slopes, scale)
         return WholeFit(hypotheses, numbers, spread, np.array(of_folds), slopes.errors.squares, heldout)
 
@@ -203,14 +205,19 @@ class WholeJumps:
 
     def errors(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
         """Scaled errors ``[number][jump]`` (rows, channels)."""
-        candidates = [
+        return scaled_errors(self.yardstick.judged, self.yardstick.replayer, self.candidates(hypotheses, tried))
+
+    def candidates(
+        self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]
+    ) -> list[list[tuple[Effect, ...]]]:
+        """The effects ``[number][jump]``."""
+        return [
             [
                 tuple(h.on(jump.name, own) for h, own in zip(hypotheses, parted(hypotheses, numbers), strict=True))
                 for jump in self.yardstick.judged.jumps
             ]
             for numbers in tried
         ]
-        return scaled_errors(self.yardstick.judged, self.yardstick.replayer, candidates)
 
     @cached_property
     def jump_of_value(self) -> np.ndarray:
@@ -218,7 +225,3 @@ class WholeJumps:
         judged = self.yardstick.judged
         sizes = [len(range(0, rows, EVERY_ROWS)) * len(judged.channels) for rows in judged.rows]
         return np.repeat(np.arange(len(sizes)), sizes)
-
-    def squares(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> np.ndarray:
-        """Sums of squares, (numbers, jumps)."""
-        return np.array([[float((e**2).sum()) for e in of] for of in self.errors(hypotheses, tried)])

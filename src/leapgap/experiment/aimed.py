@@ -1,6 +1,6 @@
 """A jump that is planned when it is due: from the stance that is measured, to the goal that lands on the target."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +23,7 @@ from leapgap.robot.schedule import ContactSchedule
 
 NO_PLAN = "no plan from this stance"
 OTHER_PLAN = "no plan to this goal, a nearer one or of a nimbler robot"
-NEARER = (0.8, 0.6, 0.4, 0.2, 0.0)
+NEARER = (0.8, 0.6, 0.4, 0.2)
 """Shares of the way from the target to a goal that has no plan."""
 
 
@@ -55,20 +55,27 @@ class JumpPlanner:
 
     def nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
         """The plan to the goal; where there is none to one between it and the target, or for a nimbler robot."""
-        for to, robot in self._candidates(target, goal, stance_pitch):
-            solution = self.plan(target, to, stance_pitch, robot)
+        aimed = self.plan(target, goal, stance_pitch)
+        if aimed is not None:
+            return goal, aimed
+        straight = self.plan(target, wanted(target), stance_pitch)
+        if straight is None:
+            return self._for_a_nimbler_robot(target, goal, stance_pitch)
+        for share in NEARER:
+            to = wanted(target) * (1 - share) + goal * share
+            solution = self.plan(target, to, stance_pitch)
             if solution is not None:
                 return to, solution
-        return None
+        return wanted(target), straight
 
-    def _candidates(
+    def _for_a_nimbler_robot(
         self, target: Target, goal: np.ndarray, stance_pitch: float
-    ) -> Iterator[tuple[np.ndarray, PlanarRobot]]:
-        """What to plan, one after the other; goals between are not tried where the target itself is out of reach."""
-        yield goal, self.robot
-        if self.plan(target, wanted(target), stance_pitch) is not None:
-            yield from ((wanted(target) * (1 - share) + goal * share, self.robot) for share in NEARER)
-        yield from ((goal, robot) for robot in self.nimbler)
+    ) -> tuple[np.ndarray, Solution] | None:
+        for robot in self.nimbler:
+            solution = self.plan(target, goal, stance_pitch, robot)
+            if solution is not None:
+                return goal, solution
+        return None
 
 
 class AimedJump(JumpController):

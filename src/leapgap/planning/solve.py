@@ -81,8 +81,9 @@ class Iterate:
     multipliers_g: np.ndarray
 
     def with_rows(self, rows: int) -> "Iterate":
-        """For a programme with further constraints, nothing known of them."""
-        return replace(self, multipliers_g=np.pad(self.multipliers_g, (0, rows - len(self.multipliers_g))))
+        """For a programme with further constraints, nothing known of them, or without the last ones."""
+        kept = self.multipliers_g[:rows]
+        return replace(self, multipliers_g=np.pad(kept, (0, rows - len(kept))))
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,8 @@ class Planner:
         self.prepare()
         start = time.perf_counter()
         if near is not None:
-            warm = self._run(self._warm, problem, near.iterate, start)
+            iterate = near.iterate.with_rows(len(self.programme.row_labels))
+            warm = self._run(self._warm, problem, iterate, start)
             if warm.solved:
                 return warm
         return self._run(self._cold, problem, self._first_guess, start)
@@ -232,7 +234,7 @@ def solve(problem: Problem, near: Solution | None = None) -> Solution:
     around = planner_of(problem, boxes)
     if around.programme.violations(free.iterate.w, problem)[0].max() <= FEASIBLE:
         return free
-    return around.solve(problem, replace(free, iterate=free.iterate.with_rows(len(around.programme.row_labels))))
+    return around.solve(problem, free)
 
 
 def planner_of(problem: Problem, boxes: tuple[Box, ...] = ()) -> Planner:

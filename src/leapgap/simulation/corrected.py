@@ -41,6 +41,11 @@ def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:
     return tuple(effect for effect in found if effect.name in IN_PLANS and effect.location == "all")
 
 
+def beyond_plans(found: Sequence[Effect]) -> list[str]:
+    """The others, with their places."""
+    return [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
+
+
 def planned_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
     """The planar robot with effects in it; one that no plan can reckon with is an ``InputError`` by its name."""
     return planar_robot(robot, changed(robot, found))
@@ -63,7 +68,7 @@ def body_with(robot: Robot, found: Sequence[Effect], joint_pos: np.ndarray) -> R
 
 def changed(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:
     """The robot's model with effects that a plan can reckon with."""
-    refused = [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
+    refused = beyond_plans(found)
     if refused:
         raise InputError(
             "effects in planning",

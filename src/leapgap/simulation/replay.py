@@ -231,7 +231,7 @@ class Replayer:
         for joint, actuator in enumerate(self.robot.joint_actuators):
             if model.actuator_actnum[actuator]:
                 kp, kd = model.actuator_gainprm[actuator, [4, 6]]
-                q, v = state[self.robot.joint_qpos[joint]], state[model.nq + self.robot.joint_dofs[joint]]
+                q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
                 asked = control[0, actuator] - kp * q - kd * v
                 activation[model.actuator_actadr[actuator]] = np.clip(asked, *model.actuator_forcerange[actuator])
         return np.concatenate([[0.0], state, activation])
@@ -271,7 +271,8 @@ class Replayer:
         model = self.model(trial)
         data = mujoco.MjData(model)
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
-        data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
+        nq, nv = self.bare.nq, self.bare.nv  # an effect may add bodies that move; they start where the model has them
+        data.qpos[:nq], data.qvel[:nv] = state[:nq], state[nq:]
         mujoco.mj_forward(model, data)
         depth = np.zeros(len(self.robot.feet))
         for foot, name in enumerate(self.robot.feet):
