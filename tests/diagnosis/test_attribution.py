@@ -36,7 +36,7 @@ def test_a_cause_that_is_best_on_every_log_is_named() -> None:
     answer = answer_of(search, shares, Doubts())
     assert answer == (("payload",),)
     assert probability("payload", search, shares) == 1
-    assert verdict_of(search, answer, 0.9, Doubts()) == "named"
+    assert verdict_of(search, answer, 5.0, 0.9, Doubts()) == "named"
 
 
 def test_a_log_without_a_piece_can_be_drawn_again() -> None:
@@ -49,7 +49,7 @@ def test_a_rival_that_is_better_on_some_logs_is_told() -> None:
     search = found(fit(("payload",), [1.0, 9, 1, 8]), fit(("leg_mass",), [9.0, 1, 9, 1]))
     answer = answer_of(search, first_shares(search, DRAWS), Doubts())
     assert answer == (("payload", "leg_mass"),)
-    assert verdict_of(search, answer, 0.9, Doubts()) == "ambiguous"
+    assert verdict_of(search, answer, 5.0, 0.9, Doubts()) == "ambiguous"
 
 
 def test_in_a_pair_a_rival_stands_in_the_place_it_could_take() -> None:
@@ -72,16 +72,22 @@ def test_a_further_cause_that_worsens_whole_jumps_is_not_believed() -> None:
 
 
 def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:
-    weak = found(fit(("payload",), [80.0] * 4))
-    assert verdict_of(weak, (("payload",),), 0.5, Doubts()) == "unknown"
-    assert verdict_of(weak, (("payload",),), 0.9, Doubts()) == "named"
-    strong = found(fit(("payload",), [1.0] * 4))
-    assert verdict_of(strong, (("payload",),), 0.1, Doubts()) == "unknown"
-    # Whole jumps without a gap to close leave it to short replays.
-    assert verdict_of(strong, (("payload",),), None, Doubts()) == "named"
-    assert verdict_of(weak, (("payload",),), None, Doubts()) == "unknown"
-    assert verdict_of(found(chi2=1.02), (), None, Doubts()) == "none"
-    assert verdict_of(found(chi2=3.0), (), None, Doubts()) == "unknown"
+    answer, doubts = (("payload",),), Doubts()
+    weak = found(fit(("payload",), [80.0] * 4, chi2=3.0))
+    assert verdict_of(weak, answer, 5.0, 0.5, doubts) == "unknown"
+    assert verdict_of(weak, answer, 5.0, 0.9, doubts) == "named"
+    strong = found(fit(("payload",), [1.0] * 4, chi2=3.0))
+    assert verdict_of(strong, answer, 5.0, 0.5, doubts) == "named"
+    assert verdict_of(strong, answer, 5.0, 0.1, doubts) == "unknown"
+    # Whole jumps without a gap to close, or with a little one, leave it to short replays; not if they contradict.
+    complete = found(fit(("payload",), [1.0] * 4, chi2=1.02))
+    assert verdict_of(complete, answer, 5.0, None, doubts) == "named"
+    assert verdict_of(complete, answer, 5.0, 0.1, doubts) == "named"
+    assert verdict_of(complete, answer, 5.0, -0.5, doubts) == "unknown"
+    assert verdict_of(strong, answer, 5.0, None, doubts) == "unknown"
+    assert verdict_of(found(chi2=1.02), (), 2.0, None, doubts) == "none"
+    assert verdict_of(found(chi2=1.02), (), 5.0, None, doubts) == "unknown"  # slow to act: whole jumps show it
+    assert verdict_of(found(chi2=3.0), (), 2.0, None, doubts) == "unknown"
 
 
 def test_broyden_learns_the_slope_along_a_move() -> None:

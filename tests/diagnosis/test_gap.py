@@ -6,17 +6,8 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis import checks
 from leapgap.diagnosis.channels import noise
-from leapgap.diagnosis.gap import (
-    PHASES,
-    Judged,
-    headline_rows,
-    noise_floor,
-    phase_of_rows,
-    pooled,
-    scaled_errors,
-    squares,
-    where,
-)
+from leapgap.diagnosis.gap import Judged, headline_rows, noise_floor, pooled, scaled_errors, squares
+from leapgap.diagnosis.where import PHASES, phase_of_rows, where
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.hardware import Course, Plan, SensorNoise, make_jumps
@@ -101,10 +92,21 @@ def test_phases_follow_the_schedule(reference: Jump) -> None:
 def test_where_finds_the_weak_joint_in_its_phases(robot: Robot, reference: Jump) -> None:
     weak = effects.effect("torque_gain", location="RR_calf", scale=0.6)
     jumps = hardware(robot, reference, weak, noise=SensorNoise())
-    places = where(Judged.of(jumps, robot), Replayer(robot), 0.1)
+    places = where(Judged.of(jumps, robot), Replayer(robot), 0.1, 3, np.random.default_rng(0))
     assert sum(place.share for place in places) == pytest.approx(1)
     assert "RR_calf" in places[0].channel
     assert places[0].phase in ("rear_contact", "lift_off")
+
+
+def test_where_is_told_above_noise(robot: Robot, reference: Jump) -> None:
+    """An effect that leaves less than noise in each place is found where logs without noise show it."""
+    drag = effects.effect("aerodynamic_drag", coefficient=2.0)
+    tops = []
+    for noise_of in (SILENT, SensorNoise()):
+        jumps = hardware(robot, reference, drag, noise=noise_of, jumps=4)
+        places = where(Judged.of(jumps, robot), Replayer(robot), 0.1, 3, np.random.default_rng(0))
+        tops.append((places[0].phase, places[0].channel))
+    assert tops[0] == tops[1]
 
 
 def test_clock_check_recovers_a_known_period(robot: Robot, reference: Jump) -> None:

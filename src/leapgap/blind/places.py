@@ -8,7 +8,8 @@ import numpy as np
 
 from leapgap.blind.generator import Generator
 from leapgap.diagnosis.channels import available, measured, noise, simulated
-from leapgap.diagnosis.gap import PHASES, Judged, least_noise, pieces_of
+from leapgap.diagnosis.gap import Judged
+from leapgap.diagnosis.where import PHASES, least_noise, pieces_of
 from leapgap.recording.jump import Jump
 from leapgap.simulation.replay import Trial
 

@@ -13,7 +13,7 @@ from leapgap.diagnosis.beliefs import Found
 from leapgap.diagnosis.checks import Check
 from leapgap.diagnosis.closure import HeldOut, Yardstick, effects_on, resamples
 from leapgap.diagnosis.evidence import Evidence
-from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares, where
+from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.report import Report
 from leapgap.diagnosis.responses import FINE_STEP_S
@@ -27,6 +27,7 @@ from leapgap.diagnosis.telling import (
     typical,
 )
 from leapgap.diagnosis.verdict import Conclusion, Doubts, concluded, confirmed_by_jumps, first_shares
+from leapgap.diagnosis.where import where
 from leapgap.diagnosis.whole_jumps import WholeJumps, WholePlan
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
@@ -95,7 +96,8 @@ def diagnose(
     replayer = Replayer(robot, max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1, threads)
     judged = Judged.of(jumps, robot)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
-    yardstick = yardstick_of(judged, replayer, settings)
+    rng = np.random.default_rng(settings.seed)
+    yardstick = yardstick_of(judged, replayer, settings, rng)
     gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged, robot, settings)
@@ -113,6 +115,8 @@ def diagnose(
     mended = replayer.motions(
         [Trial(jump, effects_on(believed, jump.name, int(f))) for jump, f in zip(jumps, yardstick.folds, strict=True)]
     )
+    # Short steps: what the nominal simulation's own step does is no part of the gap.
+    places = where(judged, replayer.with_steps(FINE_STEP_S), settings.where_horizon_s, settings.noise_draws, rng)
     report = Report(
         verdict=said.verdict,
         sentence=sentence(said, believed, gap, yardstick.gap(corrected), closes, judged),
@@ -122,7 +126,7 @@ def diagnose(
         answer=said.answer,
         closure_of_answer=closes,
         closure_shared=shared_closure(believed, corrected, yardstick),
-        where=tuple(where(judged, replayer, settings.where_horizon_s)),
+        where=tuple(places),
         causes=tuple(causes_of(found, said, shares, heldout, settings.model_error)),
         checks=tuple(checks),
         next_experiment=next_experiment(said.answer, jumps, robot),
@@ -138,9 +142,8 @@ def diagnose(
     )
 
 
-def yardstick_of(judged: Judged, replayer: Replayer, settings: Settings) -> Yardstick:
+def yardstick_of(judged: Judged, replayer: Replayer, settings: Settings, rng: np.random.Generator) -> Yardstick:
     """Folds, nominal gap, noise floor and resamples of the logs."""
-    rng = np.random.default_rng(settings.seed)
     number = len(judged.jumps)
     return Yardstick(
         judged,
@@ -171,7 +174,8 @@ def conclude(
             # The nominal step's own error may hide what a small effect closes.
             finer = yardstick.with_steps(FINE_STEP_S)
             closes = max(closes, finer.closes(finer.heldout([found.believed])[0]))
-    said = concluded(found, shares, closes, settings.doubts)
+    gap = yardstick.gap(yardstick.nominal) / yardstick.gap(yardstick.floor)
+    said = concluded(found, shares, gap, closes, settings.doubts)
     if said.verdict != "unknown" or not confirmed(found):
         return said
     whole_jumps = WholeJumps(yardstick, settings.whole, progress)

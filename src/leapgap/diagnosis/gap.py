@@ -1,7 +1,7 @@
-"""How large the gap is and where it lies: the headline figure, its noise floor, and phase × channel."""
+"""How large the gap is: the headline figure and its noise floor."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,12 +12,8 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Motion, Replayer, Trial
 
-PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
-
 GAIN_CHANGE_MARGIN_S = 0.010
 """Before a change of gains this much is left out: the change reaches the motors at an unknown instant near its row."""
-LIFT_OFF_WINDOW_S = 0.050
-"""Lift-off is this long before and after the planned take-off."""
 TOUCHING_M = 0.005
 """A sole this near the ground counts as touching."""
 FALLEN = 100.0
@@ -174,77 +170,3 @@ def state_noise(sigma: dict[str, float], robot: Robot) -> np.ndarray:
     noise_of[robot.joint_qpos] = [sigma.get(f"joint_pos/{joint}", 0) for joint in robot.joints]
     noise_of[nq + robot.joint_dofs] = [sigma.get(f"joint_vel/{joint}", 0) for joint in robot.joints]
     return noise_of
-
-
-@dataclass(frozen=True)
-class Place:
-    """One field of the map of the gap."""
-
-    phase: str
-    channel: str
-    share: float
-    """Of the whole squared gap, each channel measured in units of its noise."""
-    rms: float
-    unit: str
-
-
-def phase_of_rows(jump: Jump) -> np.ndarray:
-    """Index into ``PHASES`` of each row, by the planned schedule, (rows,)."""
-    schedule = jump.info.schedule
-    return np.digitize(
-        jump.time + 1e-6,
-        [
-            schedule.front_lift_off_s,
-            schedule.take_off_s - LIFT_OFF_WINDOW_S,
-            schedule.take_off_s + LIFT_OFF_WINDOW_S,
-            schedule.landing_s,
-        ],
-    )
-
-
-def where(judged: Judged, replayer: Replayer, horizon_s: float) -> list[Place]:
-    """The gap by phase and channel, largest share first.
-
-    Replays start anew from the log every ``horizon_s``, so that an error counts where it arises and not where it
-    has grown to; only the second half of each piece counts, when the start has settled.
-    """
-    robot = replayer.robot
-    channels = available(judged.jumps, robot)
-    square = np.zeros((len(PHASES), len(channels)))
-    scaled = np.zeros_like(square)
-    number = np.zeros(len(PHASES))
-    pieces = [piece for jump in judged.jumps for piece in pieces_of(jump, horizon_s)]
-    sigma = {jump.name: np.array([max(noise(jump, c.name), least_noise(c)) for c in channels]) for jump in judged.jumps}
-    motions = replayer.motions([Trial(piece) for piece, _ in pieces])
-    for (piece, phases), motion in zip(pieces, motions, strict=True):
-        half = len(piece) // 2
-        error = np.stack([simulated(motion, c.name, robot) - measured(piece, c.name) for c in channels], axis=1)[half:]
-        for phase in np.unique(phases[half:]):
-            chosen = error[phases[half:] == phase]
-            square[phase] += (chosen**2).sum(axis=0)
-            scaled[phase] += ((chosen / sigma[piece.name]) ** 2).sum(axis=0)
-            number[phase] += len(chosen)
-    shares = scaled / scaled.sum()
-    places = [
-        Place(PHASES[p], c.name, float(shares[p, k]), float(np.sqrt(square[p, k] / number[p])), c.unit)
-        for p in range(len(PHASES))
-        for k, c in enumerate(channels)
-        if number[p]
-    ]
-    return sorted(places, key=lambda place: -place.share)
-
-
-def pieces_of(jump: Jump, horizon_s: float) -> list[tuple[Jump, np.ndarray]]:
-    """The judged rows cut to whole pieces of one horizon, with the phase of each row."""
-    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
-    phases = phase_of_rows(jump)
-    starts = range(0, len(jump) - length + 1, length - 1)
-    return [
-        (replace(jump, columns={k: v[s : s + length] for k, v in jump.columns.items()}), phases[s : s + length])
-        for s in starts
-    ]
-
-
-def least_noise(channel: Channel) -> float:
-    """Smallest noise a channel is credited with: a log rounded to its last digit is not exact."""
-    return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2}[channel.unit]

@@ -7,7 +7,7 @@ from typing import Any
 
 from leapgap.diagnosis.checks import Check
 from leapgap.diagnosis.closure import Interval
-from leapgap.diagnosis.gap import Place
+from leapgap.diagnosis.where import Place
 
 FORMAT_VERSION = 1
 

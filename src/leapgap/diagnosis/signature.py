@@ -14,7 +14,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.channels import pitch_of
-from leapgap.diagnosis.gap import PHASES, phase_of_rows
+from leapgap.diagnosis.where import PHASES, phase_of_rows
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.files import write_text

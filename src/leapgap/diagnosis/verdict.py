@@ -30,17 +30,22 @@ class Doubts:
 
     rival_share: float = 0.05
     """A rival that is best in this share of the resamples cannot be told apart."""
-    least_explained: float = 0.6
-    """Of the log likelihood that noise does not explain: a smaller share is no explanation,"""
+    most_left: float = 1.3
+    """χ² over its expectation, mean over pieces: up to here noise explains what an answer leaves of short replays.
+
+    Where it leaves more, it must close ``enough_closure`` of the headline gap on held-out jumps, or
+    ``least_closure`` of it and explain ``least_explained`` of the log likelihood that noise does not.
+    """
+    least_explained: float = 0.8
     enough_closure: float = 0.7
-    """unless so much of the headline gap closes on held-out jumps."""
     least_closure: float = 0.35
-    """Of the headline gap: effects that close less of it on held-out jumps do not explain it."""
     most_worsened: float = 0.02
     """A further cause that opens more of the headline gap on held-out jumps is not believed, whatever it gains in short
     replays."""
     none_below: float = 1.15
-    """χ² over its expectation, median over pieces: up to here noise explains the nominal robot."""
+    """χ² over its expectation, median over pieces: up to here noise explains short replays of the nominal robot;"""
+    none_gap: float = 2.7
+    """noise floors: up to here noise and what no description of a robot has exactly explain its gap in whole jumps."""
 
 
 def first_shares(found: Found, draws: np.ndarray) -> np.ndarray:
@@ -87,21 +92,35 @@ def confirmed_by_jumps(found: Found, closes: Sequence[float], doubts: Doubts) ->
     return replace(found, believed=found.before(next(worse, len(closes))))
 
 
-def verdict_of(found: Found, answer: Answer, closes: float | None, doubts: Doubts) -> str:
-    """In one word; ``closes`` is the answer's closure on held-out jumps, None where they have no gap to close."""
+def verdict_of(found: Found, answer: Answer, gap: float, closes: float | None, doubts: Doubts) -> str:
+    """In one word.
+
+    ``gap`` is the nominal robot's headline gap in noise floors, ``closes`` the share of it that the answer closes on
+    held-out jumps, None where there is nothing to close.
+    """
     if not found.believed.hypotheses:
-        return "none" if np.median(found.nominal.chi2) <= doubts.none_below else "unknown"
-    if closes is not None and closes < doubts.least_closure:
-        return "unknown"
-    if (closes is None or closes < doubts.enough_closure) and explained(found, doubts) < doubts.least_explained:
+        within = np.median(found.nominal.chi2) <= doubts.none_below and gap <= doubts.none_gap
+        return "none" if within else "unknown"
+    if not explains(found, closes, doubts):
         return "unknown"
     return "named" if all(len(names) == 1 for names in answer) else "ambiguous"
 
 
-def concluded(found: Found, shares: np.ndarray, closes: float | None, doubts: Doubts) -> Conclusion:
-    """What a search allows to say; ``closes`` is the closure of what it believes on held-out jumps, if any is open."""
+def explains(found: Found, closes: float | None, doubts: Doubts) -> bool:
+    """Whether what is believed explains what happened; ``closes`` as above."""
+    if closes is not None and closes < -doubts.most_worsened:
+        return False
+    if np.mean(found.believed.chi2) <= doubts.most_left:
+        return True
+    if closes is None or closes < doubts.least_closure:
+        return False
+    return closes >= doubts.enough_closure or explained(found, doubts) >= doubts.least_explained
+
+
+def concluded(found: Found, shares: np.ndarray, gap: float, closes: float | None, doubts: Doubts) -> Conclusion:
+    """What a search allows to say; ``shares`` are those of the rivals, ``gap`` and ``closes`` as in ``verdict_of``."""
     answer = answer_of(found, shares, doubts)
-    verdict = verdict_of(found, answer, closes, doubts)
+    verdict = verdict_of(found, answer, gap, closes, doubts)
     if verdict not in ("named", "ambiguous"):
         return Conclusion(verdict, ())
     return Conclusion(verdict, answer, found.steps, tuple(probability(names[0], found, shares) for names in answer))

@@ -6,8 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from leapgap.diagnosis.channels import BASE_UNITS, HEADLINE, is_logged, measured
-from leapgap.diagnosis.gap import PHASES
 from leapgap.diagnosis.report import Report
+from leapgap.diagnosis.where import PHASES
 from leapgap.recording.jump import Jump
 from leapgap.view.page import rendered
 
