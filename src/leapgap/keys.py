@@ -15,8 +15,11 @@ import leapgap
 from leapgap.files import read_json
 
 KEY = "key.json"
-VERDICT = ("diagnosis", "effects", "recording", "robot", "simulation", "control", "view", "files.py", "errors.py")
-"""Parts of the library that a verdict depends on."""
+VERDICT = (
+    *("diagnosis", "effects", "recording", "robot", "simulation", "files.py", "errors.py"),
+    *("view/report.py", "view/report.html", "view/page.py"),
+)
+"""Parts of the library that a verdict depends on; it makes no recordings."""
 LANDING = ("experiment", "control", "effects", "planning", "recording", "robot", "simulation", "files.py", "errors.py")
 """Parts that a closed-loop experiment depends on."""
 TOOLS = ("casadi", "daqp", "mujoco", "numpy", "osqp", "plotly", "scipy")

@@ -15,7 +15,7 @@ from leapgap.blind.cases import Case
 from leapgap.blind.withholding import World, withhold, write_case
 from leapgap.errors import InputError
 from leapgap.executor import Executor
-from leapgap.keys import code_hash
+from leapgap.keys import VERDICT, code_hash
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from stages.diagnose_withheld import Job, diagnose_section, run_jobs
@@ -77,6 +77,14 @@ def test_the_diagnosis_imports_nothing_of_the_generator() -> None:
         assert not [name for name in closure(module) if name.startswith("leapgap.blind")]
     hidden = {"leapgap.blind.nameless", "leapgap.blind.generator", "leapgap.blind.cases", "leapgap.blind.withholding"}
     assert not hidden & closure("stages.diagnose_withheld")
+
+
+def test_a_verdict_is_kept_by_all_code_it_is_made_with() -> None:
+    """Whatever stages.diagnose imports is hashed, but for views that only make recordings."""
+    hashed = {part.removesuffix(".py").replace("/", ".") for part in VERDICT}
+    used = {name.removeprefix("leapgap.") for name in closure("stages.diagnose") if name.startswith("leapgap.")}
+    ours = {name for name in used if not name.startswith("view") or name in ("view.report", "view.page")}
+    assert {name for name in ours if name not in hashed and name.split(".")[0] not in hashed} == set()
 
 
 @pytest.fixture(scope="module")
