@@ -1,4 +1,4 @@
-"""What needs truth and verdict both: a known effect struck from the hypotheses, and proposed next experiments made.
+"""What needs truth and verdict both: a known effect struck from the hypotheses, and further jumps made.
 
 Nothing here leads to a first verdict.
 """
@@ -12,7 +12,8 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from leapgap import effects
-from leapgap.blind.outcome import Outcome, outcome
+from leapgap.blind.outcome import CLAIMS, Outcome, outcome
+from leapgap.blind.scoring import mirrored
 from leapgap.blind.seal import opened
 from leapgap.blind.withholding import World, further_jumps
 from leapgap.executor import Executor
@@ -41,6 +42,9 @@ class Settings:
     out: str | None
     struck: int
     experiments: int
+    missed: int
+    further: list[str]
+    """Settings of ``collect`` that make the jumps which missed cases are diagnosed with."""
 
 
 @dataclass(frozen=True)
@@ -70,19 +74,24 @@ def revisit(config: DictConfig) -> None:
     remove_unknown(out / "struck", {case.name for case in struck})
     run_jobs(jobs, executor)
     write_json(out / "struck.json", {case.name: second_look(case, out / "struck") for case in struck})
-    asked = asking_cases(cases, settings.experiments)
-    remove_unknown(out / "experiments", {case.name for case in asked})
-    jobs = []
-    for case in asked:
-        folder = make_experiment(case, config, settings, robot, out)
-        if folder is not None:
-            jobs.append(Job(folder, out / "experiments" / case.name, robot.path.resolve(), base, code))
-    run_jobs(jobs, executor)
-    made = {job.out.name for job in jobs}
-    write_json(
-        out / "experiments.json",
-        {case.name: after_experiment(case, out / "experiments") for case in asked if case.name in made},
-    )
+    asked = [(case, proposed(case)) for case in asking_cases(cases, settings.experiments)]
+    missed = [(case, settings.further) for case in missed_cases(cases, settings.missed)]
+    for kind, chosen in (("experiments", asked), ("missed", missed)):
+        remove_unknown(out / kind, {case.name for case, _ in chosen})
+        remove_unknown(out / f"{kind}_logs", {case.name for case, _ in chosen})
+        made = []
+        for case, overrides in chosen:
+            folder = make_experiment(case, overrides, config, settings, robot, out / f"{kind}_logs")
+            if folder is not None:
+                made.append((case, overrides))
+        jobs = [
+            Job(out / f"{kind}_logs" / case.name, out / kind / case.name, robot.path.resolve(), base, code)
+            for case, _ in made
+        ]
+        run_jobs(jobs, executor)
+        write_json(
+            out / f"{kind}.json", {case.name: with_further(case, asked_for, out / kind) for case, asked_for in made}
+        )
 
 
 def seen_cases(settings: Settings) -> list[Seen]:
@@ -97,7 +106,7 @@ def seen_cases(settings: Settings) -> list[Seen]:
 
 
 def struck_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Detectable single effects that were found: one case for each effect, at most ``number`` (−1: all) of a half."""
+    """Detectable single effects that were found: one case for each effect of a half, at most ``number`` (−1: all)."""
     chosen: dict[tuple[str, str], Seen] = {}
     for case in cases:
         first = case.first
@@ -135,6 +144,9 @@ def second_look(case: Seen, folder: Path) -> dict[str, Any]:
         "answer": [list(names) for names in again.answer],
         "where_right": again.where_right,
         "honest": told and again.verdict != "none" and again.where_right,
+        "honest_mirrored": told
+        and again.verdict != "none"
+        and mirrored(again.where_true) == mirrored(again.where_said),
     }
 
 
@@ -151,9 +163,28 @@ def asking_cases(cases: list[Seen], number: int) -> list[Seen]:
     return asking if number < 0 else asking[:number]
 
 
-def make_experiment(case: Seen, config: DictConfig, settings: Settings, robot: Robot, out: Path) -> Path | None:
-    """The case's logs with the proposed jumps beside them; ``None`` where the proposal asks for something else."""
-    overrides = [str(line) for line in case.report["next_experiment"]["collect"]]
+def proposed(case: Seen) -> list[str]:
+    """What a report asks to do next, as settings of ``collect``."""
+    return [str(line) for line in case.report["next_experiment"]["collect"]]
+
+
+def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
+    """Effects of the table that show and were not found: single ones not named first, and one of a pair."""
+    missed = [
+        case
+        for case in cases
+        if (case.first.kind == "single" and case.first.detectable and case.first.first not in case.first.true)
+        or (
+            case.first.kind == "pair" and case.first.each_detectable and not set(case.first.true) <= case.first.answered
+        )
+    ]
+    return missed if number < 0 else missed[:number]
+
+
+def make_experiment(
+    case: Seen, overrides: list[str], config: DictConfig, settings: Settings, robot: Robot, out: Path
+) -> Path | None:
+    """The case's logs with further jumps beside them; ``None`` where what is asked for is something else."""
     keys = [line.split("=", 1)[0].removeprefix("collect.") for line in overrides]
     if not set(keys) <= set(RUNNABLE):
         print(f"{case.name}: cannot make {', '.join(overrides)}", flush=True)
@@ -167,7 +198,7 @@ def make_experiment(case: Seen, config: DictConfig, settings: Settings, robot: R
     references = [reference_to(targets[i % len(targets)], planned, planar) for i in range(count)]
     low, high = asked.block_height_m
     world = read_config(World, config.withhold.world, "withhold.world")
-    folder = out / "experiment_logs" / case.name
+    folder = out / case.name
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(Path(settings.logs) / case.name, folder)
     for jump in further_jumps(case.truth, references, (low, high), robot, world):
@@ -175,17 +206,18 @@ def make_experiment(case: Seen, config: DictConfig, settings: Settings, robot: R
     return folder
 
 
-def after_experiment(case: Seen, folder: Path) -> dict[str, Any]:
-    """Whether old and new jumps together are rightly named."""
+def with_further(case: Seen, overrides: list[str], folder: Path) -> dict[str, Any]:
+    """What old and new jumps together are said to be, and whether all that acted, and that alone, is named."""
     again = outcome(case.name, case.truth, read_json(folder / case.name / "report.json"), None)
     return {
         "half": case.first.half,
         "truth": list(again.true),
-        "collect": list(case.report["next_experiment"]["collect"]),
-        "before": [list(names) for names in case.first.answer],
+        "collect": list(overrides),
+        "before": {"verdict": case.first.verdict, "answer": [list(names) for names in case.first.answer]},
         "verdict": again.verdict,
         "answer": [list(names) for names in again.answer],
         "resolved": again.verdict == "named" and again.answered == set(again.true),
+        "found": again.verdict in CLAIMS and set(again.true) <= again.answered,
     }
 
 

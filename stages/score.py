@@ -94,10 +94,9 @@ def check_judged_logs(name: str, truth: Mapping[str, Any], report: Mapping[str, 
 
 
 def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:
-    """Struck hypotheses and next experiments; empty where nothing was revisited."""
-    if folder is None:
-        return {"struck": {}, "experiments": {}}
-    return {kind: read_json(Path(folder) / f"{kind}.json") for kind in ("struck", "experiments")}
+    """Struck hypotheses, next experiments, and missed cases with further jumps; empty where nothing was revisited."""
+    kinds = ("struck", "experiments", "missed")
+    return {kind: {} if folder is None else read_json(Path(folder) / f"{kind}.json") for kind in kinds}
 
 
 def scored_half(
@@ -108,9 +107,12 @@ def scored_half(
     own = {kind: {n: e for n, e in entries.items() if e["half"] == half} for kind, entries in revisits.items()}
     return {
         **scoring.scores(outcomes, settings.bootstrap_draws, settings.bins, rng),
-        "next_experiment_resolves": scoring.resolved(own["experiments"]),
+        "next_experiment_resolves": scoring.share(bool(e["resolved"]) for e in own["experiments"].values()),
         "next_experiments_made": len(own["experiments"]),
-        "struck_honest": scoring.honest(own["struck"]),
+        "further_jumps_find": scoring.share(bool(e["found"]) for e in own["missed"].values()),
+        "further_jumps_made": len(own["missed"]),
+        "struck_honest": scoring.share(bool(e["honest"]) for e in own["struck"].values()),
+        "struck_honest_mirrored": scoring.share(bool(e["honest_mirrored"]) for e in own["struck"].values()),
         "struck_cases": len(own["struck"]),
         "detection_limit_floors": {n: d["limit_floors"] for n, d in scoring.detection_limits(outcomes).items()},
     }
@@ -159,6 +161,7 @@ def page(
             "right": o.right,
             "wrongly_named": o.wrongly_named,
             "where_right": o.where_right,
+            "where_mirrored": scoring.mirrored(o.where_true) == scoring.mirrored(o.where_said),
             "said": said(o),
             "report": f"{at}/{o.case}/report.html",
         }

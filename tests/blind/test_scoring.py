@@ -135,5 +135,4 @@ def test_confusion_puts_what_was_said_first_beside_the_truth(outcomes: list[Outc
 
 def test_nothing_to_count_is_null() -> None:
     assert scoring.share([]) is None
-    assert scoring.resolved({}) is None
     assert scoring.scores([], 5, 10, np.random.default_rng(1))["brier"] == {"value": None, "ci95": [None, None]}

@@ -1,6 +1,6 @@
 """The scores of the blind check: the keys of ``metrics/blind.json`` from outcomes, by plain counting."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -168,13 +168,3 @@ def confusion(outcomes: Iterable[Outcome]) -> dict[str, dict[str, int]]:
         row = table.setdefault(truth, {})
         row[said] = row.get(said, 0) + 1
     return dict(sorted(table.items()))
-
-
-def resolved(experiments: Mapping[str, Mapping[str, Any]]) -> float | None:
-    """Share of the ambiguous cases that the proposed experiment turned into a right ``named``."""
-    return share(bool(e["resolved"]) for e in experiments.values())
-
-
-def honest(struck: Mapping[str, Mapping[str, Any]]) -> float | None:
-    """Share of the cases that, their effect struck, were called unknown or a named confusable, ``where`` kept."""
-    return share(bool(e["honest"]) for e in struck.values())

@@ -25,7 +25,8 @@ BARS = {
     "coverage": ("95 % intervals that hold the truth (0.90 to 0.98)", 0.90, ">="),
     "closure_promise_error": ("mean |promised − realised closure|", 0.05, "<="),
     "next_experiment_resolves": ("ambiguous cases that the next experiment resolves", 0.70, ">="),
-    "struck_honest": ("honest answer with the true effect struck", None, ""),
+    "further_jumps_find": ("missed effects that further jumps find", None, ""),
+    "struck_honest_mirrored": ("honest answer with the true effect struck", None, ""),
     "brier": ("Brier score of the first cause's probability", None, ""),
     "calibration_error": ("calibration error", None, ""),
 }
@@ -64,13 +65,14 @@ def html(
         figures=figures,
         halves=HALVES,
         table=score_table(halves),
-        missed=missed_bars(halves, rows),
+        missed=missed_bars(halves, rows, revisits["missed"]),
         counts={half: (halves[half]["cases"], halves[half]["detectable"]) for half in halves},
         wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
         rows=rows,
         real=[r for r in rows if r["half"] == "real"],
         struck=revisits["struck"],
         experiments=revisits["experiments"],
+        further=revisits["missed"],
     )
 
 
@@ -103,6 +105,11 @@ AGAINST: dict[str, Callable[[Mapping[str, Any]], bool]] = {
         r["kind"] == "single" and r["detectable"] and r["true"][0] not in {n for names in r["answer"] for n in names}
     ),
     "wrongly_named": lambda r: r["wrongly_named"],
+    "pairs_both_named": lambda r: (
+        r["kind"] == "pair"
+        and r["each_detectable"]
+        and not set(r["true"]) <= {n for names in r["answer"] for n in names}
+    ),
     "unknown_recall": lambda r: r["kind"] == "nameless" and r["detectable"] and r["verdict"] != "unknown",
     "where_right": lambda r: r["detectable"] and not r["where_right"],
     "parameter_error_median": lambda r: r["detectable"] and any(c["value"] != c["true"] for c in r["compared"]),
@@ -110,8 +117,13 @@ AGAINST: dict[str, Callable[[Mapping[str, Any]], bool]] = {
 """Which cases count against a score."""
 
 
-def missed_bars(halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
-    """Every bar a half misses, with the cases that count against it, the most frequent first."""
+def missed_bars(
+    halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
+) -> list[dict[str, str]]:
+    """Every bar a half misses, with the cases that count against it, the most frequent first.
+
+    ``missed`` are cases that were diagnosed anew with further jumps.
+    """
     lines = []
     for line, key in zip(score_table(halves), BARS, strict=True):
         for half in HALVES:
@@ -119,8 +131,23 @@ def missed_bars(halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[
                 against = [r for r in rows if r["half"] == half and AGAINST[key](r)]
                 names = Counter(f"{' + '.join(r['true']) or r['kind']} → {said_where(r, key)}" for r in against)
                 cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
-                lines.append({"half": half, "words": line["words"], "cases": cases})
+                reason = why(key, against, missed)
+                lines.append({"half": half, "words": line["words"], "cases": cases, "why": reason})
     return lines
+
+
+def why(key: str, against: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]) -> str:
+    """Of the cases that count against a score: what kind of miss they are, and what further jumps make of them."""
+    if key == "where_right":
+        sides = sum(r["where_mirrored"] for r in against)
+        return f"{sides} of {len(against)} are the same place on the other side: symmetric jumps leave that to noise."
+    silent = sum(r["verdict"] in ("none", "unknown") for r in against)
+    words = [f"{silent} of {len(against)} leave too little in four jumps to name anything." if silent else ""]
+    again = [missed[r["case"]] for r in against if r["case"] in missed]
+    if again:
+        found = sum(e["found"] for e in again)
+        words.append(f"With further jumps ({' '.join(again[0]['collect'])}) {found} of {len(again)} are found.")
+    return " ".join(word for word in words if word)
 
 
 def said_where(row: Mapping[str, Any], key: str) -> str:
