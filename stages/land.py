@@ -27,8 +27,8 @@ from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World
 from leapgap.files import whole_file, write_json, write_text
 from leapgap.keys import LANDING, code_hash
-from leapgap.planning.formulation import Limits
 from leapgap.planning.library import planned, reference_to
+from leapgap.planning.problem import Limits
 from leapgap.recording.jump import Jump, Target
 from leapgap.recording.windows import Purpose, TimeGrid
 from leapgap.robot.model import Robot

@@ -6,8 +6,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from leapgap.files import whole_folder, write_json
 from leapgap.planning.batch import metrics, read_targets, timing, write_references
-from leapgap.planning.formulation import Grid, Limits, Problem, Weights
 from leapgap.planning.library import planned_robot
+from leapgap.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.planning.reference import Gains, name_of
 from leapgap.planning.solve import solve_all
 from leapgap.robot.model import Robot

@@ -15,8 +15,9 @@ import casadi as ca
 import numpy as np
 
 from leapgap.files import write_json
-from leapgap.planning.formulation import Grid, Label, Limits, Problem, Programme, Weights
+from leapgap.planning.formulation import Label, Programme
 from leapgap.planning.layout import COORDINATES
+from leapgap.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.planning.solve import solve
 from leapgap.recording.jump import Target
 from leapgap.robot.planar import PlanarRobot

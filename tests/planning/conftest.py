@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from leapgap.planning.formulation import Problem
+from leapgap.planning.problem import Problem
 from leapgap.planning.reference import Gains, to_jump
 from leapgap.planning.solve import Solution, solve
 from leapgap.recording.jump import Jump, Target

@@ -8,7 +8,8 @@ import pytest
 from leapgap import effects
 from leapgap.planning.boxes import terrain
 from leapgap.planning.dynamics import legs
-from leapgap.planning.formulation import ROUNDED_M, SWING_RISE_M, Aim, Limits, Problem, start_feet
+from leapgap.planning.formulation import ROUNDED_M, SWING_RISE_M
+from leapgap.planning.problem import Aim, Limits, Problem, start_feet
 from leapgap.planning.solve import Solution, planner_of, solve
 from leapgap.recording.jump import Target
 from leapgap.robot.model import Robot

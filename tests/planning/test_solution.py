@@ -9,8 +9,8 @@ import scipy.io
 
 from leapgap.errors import InputError
 from leapgap.planning.dynamics import centre_of_mass, legs
-from leapgap.planning.formulation import Aim, Grid, Problem
 from leapgap.planning.layout import CROUCH, JOINT, X, Z
+from leapgap.planning.problem import Aim, Grid, Problem
 from leapgap.planning.solve import planner_of, solve, solve_all
 from leapgap.recording.jump import Target
 from leapgap.robot.planar import PlanarRobot

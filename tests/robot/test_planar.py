@@ -8,8 +8,8 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.planning.dynamics import centre_of_mass, legs
-from leapgap.planning.formulation import Problem
 from leapgap.planning.layout import CROUCH
+from leapgap.planning.problem import Problem
 from leapgap.planning.reference import Gains, to_jump
 from leapgap.planning.solve import solve
 from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Target

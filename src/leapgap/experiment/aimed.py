@@ -11,7 +11,7 @@ from leapgap.control.landing import stand
 from leapgap.control.reference import Reference, StartFrame
 from leapgap.control.tracking import JointPd, JumpController
 from leapgap.experiment.aiming import wanted
-from leapgap.planning.formulation import Aim, Grid, Limits, Problem
+from leapgap.planning.problem import Aim, Grid, Limits, Problem
 from leapgap.planning.reference import Gains, to_jump
 from leapgap.planning.solve import Solution, solve
 from leapgap.recording.jump import Target

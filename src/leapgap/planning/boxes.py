@@ -1,6 +1,6 @@
 """The boxes that jumps land on: where they stand."""
 
-from leapgap.planning.formulation import start_feet
+from leapgap.planning.problem import start_feet
 from leapgap.recording.jump import Target
 from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.terrain import Box

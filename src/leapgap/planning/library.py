@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from leapgap.errors import InputError
-from leapgap.planning.formulation import Grid, Problem
+from leapgap.planning.problem import Grid, Problem
 from leapgap.planning.reference import Gains, name_of, to_jump
 from leapgap.planning.solve import solve_all
 from leapgap.recording.jump import Jump, Target, read

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from leapgap.planning.boxes import terrain
-from leapgap.planning.formulation import Problem, start_feet
 from leapgap.planning.layout import FORCES, JOINT, JOINTS, PITCH, X, Z
+from leapgap.planning.problem import Problem, start_feet
 from leapgap.planning.solve import Solution
 from leapgap.recording.jump import Jump, JumpInfo, Target
 from leapgap.robot.planar import PlanarRobot

@@ -11,17 +11,8 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.planning.boxes import terrain
-from leapgap.planning.formulation import (
-    GROUPS,
-    Bounds,
-    Grid,
-    Label,
-    Limits,
-    Problem,
-    Programme,
-    Trajectory,
-    Weights,
-)
+from leapgap.planning.formulation import GROUPS, Bounds, Label, Programme
+from leapgap.planning.problem import Grid, Limits, Problem, Trajectory, Weights
 from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.terrain import Box
 
