@@ -95,28 +95,29 @@ def revisit(config: DictConfig) -> None:
 
 
 def seen_cases(settings: Settings) -> list[Seen]:
-    """Cases with a verdict, their truths opened and their seals checked."""
+    """Cases with a verdict, their truths opened and their seals checked; those of the reported half first."""
     found = []
     for path in sorted(Path(settings.verdicts).glob("*/report.json")):
         name = path.parent.name
         truth, report = opened(Path(settings.truth), Path(settings.logs), name), read_json(path)
         if truth["kind"] != "real":
             found.append(Seen(name, truth, report, outcome(name, truth, report, None)))
-    return found
+    return sorted(found, key=lambda case: case.first.half)  # "reported" before "tuning"
 
 
 def struck_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Detectable single effects that were found: one case for each effect of a half, at most ``number`` (−1: all)."""
-    chosen: dict[tuple[str, str], Seen] = {}
+    """Detectable single effects that were found: one case for each effect, at most ``number`` (−1: all)."""
+    chosen: dict[str, Seen] = {}
     for case in cases:
         first = case.first
         if first.kind == "single" and first.detectable and first.first == first.true[0]:
-            chosen.setdefault((first.half, first.true[0]), case)
-    kept: list[Seen] = []
-    for half in sorted({half for half, _ in chosen}):
-        of_half = [case for key, case in sorted(chosen.items()) if key[0] == half]
-        kept += of_half if number < 0 else of_half[:number]
-    return kept
+            chosen.setdefault(first.true[0], case)
+    return at_most(number, list(chosen.values()))
+
+
+def at_most(number: int, cases: list[Seen]) -> list[Seen]:
+    """The first so many; all, where the number is −1."""
+    return cases if number < 0 else cases[:number]
 
 
 def without(section: Mapping[str, Any], effect: str) -> dict[str, Any]:
@@ -160,7 +161,7 @@ def asking_cases(cases: list[Seen], number: int) -> list[Seen]:
         and case.first.detectable
         and (case.report.get("next_experiment") or {}).get("collect")
     ]
-    return asking if number < 0 else asking[:number]
+    return at_most(number, asking)
 
 
 def proposed(case: Seen) -> list[str]:
@@ -178,7 +179,7 @@ def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
             case.first.kind == "pair" and case.first.each_detectable and not set(case.first.true) <= case.first.answered
         )
     ]
-    return missed if number < 0 else missed[:number]
+    return at_most(number, missed)
 
 
 def make_experiment(
