@@ -13,7 +13,6 @@ from omegaconf import DictConfig, OmegaConf
 
 from leapgap import effects
 from leapgap.blind.outcome import CLAIMS, Outcome, outcome
-from leapgap.blind.scoring import mirrored
 from leapgap.blind.seal import opened
 from leapgap.blind.withholding import World, further_jumps
 from leapgap.executor import Executor
@@ -145,9 +144,7 @@ def second_look(case: Seen, folder: Path) -> dict[str, Any]:
         "answer": [list(names) for names in again.answer],
         "where_right": again.where_right,
         "honest": told and again.verdict != "none" and again.where_right,
-        "honest_mirrored": told
-        and again.verdict != "none"
-        and mirrored(again.where_true) == mirrored(again.where_said),
+        "honest_mirrored": told and again.verdict != "none" and again.where_mirrored,
     }
 
 

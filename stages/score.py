@@ -161,7 +161,7 @@ def page(
             "right": o.right,
             "wrongly_named": o.wrongly_named,
             "where_right": o.where_right,
-            "where_mirrored": scoring.mirrored(o.where_true) == scoring.mirrored(o.where_said),
+            "where_mirrored": o.where_mirrored,
             "said": said(o),
             "report": f"{at}/{o.case}/report.html",
         }

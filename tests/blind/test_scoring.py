@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from leapgap.blind import scoring
-from leapgap.blind.outcome import Outcome, outcome
+from leapgap.blind.outcome import Outcome, mirrored, outcome
 
 
 def report(verdict: str, answer: list[list[str]], probability: float = 0.9, **changed: Any) -> dict[str, Any]:
@@ -122,8 +122,8 @@ def test_detection_limit_lies_between_missed_and_found() -> None:
 
 
 def test_left_and_right_legs_are_one_place_when_mirrored() -> None:
-    assert scoring.mirrored(("flight", "joint_vel/FL_calf")) == ("flight", "joint_vel/FR_calf")
-    assert scoring.mirrored(("flight", "joint_vel/RR_calf")) == ("flight", "joint_vel/RR_calf")
+    assert mirrored(("flight", "joint_vel/FL_calf")) == ("flight", "joint_vel/FR_calf")
+    assert mirrored(("flight", "joint_vel/RR_calf")) == ("flight", "joint_vel/RR_calf")
 
 
 def test_confusion_puts_what_was_said_first_beside_the_truth(outcomes: list[Outcome]) -> None:

@@ -96,6 +96,11 @@ class Outcome:
         """Whether the largest share lies where it is said to."""
         return self.where_true is not None and self.where_true == self.where_said
 
+    @property
+    def where_mirrored(self) -> bool:
+        """The same, left and right legs taken as one."""
+        return mirrored(self.where_true) == mirrored(self.where_said)
+
 
 def outcome(case: str, truth: Mapping[str, Any], report: Mapping[str, Any], realised: float | None) -> Outcome:
     """Put a truth beside a report."""
@@ -129,6 +134,15 @@ def outcome(case: str, truth: Mapping[str, Any], report: Mapping[str, Any], real
         sentence=report["sentence"],
         next_experiment=(report.get("next_experiment") or {}).get("sentence", ""),
     )
+
+
+def mirrored(place: tuple[str, str] | None) -> tuple[str, str] | None:
+    """A place with left and right legs taken as one: a symmetric jump leaves the choice between them to noise."""
+    if place is None:
+        return None
+    for left, right in (("FL", "FR"), ("RL", "RR")):
+        place = (place[0], place[1].replace(f"/{left}", f"/{right}"))
+    return place
 
 
 def in_words(effect: Mapping[str, Any]) -> str:

@@ -48,7 +48,7 @@ def scores(outcomes: Sequence[Outcome], draws: int, bins: int, rng: np.random.Ge
         "unknown_recall": share(o.verdict == "unknown" for o in unnamed),
         "none_correct": share(o.verdict == "none" for o in outcomes if o.kind == "none"),
         "where_right": share(o.where_right for o in shown),
-        "where_right_mirrored": share(mirrored(o.where_true) == mirrored(o.where_said) for o in shown),
+        "where_right_mirrored": share(o.where_mirrored for o in shown),
         "pairs_both_named": share(o.verdict in ("named", "ambiguous") and set(o.true) <= o.answered for o in pairs),
         "parameter_error_median": median(c.error for c in told),
         "coverage": share(c.covered for c in told),
@@ -66,15 +66,6 @@ def closure_errors(outcomes: Iterable[Outcome]) -> list[float]:
         for o in outcomes
         if o.detectable and o.promised is not None and o.realised is not None
     ]
-
-
-def mirrored(place: tuple[str, str] | None) -> tuple[str, str] | None:
-    """A place with left and right legs taken as one: a symmetric jump leaves the choice between them to noise."""
-    if place is None:
-        return None
-    for left, right in (("FL", "FR"), ("RL", "RR")):
-        place = (place[0], place[1].replace(f"/{left}", f"/{right}"))
-    return place
 
 
 def claims(outcomes: Iterable[Outcome]) -> tuple[np.ndarray, np.ndarray]:

@@ -125,7 +125,7 @@ class HeldOut:
 
     def of(self, beliefs: Sequence[Belief]) -> list[np.ndarray]:
         """Those of several beliefs, replayed as one batch where they are not known yet."""
-        new = [belief for belief in beliefs if id(belief) not in self.known and belief.hypotheses]
+        new = list({id(b): b for b in beliefs if id(b) not in self.known and b.hypotheses}.values())
         for belief, found in zip(new, self.yardstick.heldout(new), strict=True):
             self.known[id(belief)] = belief, found
         return [self.known[id(belief)][1] if belief.hypotheses else self.yardstick.nominal for belief in beliefs]

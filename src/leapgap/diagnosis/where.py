@@ -71,10 +71,9 @@ def where(judged: Judged, replayer: Replayer, horizon_s: float, draws: int, rng:
     has grown to. What sensor noise leaves on average of ``draws`` is taken off the shares.
     """
     robot, channels = replayer.robot, available(judged.jumps, replayer.robot)
+    sigma = {jump.name: np.array([noise(jump, c.name) for c in channels]) for jump in judged.jumps}
     pieces = [
-        Piece(piece, phases, np.array([noise(jump, c.name) for c in channels]))
-        for jump in judged.jumps
-        for piece, phases in pieces_of(jump, horizon_s)
+        Piece(piece, phases, sigma[jump.name]) for jump in judged.jumps for piece, phases in pieces_of(jump, horizon_s)
     ]
     least = np.array([least_noise(c) for c in channels])
     motions = replayer.motions([Trial(piece.jump) for piece in pieces])
@@ -113,13 +112,14 @@ def noise_alone(
 
     Every piece is replayed from a first state that is off by sensor noise, and compared with noisy rows.
     """
-    trials = []
-    for _ in range(draws):
-        for piece in pieces:
-            sigma = dict(zip((c.name for c in channels), piece.sigma, strict=True))
-            state = replayer.first_state(Trial(piece.jump))
-            off = rng.standard_normal(len(state)) * state_noise(sigma, replayer.robot)
-            trials.append(Trial(piece.jump, first_state=state + off))
+    states = [replayer.first_state(Trial(piece.jump)) for piece in pieces]
+    sigmas = [dict(zip((c.name for c in channels), piece.sigma, strict=True)) for piece in pieces]
+    off = [state_noise(sigma, replayer.robot) for sigma in sigmas]
+    trials = [
+        Trial(piece.jump, first_state=state + rng.standard_normal(len(state)) * noise_there)
+        for _ in range(draws)
+        for piece, state, noise_there in zip(pieces, states, off, strict=True)
+    ]
     motions = iter(replayer.motions(trials))
     return [
         [
