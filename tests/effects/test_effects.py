@@ -5,7 +5,8 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, Trial
 
 SIZES = {name: {p.name: p.moderate for p in kind.parameters()} for name, kind in effects.known().items()}
 TABLE = {

@@ -7,7 +7,9 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.recording.importers import csv as csv_format
 from leapgap.recording.importers import formats, importer, published
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -120,7 +122,7 @@ def test_real_encoders_agree_with_the_logged_feet(raw: Path, robot: Robot, real_
     for jump in real_jumps:
         logged = np.loadtxt(folders[jump.name] / "data_f.txt")[:, 7:11]
         base = jump.stack(BASE_POSITION)
-        feet = robot.feet_in_world(base, jump.stack(BASE_QUATERNION), jump.per_joint("joint_pos")) - base[:, None]
+        feet = feet_in_world(robot, base, jump.stack(BASE_QUATERNION), jump.per_joint("joint_pos")) - base[:, None]
         right = np.concatenate([feet[:, robot.feet.index(leg)][:, [0, 2]] for leg in ("FR", "RR")], axis=1)
         assert np.abs(right - logged).max() < 0.003, jump.name
 
@@ -128,7 +130,7 @@ def test_real_encoders_agree_with_the_logged_feet(raw: Path, robot: Robot, real_
 def test_real_feet_stand_on_the_floor_and_joints_follow_commands(robot: Robot, real_jumps: list[Jump]) -> None:
     for jump in real_jumps:
         base, turn = jump.stack(BASE_POSITION)[:1], jump.stack(BASE_QUATERNION)[:1]
-        soles = robot.feet_in_world(base, turn, jump.per_joint("joint_pos")[:1])[0, :, 2] - robot.foot_radius
+        soles = feet_in_world(robot, base, turn, jump.per_joint("joint_pos")[:1])[0, :, 2] - robot.foot_radius
         assert np.abs(soles[2:]).max() < 0.003
         assert np.abs(jump.per_joint("joint_pos") - jump.per_joint("cmd_pos"))[:200].max() < 0.15
 

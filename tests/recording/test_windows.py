@@ -5,8 +5,10 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.recording import windows
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.recording.windows import ARRAYS, TimeGrid
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.schedule import ContactSchedule
 from tests.learning.conftest import CROUCH, jumps, pose, synthetic_jump  # noqa: F401 - fixtures
 
@@ -58,7 +60,7 @@ def test_states_forces_and_feet_are_those_of_the_rows(jump, robot):
         whole = jump.pair_force("mpc_force")[row] + jump.pair_force("pd_force")[row]
         np.testing.assert_allclose(found.force[window, sample], whole if window + sample < 32 else 0)
         position, quaternion = pose((state)[None])
-        feet = robot.feet_in_world(position, quaternion, CROUCH[None])[0] - position[0]
+        feet = feet_in_world(robot, position, quaternion, CROUCH[None])[0] - position[0]
         by_name = dict(zip(robot.feet, feet, strict=True))
         front, rear = (by_name["FR"] + by_name["FL"]) / 2, (by_name["RR"] + by_name["RL"]) / 2
         np.testing.assert_allclose(found.foot[window, sample], [*front[[0, 2]], *rear[[0, 2]]], atol=1e-12)

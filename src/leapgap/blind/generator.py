@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 
 from leapgap.blind.nameless.base import Nameless, Process
-from leapgap.effects.base import Effect, Motion, foot_geoms, recompute_constants
+from leapgap.effects.base import Effect, foot_geoms, recompute_constants
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.hardware import (
     Course,
     NoiseRows,

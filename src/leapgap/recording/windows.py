@@ -15,7 +15,9 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.files import read_json, write_json
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.schedule import PAIRS, ContactSchedule
 
@@ -342,7 +344,7 @@ def feet(jump: Jump, robot: Robot, rows: np.ndarray) -> np.ndarray:
     """Foot − base, mean of each pair, front x z, rear x z, world axes, m, at some rows, (len(rows), 4)."""
     position = jump.stack(BASE_POSITION)[rows]
     joints = jump.per_joint("joint_pos", robot.joints)[rows]
-    at = robot.feet_in_world(position, jump.stack(BASE_QUATERNION)[rows], joints) - position[:, None]
+    at = feet_in_world(robot, position, jump.stack(BASE_QUATERNION)[rows], joints) - position[:, None]
     count = np.repeat([len(robot.feet_of_pair(pair)) for pair in PAIRS], 2)
     return robot.per_pair(at) / count
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from leapgap.diagnosis.channels import BASE_UNITS, HEADLINE, is_logged, measured
+from leapgap.diagnosis.channels import HEADLINE, is_logged, logged
 from leapgap.diagnosis.report import Report
 from leapgap.diagnosis.where import PHASES
 from leapgap.recording.jump import Jump
@@ -21,6 +21,7 @@ LABELS = {
     "base_linvel_z": "vertical velocity",
     "base_angvel_y": "pitch rate",
 }
+UNITS = dict(zip(HEADLINE, ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True))
 HALF_OF_CHI2_95 = 1.92
 """Log likelihood that a number may lose within its 95 % interval, were there nothing but noise."""
 ROWS_SHOWN = 4
@@ -100,7 +101,7 @@ def overlay(
     figure = make_subplots(
         rows=2,
         cols=3,
-        subplot_titles=[f"{LABELS[c]}, {BASE_UNITS[c]}" for c in channels],
+        subplot_titles=[f"{LABELS[c]}, {UNITS[c]}" for c in channels],
         horizontal_spacing=0.06,
         vertical_spacing=0.14,
     )
@@ -116,7 +117,7 @@ def overlay(
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(source.time[shown], 3),
-                        y=np.round(measured(source, channel)[shown], 4),
+                        y=np.round(logged(source, channel)[shown], 4),
                         name=name,
                         legendgroup=name,
                         showlegend=c == 0,

@@ -9,7 +9,8 @@ import pyarrow as pa
 import pyarrow.csv
 
 from leapgap.errors import InputError
-from leapgap.recording.jump import COMMANDS, Jump, JumpInfo, Target
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.recording.schema import COMMANDS
 from leapgap.robot.model import Robot
 from leapgap.robot.schedule import ContactSchedule
 

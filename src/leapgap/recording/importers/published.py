@@ -11,15 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from leapgap.errors import InputError
-from leapgap.recording.jump import (
-    BASE_POSITION,
-    BASE_QUATERNION,
-    BASE_VELOCITY,
-    PAIR_FORCE_AXES,
-    Jump,
-    JumpInfo,
-    Target,
-)
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
@@ -155,7 +149,7 @@ def block_under_front_feet(columns: dict[str, np.ndarray], robot: Robot, options
     position = np.stack([columns[key][:1] for key in BASE_POSITION], axis=-1)
     quaternion = np.stack([columns[key][:1] for key in BASE_QUATERNION], axis=-1)
     joints = np.stack([columns[f"joint_pos/{joint}"][:1] for joint in robot.joints], axis=-1)
-    feet = robot.feet_in_world(position, quaternion, joints)[0]
+    feet = feet_in_world(robot, position, quaternion, joints)[0]
     soles = feet[:, 2] - robot.foot_radius
     front = [robot.feet.index(foot) for foot in robot.feet_of_pair("front")]
     rear = [robot.feet.index(foot) for foot in robot.feet_of_pair("rear")]
