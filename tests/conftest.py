@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from leapgap.planning.library import reference_to
-from leapgap.recording.importers import importer
+from leapgap.recording.importers import log_format
 from leapgap.recording.jump import Jump, JumpInfo, Target
 from leapgap.recording.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.robot.model import Robot
@@ -26,14 +26,14 @@ def robot() -> Robot:
 def raw() -> Path:
     """The published jumps in their own layout, where this machine has them."""
     for folder in (os.environ.get("LEAPGAP_RAW"), "data/raw"):
-        if folder and importer("published").find(Path(folder)):
+        if folder and log_format("published").find(Path(folder)):
             return Path(folder)
     pytest.skip("no real jumps: set LEAPGAP_RAW or fill data/raw")
 
 
 @pytest.fixture(scope="session")
 def real_jumps(raw: Path, robot: Robot) -> list[Jump]:
-    published = importer("published")
+    published = log_format("published")
     return [published.read(path, name, robot, published.Options()) for name, path in published.find(raw).items()]
 
 

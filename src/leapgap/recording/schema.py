@@ -10,7 +10,7 @@ class Quantity:
     name: str
     unit: str
     per: str
-    """``base``, ``joint``, ``foot`` or ``pair``."""
+    """``base``, ``joint``, ``foot``, ``pair`` or ``log``: one value a row."""
     meaning: str
     components: tuple[str, ...] = ()
     """What follows the name in the columns of the base."""
@@ -46,6 +46,7 @@ QUANTITIES = {
         Quantity("cmd_kd", "N·m·s/rad", "joint", "gain of the joint PD"),
         Quantity("foot_force", "N", "foot", "foot sensor, as logged"),
         Quantity("contact", "1", "foot", "1 where the foot touches, 0 where it does not"),
+        Quantity("supply_voltage", "V", "log", "of the motors' supply"),
         Quantity("mpc_force", "N", "pair", "ground force on the robot that the MPC asked for", PAIR_FORCE_AXES),
         Quantity("pd_force", "N", "pair", "ground force that the joint PD stands for", PAIR_FORCE_AXES),
         Quantity("train_force", "N", "pair", "the source's own filtered force", PAIR_FORCE_AXES),
@@ -58,3 +59,11 @@ BASE_QUATERNION = QUANTITIES["base_quat"].columns
 BASE_VELOCITY = QUANTITIES["base_linvel"].columns
 BASE_ANGULAR_VELOCITY = QUANTITIES["base_angvel"].columns
 COMMANDS = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+
+
+def quantity_of(column: str) -> Quantity | None:
+    """The quantity that a column holds; None for ``time`` and for what is none of ours."""
+    name, _, part = column.partition("/")
+    if name in QUANTITIES and bool(part) == (QUANTITIES[name].per in ("joint", "foot", "pair")):
+        return QUANTITIES[name]
+    return next((quantity for quantity in QUANTITIES.values() if column in quantity.columns), None)
