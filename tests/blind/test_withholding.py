@@ -150,6 +150,18 @@ def test_generator_is_another_simulation_that_agrees_to_first_order(robot: Robot
     assert 1e-6 < apart < 0.02
 
 
+def test_generator_with_other_steps_is_the_generator_that_was_made_with_them(robot: Robot) -> None:
+    jump = standing(robot, rows=60)
+    rough = Generator(robot, terrain_slots=2, step_s=0.001)
+    other, fresh = rough.with_steps(0.00025), Generator(robot, terrain_slots=2, step_s=0.00025)
+    assert isinstance(other, Generator)
+    assert other.substeps(jump) == 4
+    assert rough.substeps(jump) == 1
+    (one,), (two,), (three,) = (of.motions([Trial(jump)]) for of in (other, fresh, rough))
+    assert np.array_equal(one.qpos, two.qpos)
+    assert not np.array_equal(one.qpos, three.qpos)
+
+
 def test_nuisances_scale_masses_by_what_they_say(robot: Robot) -> None:
     model = Generator(robot).model(Trial(standing(robot), (Nuisance(seed=3, sizes=NuisanceSizes(mass=0.01)),)))
     ratio = model.body_mass[1 : robot.model.nbody] / robot.model.body_mass[1:]
