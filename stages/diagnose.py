@@ -47,7 +47,7 @@ def diagnose(config: DictConfig) -> None:
     }
     with whole_folder(out) as folder:
         write_json(folder / "report.json", report.to_json())
-        write_text(folder / "report.html", html(report, jumps, ghosts["nominal"], ghosts["corrected"]))
+        write_text(folder / "report.html", html(report, jumps, robot, ghosts["nominal"], ghosts["corrected"]))
         write_corrected(folder / "corrected", robot, found.correction)
         if section.recordings:
             shown = next(jump for jump in jumps if jump.name == report.median_log)

@@ -112,11 +112,11 @@ def test_page_is_self_contained_and_says_the_sentence(diagnosed, robot: Robot, r
     found = diagnosed(effects.effect("joint_damping", damping=0.4))
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
     ghosts = {jump.name: jump for jump in jumps}
-    page = html(found.report, jumps, ghosts, ghosts)
+    page = html(found.report, jumps, robot, ghosts, ghosts)
     own = page.split("<body>")[1]
     assert found.report.sentence[1:] in own
     assert "src=" not in own and "<link" not in page
-    assert page == html(found.report, jumps, ghosts, ghosts)
+    assert page == html(found.report, jumps, robot, ghosts, ghosts)
 
 
 def test_one_jump_says_what_cannot_be_judged(robot: Robot, reference: Jump) -> None:

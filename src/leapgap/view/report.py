@@ -9,6 +9,7 @@ from leapgap.diagnosis.channels import BASE_UNITS, HEADLINE, is_logged, measured
 from leapgap.diagnosis.report import Report
 from leapgap.diagnosis.where import PHASES
 from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot, group_of
 from leapgap.view.page import rendered
 
 REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
@@ -27,10 +28,12 @@ ROWS_SHOWN = 4
 """Every so many milliseconds a point is drawn: the page stays small and the curves smooth."""
 
 
-def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]) -> str:
+def html(
+    report: Report, jumps: Sequence[Jump], robot: Robot, nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]
+) -> str:
     """The whole page; the same report gives the same bytes."""
     figures = {
-        "map": gap_map(report),
+        "map": gap_map(report, robot),
         "overlay": overlay(report, jumps, nominal, corrected),
         "closure": closures(report),
         "profiles": profiles(report),
@@ -47,11 +50,11 @@ def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], cor
     )
 
 
-def gap_map(report: Report) -> go.Figure:
+def gap_map(report: Report, robot: Robot) -> go.Figure:
     """Share of the squared gap by phase and channel; joints summed over the legs of a pair."""
     rows: dict[str, np.ndarray] = {}
     for place in report.where:
-        rows.setdefault(row_of(place.channel), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
+        rows.setdefault(row_of(place.channel, robot), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
     order = [
         *(LABELS[name] for name in HEADLINE if LABELS[name] in rows),
         *sorted(set(rows) - set(LABELS.values())),
@@ -79,15 +82,20 @@ def gap_map(report: Report) -> go.Figure:
     return figure
 
 
-def row_of(channel: str) -> str:
-    """Row of the map: a base channel by its plain name, a joint's by quantity and joint group of its pair's leg."""
+def row_of(channel: str, robot: Robot) -> str:
+    """Row of the map: a base channel by its plain name, a joint's by the pair of its leg, joint group and quantity.
+
+    A robot whose legs are not two pairs keeps the names of its limbs.
+    """
     if channel in LABELS:
         return LABELS[channel]
     quantity, _, joint = channel.partition("/")
-    leg, _, group = joint.partition("_")
-    pair = {"F": "front", "R": "rear"}.get(leg[:1], leg)
     what = {"joint_pos": "position", "joint_vel": "velocity"}[quantity]
-    return f"{pair} {group} {what}" if group else f"{joint} {what}"
+    if "_" not in joint:
+        return f"{joint} {what}"
+    leg, pairs = robot.leg_of(joint), robot.legs_of_pair
+    pair = next((name for name, legs in pairs.items() if leg in legs), leg) if all(pairs.values()) else leg
+    return f"{pair} {group_of(joint)} {what}"
 
 
 def overlay(

@@ -1,0 +1,62 @@
+"""The page of a diagnosis: what its map calls the legs of a robot."""
+
+from pathlib import Path
+
+import pytest
+
+from leapgap.robot.model import Robot
+from leapgap.view.report import row_of
+
+LEG = """
+    <body name="{leg}_HIP" pos="{x} {y} 0">
+      <joint name="{leg}_HAA" axis="1 0 0"/><geom type="sphere" size="0.05" mass="1.4"/>
+      <body name="{leg}_THIGH" pos="0 {out} 0">
+        <joint name="{leg}_KFE" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="1"/>
+        <geom name="{leg}_FOOT" type="sphere" size="0.03" pos="0 0 -0.3" mass="0.1"/>
+      </body>
+    </body>"""
+LEGS = {"LF": (0.3, 0.1), "RF": (0.3, -0.1), "LH": (-0.3, 0.1), "RH": (-0.3, -0.1)}
+
+
+@pytest.fixture(scope="module")
+def hind_legged(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """A quadruped whose legs are named side first, as an ANYmal's are: left or right, then front or hind."""
+    legs = "".join(LEG.format(leg=leg, x=x, y=y, out=y) for leg, (x, y) in LEGS.items())
+    motors = "".join(f'<motor joint="{leg}_{joint}"/>' for leg in LEGS for joint in ("HAA", "KFE"))
+    path: Path = tmp_path_factory.mktemp("model") / "side_first.xml"
+    path.write_text(
+        f"""<mujoco model="side_first"><worldbody>
+  <body name="base" pos="0 0 0.5"><freejoint/><geom type="box" size="0.3 0.1 0.1" mass="18"/>{legs}</body>
+</worldbody><actuator>{motors}</actuator></mujoco>"""
+    )
+    return Robot.load(path)
+
+
+@pytest.mark.parametrize(
+    ("channel", "row"),
+    [
+        ("joint_vel/RF_KFE", "front KFE velocity"),
+        ("joint_vel/LF_KFE", "front KFE velocity"),
+        ("joint_pos/RH_HAA", "rear HAA position"),
+        ("joint_pos/LH_HAA", "rear HAA position"),
+        ("base_pos_z", "height z"),
+    ],
+)
+def test_a_leg_is_front_or_rear_by_where_it_stands_and_not_by_its_name(
+    hind_legged: Robot, channel: str, row: str
+) -> None:
+    assert row_of(channel, hind_legged) == row
+
+
+def test_rows_of_the_a1_are_its_pairs_and_joint_groups(robot: Robot) -> None:
+    assert row_of("joint_vel/FR_calf", robot) == "front calf velocity"
+    assert row_of("joint_pos/RL_hip", robot) == "rear hip position"
+
+
+def test_a_robot_without_pairs_keeps_the_names_of_its_limbs(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(
+        """<mujoco model="arm"><worldbody><body name="upper"><joint name="L_shoulder" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/></body></worldbody>
+  <actuator><motor joint="L_shoulder"/></actuator></mujoco>"""
+    )
+    assert row_of("joint_pos/L_shoulder", Robot.load(tmp_path / "arm.xml")) == "L shoulder position"
