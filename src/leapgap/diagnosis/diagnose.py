@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from leapgap.diagnosis.closure import HeldOut, Yardstick, effects_on, resamples
 from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
+from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Report
 from leapgap.diagnosis.responses import FINE_STEP_S
 from leapgap.diagnosis.telling import (
@@ -84,12 +84,13 @@ def diagnose(
     jumps: Sequence[Jump],
     robot: Robot,
     settings: Settings,
-    provenance: Mapping[str, Any],
+    provenance: Provenance | None = None,
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
 ) -> Diagnosis:
     """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on.
 
+    ``provenance`` says which files the logs were read from; where it is None their content stands for them.
     ``threads`` (all cores, where it is None) change the time it takes and nothing else.
     """
     names = known_names(settings)
@@ -134,7 +135,7 @@ def diagnose(
         profiles=tuple(profiles_of(found)),
         gap_per_log=yardstick.gap_by_log(corrected),
         landing_misplaced_m=landing(whole, mended, judged),
-        provenance={**provenance, "robot": robot.sha256, "config": asdict(settings)},
+        provenance=provenance or Provenance.of(jumps, robot, asdict(settings)),
     )
     logs = [jump.name for jump in jumps]
     return Diagnosis(
