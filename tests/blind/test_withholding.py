@@ -12,10 +12,11 @@ from leapgap.blind.cases import Case, Half, draw_cases
 from leapgap.blind.generator import Generator, Nuisance, NuisanceSizes
 from leapgap.blind.nameless import families
 from leapgap.blind.nameless.loads import SLOSH_HZ, SloshingPayload
+from leapgap.blind.nameless.measurement import PacketLoss
 from leapgap.blind.nameless.motors import Backlash, HeatFade
 from leapgap.blind.nameless.pulls import DRAG_AREA, Wind
 from leapgap.blind.withholding import Withheld, World, described, restored, withhold, write_case
-from leapgap.effects.base import Effect
+from leapgap.effects.base import Commands, Effect
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.hardware import out_of_the_ground
@@ -175,6 +176,19 @@ def test_nuisances_scale_masses_by_what_they_say(robot: Robot) -> None:
 def flying(robot: Robot, rows: int = 200) -> Jump:
     """Free fall, joints held: what acts on the trunk can be read off its acceleration."""
     return standing(robot, rows=rows, height_m=5.0)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500, 100])
+def test_commands_get_lost_for_12_ms_at_a_time(robot: Robot, rate_hz: int) -> None:
+    rows = 2 * rate_hz
+    sent = np.arange(rows * 1.0)[:, None]
+    came = PacketLoss(share=0.3).change_commands(Commands(sent, sent, sent), 1 / rate_hz, robot).torque[:, 0]
+    lost = np.flatnonzero(came != sent[:, 0])
+    lengths = np.diff(np.flatnonzero(np.diff(np.concatenate([[False], came != sent[:, 0], [False]]).astype(int))))[::2]
+    assert 0.15 < len(lost) / rows < 0.45
+    burst = max(1, round(0.012 * rate_hz))
+    assert (lengths[1:-1] % burst == 0).all()
+    assert lengths[1:-1].min() == burst  # the first command always comes, and the log cuts the last burst
 
 
 def test_wind_pushes_with_its_drag(robot: Robot) -> None:

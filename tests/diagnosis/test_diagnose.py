@@ -263,7 +263,8 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
     jumps = hardware(robot, reference, slow, noise=SensorNoise(), jumps=2)
     clocks = checks.local_clocks(jumps, robot)
     rows = len(jumps[0])
-    moving = slice(rows // 3 // checks.LOCAL_ROWS, 2 * rows // 3 // checks.LOCAL_ROWS)
+    every = jumps[0].info.rows(checks.LOCAL_EVERY_S)
+    moving = slice(rows // 3 // every, 2 * rows // 3 // every)
     found = clocks["made_0"][moving]
     at = np.linspace(0, rows - 1, len(clocks["made_0"]))[moving]
     assert found == pytest.approx(1.05 * np.interp(at, np.linspace(0, rows - 1, 5), profile), abs=0.03)

@@ -1,11 +1,15 @@
-"""The page of a diagnosis: what its map calls the legs of a robot."""
+"""The page of a diagnosis: what its map calls the legs of a robot, and how its curves are drawn."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from leapgap.robot.model import Robot
-from leapgap.view.report import row_of
+from leapgap.view.report import overlay, row_of
+from tests.conftest import standing
 
 LEG = """
     <body name="{leg}_HIP" pos="{x} {y} 0">
@@ -60,3 +64,13 @@ def test_a_robot_without_pairs_keeps_the_names_of_its_limbs(tmp_path: Path) -> N
   <actuator><motor joint="L_shoulder"/></actuator></mujoco>"""
     )
     assert row_of("joint_pos/L_shoulder", Robot.load(tmp_path / "arm.xml")) == "L shoulder position"
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500, 100])
+def test_curves_have_a_point_every_4_ms_or_every_row(robot: Robot, rate_hz: int) -> None:
+    still = standing(robot, rate_hz)
+    columns = dict(still.columns) | {"time": np.arange(rate_hz) / rate_hz}
+    jump = replace(still, columns=columns, info=replace(still.info, sample_period_s=1 / rate_hz))
+    report = SimpleNamespace(median_log=jump.name, answer=())
+    figure = overlay(report, [jump], {jump.name: jump}, {})  # type: ignore[arg-type]
+    assert all(np.diff(curve.x) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9) for curve in figure.data)

@@ -112,8 +112,12 @@ def clock_check(name: str, what: str, scales: dict[str, float], threshold: float
     return Check(name, passed, abs(statistic), threshold, says, scales)
 
 
-LOCAL_ROWS = 20
-"""A local clock has one value every so many rows."""
+LOCAL_EVERY_S = 0.02
+"""A local clock has one value for each stretch of this length."""
+SHORTEST_FALL_S = 0.05
+"""A shorter stretch of flight does not say how the robot falls."""
+PLANTED_EVERY_S = 0.005
+"""Planted feet are looked at so often."""
 
 
 def local_clocks(jumps: Sequence[Jump], robot: Robot) -> dict[str, np.ndarray] | None:
@@ -125,7 +129,7 @@ def local_clocks(jumps: Sequence[Jump], robot: Robot) -> dict[str, np.ndarray] |
             jump.per_joint("joint_pos", robot.joints),
             jump.per_joint("joint_vel", robot.joints),
             jump.info.sample_period_s,
-            LOCAL_ROWS,
+            jump.info.rows(LOCAL_EVERY_S),
         )
         for jump in jumps
     }
@@ -154,7 +158,7 @@ def free_fall(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | 
         schedule = jump.info.schedule
         begin = int(np.searchsorted(jump.time, schedule.take_off_s + 0.05))
         end = int(np.searchsorted(jump.time, schedule.landing_s - 0.05))
-        if end - begin < 50:
+        if end - begin < jump.info.rows(SHORTEST_FALL_S):
             continue
         height = centre_of_mass(jump, robot, slice(begin, end))[:, 2]
         time = jump.time[begin:end] - jump.time[begin]
@@ -193,10 +197,11 @@ def planted_feet(jumps: Sequence[Jump], robot: Robot, threshold_m: float) -> Che
     drift = {}
     for jump in jumps:
         end = int(np.searchsorted(jump.time, 0.8 * jump.info.schedule.double_contact_s))
+        rows = slice(0, end, jump.info.rows(PLANTED_EVERY_S))
         feet = robot.feet_in_world(
-            jump.stack(BASE_POSITION)[:end:5],
-            jump.stack(BASE_QUATERNION)[:end:5],
-            jump.per_joint("joint_pos", robot.joints)[:end:5],
+            jump.stack(BASE_POSITION)[rows],
+            jump.stack(BASE_QUATERNION)[rows],
+            jump.per_joint("joint_pos", robot.joints)[rows],
         )
         drift[jump.name] = float(np.linalg.norm(feet - feet[0], axis=2).max())
     statistic = float(np.median(list(drift.values())))

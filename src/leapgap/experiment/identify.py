@@ -35,7 +35,8 @@ JOINTS = (
 )
 BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
 """m, m, rad; rad: errors that count alike."""
-EVERY_ROWS = 20
+EVERY_S = 0.02
+"""Motions are compared so often."""
 
 
 def identified(
@@ -68,7 +69,7 @@ def identified(
 
 def difference(qpos: np.ndarray, log: Jump, robot: Robot) -> np.ndarray:
     """Simulated less measured x, z, pitch and joints at some rows, in what counts alike."""
-    at = slice(0, len(qpos), EVERY_ROWS)
+    at = slice(0, len(qpos), log.info.rows(EVERY_S))
     w, x, y, z = qpos[at, 3:7].T
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)) - log.pitch[: len(qpos)][at]
     base = qpos[at, 0] - log["base_pos_x"][: len(qpos)][at], qpos[at, 2] - log["base_pos_z"][: len(qpos)][at]

@@ -24,8 +24,8 @@ LABELS = {
 }
 HALF_OF_CHI2_95 = 1.92
 """Log likelihood that a number may lose within its 95 % interval, were there nothing but noise."""
-ROWS_SHOWN = 4
-"""Every so many milliseconds a point is drawn: the page stays small and the curves smooth."""
+SHOWN_EVERY_S = 0.004
+"""A point is drawn so often: the page stays small and the curves smooth."""
 
 
 def html(
@@ -120,7 +120,7 @@ def overlay(
             sources.append(("corrected, not fitted on this jump", corrected[jump.name], CORRECTED, 1.6))
         for c, channel in enumerate(channels):
             for name, source, colour, width in sources:
-                shown = slice(0, min(len(jump), len(source)), ROWS_SHOWN)
+                shown = slice(0, min(len(jump), len(source)), jump.info.rows(SHOWN_EVERY_S))
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(source.time[shown], 3),
