@@ -106,7 +106,7 @@ def test_cases_cover_every_effect_and_families_are_split(
     assert [c.kind for c in cases] != sorted(c.kind for c in cases)
     for case in cases:
         for effect in case.effects:
-            for p in effect.parameters():
+            for p in effect.parameters(robot, effect.location):
                 assert p.lower <= getattr(effect, p.name) <= p.upper
                 assert getattr(effect, p.name) != p.nominal
             assert restored(described(effect)) == effect

@@ -10,6 +10,8 @@ from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.telling import explained, sentence
 from leapgap.diagnosis.verdict import Conclusion
+from leapgap.effects.joint_damping import JointDamping
+from leapgap.robot.model import Robot
 
 
 @pytest.mark.parametrize(
@@ -28,9 +30,9 @@ def test_a_share_lies_within_its_interval_and_none_is_more_than_all(closes: Inte
     assert explained(closes) == words
 
 
-def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it() -> None:
+def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robot) -> None:
     """A corrected gap below the noise floor closes 108 % by the formula; there is no such share."""
-    damping = Hypothesis("joint_damping")
+    damping = Hypothesis(JointDamping, robot)
     belief = Belief((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
     said = Conclusion("named", (("joint_damping",),), (belief,), (1.0,))
     judged = SimpleNamespace(jumps=[SimpleNamespace(name="jump_0"), SimpleNamespace(name="jump_1")])

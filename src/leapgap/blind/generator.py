@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from leapgap.blind.nameless.base import Nameless, Process
-from leapgap.effects.base import Effect, Motion, foot_geoms, recompute_constants
+from leapgap.effects.base import Effect, Motion, recompute_constants
+from leapgap.effects.contact import foot_geoms
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot

@@ -80,7 +80,7 @@ def cause_of(
         return float(np.median([hypothesis.values(log, hypothesis.clipped(of))[name] for log in logs]))
 
     parameters = {}
-    for p in effects.known()[hypothesis.name].parameters():
+    for p in hypothesis.of_effect:
         ends = sorted(typical_value(numbers + side * half, p.name) for side in (-1, 1))
         parameters[p.name] = Estimate(
             typical_value(numbers, p.name), (ends[0], ends[1]), p.nominal, p.unit, hypothesis.at_bound(numbers)
@@ -144,7 +144,7 @@ def sentence(
             "below says where it lies."
         )
     parts = [
-        f"{effects.describe(h.name)} ({sized(h, numbers, judged)})"
+        f"{effects.describe(h.kind)} ({sized(h, numbers, judged)})"
         + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(believed.hypotheses, believed.split(), answer, strict=True)
     ]

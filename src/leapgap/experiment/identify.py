@@ -47,7 +47,8 @@ def identified(
     ``known`` act too and are not fitted: what the motors' data sheet says.
     """
     replayer = Replayer(robot, max((len(log.info.terrain) for log in logs), default=0) or 1)
-    ranges = [next(p for p in effects.known()[u.effect].parameters() if p.name == u.parameter) for u in unknown]
+    kinds = effects.known()
+    ranges = [next(p for p in kinds[u.effect].parameters(robot) if p.name == u.parameter) for u in unknown]
     scale = np.array([u.scale for u in unknown])
     rows = [min(log.rows_before_gain_change, round(1.1 / log.info.sample_period_s)) for log in logs]
 
@@ -61,7 +62,8 @@ def identified(
         motions = [replayer.motions([Trial(log, found)], count)[0] for log, count in zip(logs, rows, strict=True)]
         return np.concatenate([difference(m.qpos, log, robot) for m, log in zip(motions, logs, strict=True)])
 
-    bounds = np.array([[p.lower for p in ranges], [p.upper for p in ranges]]) / scale
+    # What the joints lack is looked for, not what the model has too much of.
+    bounds = np.array([[max(p.lower, p.nominal) for p in ranges], [p.upper for p in ranges]]) / scale
     start = np.clip(np.full(len(unknown), 0.3), *bounds)
     fit = least_squares(missed, start, bounds=bounds, loss="soft_l1", diff_step=0.05, max_nfev=15)
     return acting(np.clip(fit.x, *bounds))

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.motors import MotorConstants
 from leapgap.robot.terrain import Box
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
@@ -28,11 +29,13 @@ class Robot:
     """
 
     path: Path
+    motors: MotorConstants = field(default_factory=MotorConstants)
+    """What the model file does not state of the motors."""
 
     @staticmethod
-    def load(path: Path | str = DEFAULT_MODEL) -> "Robot":
+    def load(path: Path | str = DEFAULT_MODEL, motors: MotorConstants | None = None) -> "Robot":
         """Read and compile a model file; ``InputError`` where it is none, or lacks what a replay needs."""
-        robot = Robot(Path(path))
+        robot = Robot(Path(path), motors or MotorConstants())
         if not robot.path.is_file():
             raise InputError(path, "no such file", "a MuJoCo model (XML)", "name the robot's model file")
         try:
