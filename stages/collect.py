@@ -120,8 +120,16 @@ def said(made: Collected) -> str:
     fallbacks = f", {sum(made.fallbacks.values())} fallbacks" if made.fallbacks else ""
     return (
         f"{made.log.name}: {made.log.info.target.x_m:.2f} m from a {100 * made.block_m:.1f} cm block, lands "
-        f"{made.landing.error_cm:+.1f} cm short, pitched {made.landing.pitch_deg:+.0f} degrees{fallbacks}"
+        f"{landing_in_words(made.landing.error_cm)}, pitched {made.landing.pitch_deg:+.0f} degrees{fallbacks}"
     )
+
+
+def landing_in_words(error_cm: float) -> str:
+    """How far from its target a jump lands, cm; a positive error is short of it (``Landing``)."""
+    size = f"{abs(error_cm):.1f}"
+    if size == "0.0":
+        return "on target"
+    return f"{size} cm {'short' if error_cm > 0 else 'too far'}"
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
 """The diagnosis of a folder of jump logs against a robot."""
 
+from dataclasses import asdict
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 
 from omegaconf import DictConfig
 
 from leapgap.diagnosis.diagnose import Settings
 from leapgap.diagnosis.diagnose import diagnose as run_diagnosis
+from leapgap.diagnosis.provenance import Provenance
 from leapgap.files import sha256, whole_folder, write_json, write_text
 from leapgap.recording import jump as jump_log
 from leapgap.robot.model import Robot
@@ -34,10 +35,8 @@ def diagnose(config: DictConfig) -> None:
             with whole_folder(folder) as empty:
                 write_text(empty / "no_logs.txt", "There were no jump logs to diagnose.\n")
         return
-    provenance = {
-        "logs": {jump.name: sha256(logs / f"{jump.name}.parquet") for jump in jumps},
-        "versions": {name: version(name) for name in ("leapgap", "mujoco", "numpy")},
-    }
+    files = {jump.name: sha256(logs / f"{jump.name}.parquet") for jump in jumps}
+    provenance = Provenance.of(jumps, robot, asdict(settings), files)
     tell = partial(print, flush=True)
     found = run_diagnosis(jumps, robot, settings, provenance, progress=tell, threads=section.threads)
     report, replayer = found.report, Replayer(robot)
@@ -47,7 +46,7 @@ def diagnose(config: DictConfig) -> None:
     }
     with whole_folder(out) as folder:
         write_json(folder / "report.json", report.to_json())
-        write_text(folder / "report.html", html(report, jumps, ghosts["nominal"], ghosts["corrected"]))
+        write_text(folder / "report.html", html(report, jumps, robot, ghosts["nominal"], ghosts["corrected"]))
         write_corrected(folder / "corrected", robot, found.correction)
         if section.recordings:
             shown = next(jump for jump in jumps if jump.name == report.median_log)

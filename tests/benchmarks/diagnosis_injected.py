@@ -74,19 +74,19 @@ class Case:
 
 def first_value(effect: Effect) -> float:
     """Of its first parameter."""
-    return effect.values[effect.parameters()[0].name]
+    return next(iter(effect.values.values()))
 
 
 def made(name: str, value: float, location: str = "all") -> Effect:
     """An effect by its first parameter."""
-    return effects.effect(name, location, **{effects.known()[name].parameters()[0].name: value})
+    return effects.effect(name, location, **{next(iter(effects.known()[name].declared())): value})
 
 
 def cases() -> list[Case]:
     """All of them."""
     found: list[tuple[str, tuple[Effect, ...]]] = []
     for name, kind in effects.known().items():
-        found.append(("moderate", (made(name, kind.parameters()[0].moderate),)))
+        found.append(("moderate", (made(name, kind.parameters(Robot.load())[0].moderate),)))
         found.append(("large", (made(name, LARGE[name]),)))
     found += [("placed", (made(name, value, location),)) for name, location, value in PLACED]
     found += [("pair", tuple(made(*one) for one in pair)) for pair in PAIRS]
@@ -121,7 +121,7 @@ def realised(found: Diagnosis, proof: Sequence[Jump], robot: Robot, settings: Se
                 log, values = next(iter(cause.per_log.items()))
                 seen = next(c.per_log for c in found.report.checks if c.name == "joint_clock")[log]
                 share = (next(iter(values.values())) - 1) / (seen - 1)
-                effect = Hypothesis(effect.name, effect.location, clock).on(jump.name, np.array([share]))
+                effect = Hypothesis(type(effect), robot, effect.location, clock).on(jump.name, np.array([share]))
             own.append(effect)
         corrected.append(tuple(own))
     nominal, after = squares(judged, replayer, [[()] * len(proof), corrected])
@@ -144,7 +144,7 @@ def judge(case: Case) -> dict[str, Any]:
     told = []
     for effect in case.effects:
         cause = next((c for c in report.causes if c.effect == effect.name), None)
-        for p in effect.parameters() if cause and effect.name in names else ():
+        for p in effect.parameters(robot, effect.location) if cause and effect.name in names else ():
             true, estimate = effect.values[p.name], cause.parameters[p.name]
             if true != p.nominal:
                 error = abs(estimate.value - true) / abs(true - p.nominal)

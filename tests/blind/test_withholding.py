@@ -12,10 +12,11 @@ from leapgap.blind.cases import Case, Half, draw_cases
 from leapgap.blind.generator import Generator, Nuisance, NuisanceSizes
 from leapgap.blind.nameless import families
 from leapgap.blind.nameless.loads import SLOSH_HZ, SloshingPayload
+from leapgap.blind.nameless.measurement import PacketLoss
 from leapgap.blind.nameless.motors import Backlash, HeatFade
 from leapgap.blind.nameless.pulls import DRAG_AREA, Wind
 from leapgap.blind.withholding import Withheld, World, described, restored, withhold, write_case
-from leapgap.effects.base import Effect
+from leapgap.effects.base import Commands, Effect
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.hardware import out_of_the_ground
@@ -105,7 +106,7 @@ def test_cases_cover_every_effect_and_families_are_split(
     assert [c.kind for c in cases] != sorted(c.kind for c in cases)
     for case in cases:
         for effect in case.effects:
-            for p in effect.parameters():
+            for p in effect.parameters(robot, effect.location):
                 assert p.lower <= getattr(effect, p.name) <= p.upper
                 assert getattr(effect, p.name) != p.nominal
             assert restored(described(effect)) == effect
@@ -150,6 +151,18 @@ def test_generator_is_another_simulation_that_agrees_to_first_order(robot: Robot
     assert 1e-6 < apart < 0.02
 
 
+def test_generator_with_other_steps_is_the_generator_that_was_made_with_them(robot: Robot) -> None:
+    jump = standing(robot, rows=60)
+    rough = Generator(robot, terrain_slots=2, step_s=0.001)
+    other, fresh = rough.with_steps(0.00025), Generator(robot, terrain_slots=2, step_s=0.00025)
+    assert isinstance(other, Generator)
+    assert other.substeps(jump) == 4
+    assert rough.substeps(jump) == 1
+    (one,), (two,), (three,) = (of.motions([Trial(jump)]) for of in (other, fresh, rough))
+    assert np.array_equal(one.qpos, two.qpos)
+    assert not np.array_equal(one.qpos, three.qpos)
+
+
 def test_nuisances_scale_masses_by_what_they_say(robot: Robot) -> None:
     model = Generator(robot).model(Trial(standing(robot), (Nuisance(seed=3, sizes=NuisanceSizes(mass=0.01)),)))
     ratio = model.body_mass[1 : robot.model.nbody] / robot.model.body_mass[1:]
@@ -163,6 +176,19 @@ def test_nuisances_scale_masses_by_what_they_say(robot: Robot) -> None:
 def flying(robot: Robot, rows: int = 200) -> Jump:
     """Free fall, joints held: what acts on the trunk can be read off its acceleration."""
     return standing(robot, rows=rows, height_m=5.0)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500, 100])
+def test_commands_get_lost_for_12_ms_at_a_time(robot: Robot, rate_hz: int) -> None:
+    rows = 2 * rate_hz
+    sent = np.arange(rows * 1.0)[:, None]
+    came = PacketLoss(share=0.3).change_commands(Commands(sent, sent, sent), 1 / rate_hz, robot).torque[:, 0]
+    lost = np.flatnonzero(came != sent[:, 0])
+    lengths = np.diff(np.flatnonzero(np.diff(np.concatenate([[False], came != sent[:, 0], [False]]).astype(int))))[::2]
+    assert 0.15 < len(lost) / rows < 0.45
+    burst = max(1, round(0.012 * rate_hz))
+    assert (lengths[1:-1] % burst == 0).all()
+    assert lengths[1:-1].min() == burst  # the first command always comes, and the log cuts the last burst
 
 
 def test_wind_pushes_with_its_drag(robot: Robot) -> None:

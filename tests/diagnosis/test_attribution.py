@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from leapgap import effects
 from leapgap.diagnosis.attribution import MOST_SURPRISE, Guess, Plan, Search, broyden, covariance
 from leapgap.diagnosis.beliefs import Fit, Found
 from leapgap.diagnosis.evidence import Evidence
@@ -14,10 +15,16 @@ from leapgap.simulation.hardware import SensorNoise
 from leapgap.simulation.replay import Replayer
 from tests.diagnosis.test_gap import hardware
 
+A1 = Robot.load()
+
+
+def hypothesis(name: str, location: str = "all") -> Hypothesis:
+    return Hypothesis(effects.known()[name], A1, location)
+
 
 def fit(names: tuple[str, ...], heldout: list[float], chi2: float = 1.0) -> Fit:
     number = np.zeros(len(names))
-    hypotheses = tuple(Hypothesis(name) for name in names)
+    hypotheses = tuple(hypothesis(name) for name in names)
     losses = np.array(heldout)
     return Fit(hypotheses, number, np.eye(1), number[None], number, np.zeros((1, 1, 1)), 0.0, np.full(4, chi2), losses)
 
@@ -111,8 +118,6 @@ def test_covariance_is_the_curvature_unless_errors_scatter_more() -> None:
 @pytest.fixture(scope="module")
 def search(robot: Robot, reference: Jump) -> Search:
     """Two jumps of a robot with a heavier trunk."""
-    from leapgap import effects
-
     jumps = hardware(robot, reference, effects.effect("payload", mass_kg=0.8), noise=SensorNoise(), jumps=2)
     evidence = Evidence.of(Judged.of(jumps, robot).jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
     hypotheses = hypotheses_of(["payload", "torque_gain"], robot, None)
@@ -121,7 +126,7 @@ def search(robot: Robot, reference: Jump) -> Search:
 
 def test_joints_together_do_what_the_sum_of_them_does(search: Search) -> None:
     """The linear model of a place is the sum of its joints: near nominal the robot agrees."""
-    responses, h = search.responses, Hypothesis("torque_gain", "front")
+    responses, h = search.responses, hypothesis("torque_gain", "front")
     small = -0.01
     (errors,) = responses.evidence.residuals([on_logs(responses.evidence, (h, np.array([1 + small])))])
     true = (joined(errors) - responses.nominal) / small
@@ -144,10 +149,10 @@ def test_gauss_newton_finds_the_mass_and_held_out_logs_agree(search: Search) -> 
 
 def test_later_rounds_try_every_effect_before_a_second_place_of_one(search: Search) -> None:
     """Places of one effect look alike in the linear model, and would leave no room for another."""
-    first, places = Hypothesis("payload"), ("all", "front", "rear", "hip", "thigh")
+    first, places = hypothesis("payload"), ("all", "front", "rear", "hip", "thigh")
     guesses = [
-        Guess((first, Hypothesis("leg_mass", at)), np.zeros(2), float(loss)) for loss, at in enumerate(places)
-    ] + [Guess((first, Hypothesis("torque_gain")), np.zeros(2), 10.0)]
+        Guess((first, hypothesis("leg_mass", at)), np.zeros(2), float(loss)) for loss, at in enumerate(places)
+    ] + [Guess((first, hypothesis("torque_gain")), np.zeros(2), 10.0)]
     assert [guess.hypotheses[-1].name for guess in search.shortlisted(guesses, 5)] == ["leg_mass", "torque_gain"]
     alone = [Guess(guess.hypotheses[1:], np.zeros(1), guess.loss) for guess in guesses]
     names = [guess.hypotheses[-1].name for guess in search.shortlisted(alone, 5)]
@@ -163,7 +168,7 @@ def test_one_piece_that_derivatives_mislead_does_not_decide(search: Search) -> N
     slope[0] *= 300.0
     errors[0] += 0.02 * slope[0]  # wants another number than all others
     columns = np.concatenate([errors, slope], axis=2)
-    fit = search.judged((Hypothesis("payload"),), np.array([0.8]), columns)
+    fit = search.judged((hypothesis("payload"),), np.array([0.8]), columns)
     products = search.responses.free(columns)
     fitted = products.loss(products.fit(search.prior(1), search.every))
     assert fit.heldout[0] == pytest.approx(fitted[0] + MOST_SURPRISE)

@@ -9,6 +9,7 @@ from leapgap import effects
 from leapgap.diagnosis import checks
 from leapgap.diagnosis.attribution import Plan
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.telling import next_experiment
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.errors import InputError
@@ -34,7 +35,7 @@ FEW = Settings(
 def diagnosed(robot: Robot, reference: Jump):
     def of(*found: effects.Effect) -> Diagnosis:
         jumps = hardware(robot, reference, *found, noise=SensorNoise(), jumps=4)
-        return diagnose(jumps, robot, FEW, {"logs": {}, "versions": {}})
+        return diagnose(jumps, robot, FEW)
 
     return of
 
@@ -69,7 +70,7 @@ def test_diagnosis_of_the_nominal_robot_is_none(diagnosed) -> None:
 def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robot, reference: Jump) -> None:
     jumps = hardware(robot, reference, effects.effect("torque_gain", scale=0.7), noise=SensorNoise(), jumps=4)
     settings = dataclasses.replace(FEW, effects=["sample_period"])
-    report = diagnose(jumps, robot, settings, {"logs": {}, "versions": {}}).report
+    report = diagnose(jumps, robot, settings).report
     assert report.closure_of_answer is None or report.closure_of_answer.value < 0.6
 
 
@@ -112,16 +113,40 @@ def test_page_is_self_contained_and_says_the_sentence(diagnosed, robot: Robot, r
     found = diagnosed(effects.effect("joint_damping", damping=0.4))
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
     ghosts = {jump.name: jump for jump in jumps}
-    page = html(found.report, jumps, ghosts, ghosts)
+    page = html(found.report, jumps, robot, ghosts, ghosts)
     own = page.split("<body>")[1]
     assert found.report.sentence[1:] in own
     assert "src=" not in own and "<link" not in page
-    assert page == html(found.report, jumps, ghosts, ghosts)
+    assert page == html(found.report, jumps, robot, ghosts, ghosts)
+
+
+def test_a_library_call_knows_what_it_was_made_of(diagnosed, robot: Robot, reference: Jump) -> None:
+    """Nobody says where the logs came from: their content stands for their files, and all else is known."""
+    report = diagnosed(effects.effect("joint_damping", damping=0.4)).report.to_json()
+    jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
+    provenance = report["provenance"]
+    assert set(provenance) == {"logs", "robot", "config", "versions"}
+    assert list(provenance["logs"]) == [jump.name for jump in jumps]
+    assert all(len(digest) == 64 for digest in provenance["logs"].values())
+    assert len(set(provenance["logs"].values())) == len(jumps)
+    assert provenance["robot"] == robot.sha256
+    assert provenance["config"]["most_pieces"] == FEW.most_pieces
+    assert set(provenance["versions"]) == {"leapgap", "mujoco", "numpy"}
+
+
+def test_provenance_tells_logs_apart_by_a_single_bit(robot: Robot) -> None:
+    jump = standing(robot, 50)
+    columns = {name: values.copy() for name, values in jump.columns.items()}
+    columns["base_pos_x"][30] += 1e-12
+    other = dataclasses.replace(jump, columns=columns)
+    same, again, changed = (Provenance.of([one], robot, {}).logs["standing"] for one in (jump, jump, other))
+    assert same == again != changed
+    assert Provenance.of([jump], robot, {}, files={"standing": "abc"}).logs == {"standing": "abc"}
 
 
 def test_one_jump_says_what_cannot_be_judged(robot: Robot, reference: Jump) -> None:
     with pytest.raises(InputError, match="a cause is judged on jumps it was not fitted on"):
-        diagnose(hardware(robot, reference), robot, FEW, {"logs": {}, "versions": {}})
+        diagnose(hardware(robot, reference), robot, FEW)
 
 
 def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: Jump) -> None:
@@ -130,7 +155,7 @@ def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: 
         Jump(jump.name, {k: v for k, v in jump.columns.items() if k != "base_angvel_y"}, jump.info) for jump in jumps
     ]
     settings = dataclasses.replace(FEW, effects=["joint_damping"], folds=2)
-    report = diagnose(blind, robot, settings, {"logs": {}, "versions": {}}).report
+    report = diagnose(blind, robot, settings).report
     assert "base_angvel_y" in report.not_judged
     assert not any(place.channel == "base_angvel_y" for place in report.where)
 
@@ -150,7 +175,7 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
 ) -> None:
     jumps = hardware(robot, reference, found, noise=SensorNoise(), jumps=4)
     settings = dataclasses.replace(FEW, effects=[found.name, *rivals])
-    first = diagnose(jumps, robot, settings, {"logs": {}, "versions": {}}).report.causes[0]
+    first = diagnose(jumps, robot, settings).report.causes[0]
     assert first.effect == found.name
     # In this jump the front feet never come near their cone: where they slip, only the rear can tell.
     assert first.location in (("all", "rear") if found.name == "foot_friction" else ("all",))
@@ -161,7 +186,7 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
 def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, reference: Jump) -> None:
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
     settings = dataclasses.replace(FEW, effects=["joint_damping"], most_pieces=3, folds=2)
-    assert diagnose(jumps, robot, settings, {"logs": {}, "versions": {}}).report.gap_corrected < 0.5
+    assert diagnose(jumps, robot, settings).report.gap_corrected < 0.5
 
 
 def test_a_single_weak_joint_is_found(robot: Robot, reference: Jump) -> None:
@@ -173,7 +198,7 @@ def test_a_single_weak_joint_is_found(robot: Robot, reference: Jump) -> None:
 
 
 def diagnosed_of(jumps: list[Jump], robot: Robot):
-    return diagnose(jumps, robot, FEW, {"logs": {}, "versions": {}}).report
+    return diagnose(jumps, robot, FEW).report
 
 
 ARM = """
@@ -220,7 +245,7 @@ def test_a_robot_with_a_fixed_base_is_diagnosed_by_its_joints(tmp_path, robot: R
         }
         logs.append(dataclasses.replace(log, columns=dict(log.columns) | noisy))
     settings = dataclasses.replace(FEW, effects=["joint_damping", "torque_gain", "payload", "foot_friction"], folds=3)
-    report = diagnose(logs, arm, settings, {"logs": {}, "versions": {}}).report
+    report = diagnose(logs, arm, settings).report
     assert report.verdict == "named"
     assert report.causes[0].effect == "joint_damping" and report.causes[0].location in ("elbow", "L_elbow")
     assert report.causes[0].parameters["damping"].value == pytest.approx(0.5, abs=0.05)
@@ -228,7 +253,7 @@ def test_a_robot_with_a_fixed_base_is_diagnosed_by_its_joints(tmp_path, robot: R
 
 def test_logs_shorter_than_a_piece_are_refused(robot: Robot) -> None:
     with pytest.raises(InputError, match=r"more than 0\.1 s"):
-        diagnose([standing(robot, 80), standing(robot, 80)], robot, FEW, {"logs": {}, "versions": {}})
+        diagnose([standing(robot, 80), standing(robot, 80)], robot, FEW)
 
 
 def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: Robot, reference: Jump) -> None:
@@ -238,7 +263,8 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
     jumps = hardware(robot, reference, slow, noise=SensorNoise(), jumps=2)
     clocks = checks.local_clocks(jumps, robot)
     rows = len(jumps[0])
-    moving = slice(rows // 3 // checks.LOCAL_ROWS, 2 * rows // 3 // checks.LOCAL_ROWS)
+    every = jumps[0].info.rows(checks.LOCAL_EVERY_S)
+    moving = slice(rows // 3 // every, 2 * rows // 3 // every)
     found = clocks["made_0"][moving]
     at = np.linspace(0, rows - 1, len(clocks["made_0"]))[moving]
     assert found == pytest.approx(1.05 * np.interp(at, np.linspace(0, rows - 1, 5), profile), abs=0.03)

@@ -99,11 +99,11 @@ def test_a_displaced_state_differs_in_its_channel_alone(evidence: Evidence, robo
 def test_smoothing_keeps_parabolas_and_less_than_half_the_noise() -> None:
     rows = np.arange(60.0)
     logged = Motion((rows**2)[:, None], (3 * rows)[:, None])
-    value, kept = smoothed(logged, 30, 60)
+    value, kept = smoothed(logged, 30, 60, 9)
     assert value == pytest.approx([900.0, 90.0])
     assert 0.2 < kept < 0.5
     draws = np.random.default_rng(0).standard_normal((4000, 60))
-    assert np.std([smoothed(Motion(d[:, None], d[:, None]), 30, 60)[0][0] for d in draws]) == pytest.approx(
+    assert np.std([smoothed(Motion(d[:, None], d[:, None]), 30, 60, 9)[0][0] for d in draws]) == pytest.approx(
         kept, rel=0.05
     )
 

@@ -20,7 +20,7 @@ AT_GROUND = ("foot_compliance", "foot_friction", "ground_height", "ground_slope"
 
 @pytest.fixture(scope="module")
 def matrix(robot: Robot, reference: Jump) -> Signature:
-    return signature(reference, robot, moderate_effects())
+    return signature(reference, robot, moderate_effects(robot))
 
 
 @pytest.mark.parametrize("name", AT_MOTORS)

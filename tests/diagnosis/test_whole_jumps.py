@@ -65,7 +65,7 @@ def test_only_effects_that_act_everywhere_and_are_not_there_yet_are_tried(robot:
     yardstick = Yardstick(judged, Replayer(robot), np.arange(2), np.ones(2), np.ones(2), np.zeros((1, 2), int))
     whole = WholeJumps(yardstick, WholePlan())
     hypotheses = hypotheses_of(["payload", "torque_gain"], robot, None)
-    base = whole.fitted((Hypothesis("payload"),), np.array([0.0]))
+    base = whole.fitted((Hypothesis(effects.known()["payload"], robot),), np.array([0.0]))
     assert [tuple(h.name for h in sets) for sets, _ in whole.promising(base, hypotheses)] == [
         ("payload", "torque_gain")
     ]

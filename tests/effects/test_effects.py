@@ -8,7 +8,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Trial
 
-SIZES = {name: {p.name: p.moderate for p in kind.parameters()} for name, kind in effects.known().items()}
+SIZES = {name: {p.name: p.moderate for p in kind.parameters(Robot.load())} for name, kind in effects.known().items()}
 TABLE = {
     "aerodynamic_drag": (0.3, 1, 3),
     "armature": (0.005, 0.02, 0.05),
@@ -124,7 +124,7 @@ def test_what_is_no_effect_is_refused(name: str, values: dict, message: str) -> 
 
 @pytest.mark.parametrize("name", effects.known())
 def test_bounds_hold_the_nominal_value_and_every_size(name: str) -> None:
-    for parameter in effects.known()[name].parameters():
+    for parameter in effects.known()[name].parameters(Robot.load()):
         assert parameter.lower <= parameter.nominal <= parameter.upper
         assert all(parameter.lower <= size <= parameter.upper for size in TABLE[name])
         assert parameter.name in SIZES[name]
@@ -145,4 +145,4 @@ def test_effects_act_together_in_any_order(robot: Robot, reference: Jump) -> Non
 def test_configuration_round_trip() -> None:
     found = (effects.effect("payload", mass_kg=1.0), effects.effect("torque_gain", location="front", scale=0.8))
     assert effects.from_config(effects.to_config(found)) == found
-    assert effects.describe("joint_damping") == "viscous friction of the gears"
+    assert effects.describe(effects.known()["joint_damping"]) == "viscous friction of the gears"

@@ -1,5 +1,6 @@
 """A controller in the loop: the same physics as a replay, and nothing but what sensors tell."""
 
+import math
 from dataclasses import replace
 
 import mujoco
@@ -14,6 +15,7 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Plant, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, Prepared, SensorNoise, make_jumps, prepare
 from leapgap.simulation.replay import Replayer, Trial
+from tests.conftest import standing
 
 SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
 
@@ -67,6 +69,36 @@ def test_closed_loop_of_known_commands_is_their_replay(
     (open_loop,) = make_jumps([Plan("made", reference, 0.03)], robot, found, SILENT, Course(), np.random.default_rng(0))
     assert set(open_loop.columns) <= set(run.log.columns)
     assert all(run.log[name] == pytest.approx(open_loop[name], abs=1e-9) for name in open_loop.columns)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "found"),
+    [
+        (4000, effects.effect("command_delay", delay_s=0.02)),  # 80 ticks
+        (4000, effects.effect("state_latency", delay_s=0.05)),  # 200 ticks
+        (100, effects.effect("state_latency", delay_s=0.06)),  # the longest there is, 6 ticks
+    ],
+    ids=lambda value: str(getattr(value, "name", value)),
+)
+def test_a_delay_is_as_long_at_any_rate(robot: Robot, rate_hz: int, found: effects.Effect) -> None:
+    rows = round(0.3 * rate_hz)
+    still = standing(robot, rows)
+    columns = dict(still.columns) | {"time": np.arange(rows) / rate_hz}
+    for i, joint in enumerate(robot.joints):
+        columns[f"cmd_pos/{joint}"] = still[f"cmd_pos/{joint}"] + 0.1 * np.sin(30 * columns["time"] + i)
+    columns |= {f"mpc_force/{axis}": np.zeros(rows) for axis in PAIR_FORCE_AXES}
+    jump = replace(still, columns=columns, info=replace(still.info, sample_period_s=1 / rate_hz))
+    start = Replayer(robot).first_state(Trial(jump))
+    ready = Prepared(Plan("waving", jump), jump, start)
+    run = run_controlled(
+        ready, Playback(jump, robot), Replayer(robot), (found,), Sensing(SILENT), np.random.default_rng(0)
+    )
+    trial = Trial(jump, (found,), first_state=start)
+    (truth,), (reported,) = Replayer(robot).true_motions([trial]), Replayer(robot).motions([trial])
+    assert run.truth.qpos == pytest.approx(truth.qpos, abs=1e-9, rel=0)
+    known = slice(math.ceil(found.delay_s * rate_hz) + 1, None)  # before, the log's start is all a memory has
+    assert run.log["base_pos_z"][known] == pytest.approx(reported.qpos[known, 2], abs=1e-12)
+    assert np.ptp(truth.qpos[:, 2]) > 0.002
 
 
 def test_the_controller_is_told_what_the_log_holds_and_the_base_late(robot: Robot, reference: Jump) -> None:

@@ -74,15 +74,18 @@ class Draw:
         kind = effects.known().get(name) or family(name)
         if name not in self.sizes:
             raise InputError("withhold.sizes", f"nothing for {name}", "a range for every effect", "add it")
-        values = {}
-        for parameter in kind.parameters():
-            least, most = self.sizes[name][parameter.name]
+        departures = {}
+        for parameter in kind.declared():
+            least, most = self.sizes[name][parameter]
             departure = least * (most / least) ** self.rng.uniform(least_share, 1)
             if name in self.signed and self.rng.random() < 0.5:
                 departure = -departure
-            value = np.clip(parameter.nominal + departure, parameter.lower, parameter.upper)
-            values[parameter.name] = float(f"{value:.4g}")
-        return kind(location=self.place(kind.places), **values)
+            departures[parameter] = departure
+        location, values = self.place(kind.places), {}
+        for p in kind.parameters(self.robot, location):
+            value = np.clip(p.nominal + departures[p.name], p.lower, p.upper)
+            values[p.name] = float(f"{value:.4g}")
+        return kind(location=location, **values)
 
     def two(self, names: Sequence[str]) -> tuple[Effect, ...]:
         """Two effects of the table, none of them tiny."""

@@ -42,10 +42,10 @@ def on_log(effect: Effect, jump: Jump, judged: Judged, robot: Robot, report: Map
     found = joint_clock([jump], robot, threshold=0.0)
     if not (cause and cause.get("per_log") and told and found):
         return effect
-    name = effect.parameters()[0].name
+    parameter = effect.parameters(robot, effect.location)[0]
+    name = parameter.name
     shares = [(cause["per_log"][log][name] - 1) / (told[log] - 1) for log in cause["per_log"] if told.get(log, 1) != 1]
     (clock,) = found.per_log.values()
-    parameter = effect.parameters()[0]
     value = float(np.clip(1 + np.median(shares) * (clock - 1), parameter.lower, parameter.upper))
     changed: dict[str, Any] = {name: value}
     return replace(effect, **changed)

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from leapgap.blind.nameless.base import Nameless, Process
-from leapgap.effects.base import Effect, foot_geoms, recompute_constants
+from leapgap.effects.base import Effect, recompute_constants
+from leapgap.effects.contact import foot_geoms
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
@@ -88,12 +89,11 @@ class Generator(Replayer):
     """Replays and jumps of the generating simulation; its trials should carry a ``Nuisance`` first."""
 
     def __init__(self, robot: Robot, terrain_slots: int = 1, step_s: float = 0.00025) -> None:
-        super().__init__(robot, terrain_slots, threads=1)
-        self.step_s = step_s
+        super().__init__(robot, terrain_slots, threads=1, largest_step_s=step_s)
 
     def substeps(self, jump: Jump) -> int:
         """Simulation steps of one control period of the log."""
-        return max(1, int(np.ceil(jump.info.sample_period_s / self.step_s - 1e-9)))
+        return max(1, int(np.ceil(jump.info.sample_period_s / self.largest_step_s - 1e-9)))
 
     def _same_kind(self, trials: Sequence[Trial], rows: int, substeps: int) -> list[Motion]:
         return [self._stepped(trial, rows, substeps) for trial in trials]

@@ -160,17 +160,17 @@ def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping
     """Every parameter of one true effect that the report estimates; the median where it differed by log."""
     found = []
     kind = effects.known().get(effect["name"])
-    known = {p.name: p for p in kind.parameters()} if kind else {}
+    known = kind.declared() if kind else {}
     index = [e["name"] for e in truth["effects"]].index(effect["name"])
     logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
-    for name, parameter in known.items():
+    for name in known:
         for cause in report["causes"]:
             if cause["effect"] == effect["name"] and name in cause["parameters"]:
                 told = cause["parameters"][name]
                 true = float(np.median([of_log[index][name] for of_log in logs]))
                 low, high = told["ci95"]
                 found.append(
-                    Compared(effect["name"], name, parameter.unit, parameter.nominal, true, told["value"], low, high)
+                    Compared(effect["name"], name, told["unit"], told["nominal"], true, told["value"], low, high)
                 )
                 break
     return found

@@ -69,7 +69,7 @@ def withhold(case: Case, references: Sequence[Jump], robot: Robot, world: World)
         for i, (c, h) in enumerate(zip(chosen, heights, strict=True))
     ]
     generator = Generator(robot, terrain_slots=1, step_s=world.step_s)
-    own: list[Effects] = [(nuisance, *(on_log(e, s) for e in case.effects)) for s in scatter]
+    own: list[Effects] = [(nuisance, *(on_log(e, s, robot) for e in case.effects)) for s in scatter]
     made = make(plans, own, generator, world.noise, world.course, noise_rng)
     seen = made[: world.jumps]
     truth: dict[str, Any] = {
@@ -84,11 +84,12 @@ def withhold(case: Case, references: Sequence[Jump], robot: Robot, world: World)
     return Withheld(tuple(m.log for m in seen), tuple(m.log for m in made[world.jumps :]), truth)
 
 
-def on_log(effect: Effect, scatter: float) -> Effect:
+def on_log(effect: Effect, scatter: float, robot: Robot) -> Effect:
     """The effect on one log: some differ from log to log."""
     if not effect.differs_per_log:
         return effect
-    changed = {p.name: p.nominal + scatter * (getattr(effect, p.name) - p.nominal) for p in effect.parameters()}
+    parameters = effect.parameters(robot, effect.location)
+    changed = {p.name: p.nominal + scatter * (getattr(effect, p.name) - p.nominal) for p in parameters}
     return replace(effect, **changed)
 
 
@@ -184,6 +185,6 @@ def further_jumps(
     heights = rng.uniform(*block_height_m, len(references))
     plans = [Plan(f"next_{i}", r, round(float(h), 4)) for i, (r, h) in enumerate(zip(references, heights, strict=True))]
     scatter = 1 + world.period_scatter * rng.standard_normal(len(plans))
-    own: list[Effects] = [(nuisance, *(on_log(e, s) for e in acting)) for s in scatter]
+    own: list[Effects] = [(nuisance, *(on_log(e, s, robot) for e in acting)) for s in scatter]
     generator = Generator(robot, terrain_slots=1, step_s=world.step_s)
     return [made.log for made in make(plans, own, generator, world.noise, world.course, rng)]

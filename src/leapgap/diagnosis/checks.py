@@ -113,8 +113,12 @@ def clock_check(name: str, what: str, scales: dict[str, float], threshold: float
     return Check(name, passed, abs(statistic), threshold, says, scales)
 
 
-LOCAL_ROWS = 20
-"""A local clock has one value every so many rows."""
+LOCAL_EVERY_S = 0.02
+"""A local clock has one value for each stretch of this length."""
+SHORTEST_FALL_S = 0.05
+"""A shorter stretch of flight does not say how the robot falls."""
+PLANTED_EVERY_S = 0.005
+"""Planted feet are looked at so often."""
 
 
 def local_clocks(jumps: Sequence[Jump], robot: Robot) -> dict[str, np.ndarray] | None:
@@ -126,7 +130,7 @@ def local_clocks(jumps: Sequence[Jump], robot: Robot) -> dict[str, np.ndarray] |
             jump.per_joint("joint_pos", robot.joints),
             jump.per_joint("joint_vel", robot.joints),
             jump.info.sample_period_s,
-            LOCAL_ROWS,
+            jump.info.rows(LOCAL_EVERY_S),
         )
         for jump in jumps
     }
@@ -155,7 +159,7 @@ def free_fall(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | 
         schedule = jump.info.schedule
         begin = int(np.searchsorted(jump.time, schedule.take_off_s + 0.05))
         end = int(np.searchsorted(jump.time, schedule.landing_s - 0.05))
-        if end - begin < 50:
+        if end - begin < jump.info.rows(SHORTEST_FALL_S):
             continue
         height = centre_of_mass(robot, motion_of(jump, robot, slice(begin, end)).qpos)[:, 2]
         time = jump.time[begin:end] - jump.time[begin]
@@ -180,7 +184,8 @@ def planted_feet(jumps: Sequence[Jump], robot: Robot, threshold_m: float) -> Che
     drift = {}
     for jump in jumps:
         end = int(np.searchsorted(jump.time, 0.8 * jump.info.schedule.double_contact_s))
-        feet = feet_positions(robot, motion_of(jump, robot, slice(0, end, 5)).qpos)
+        rows = slice(0, end, jump.info.rows(PLANTED_EVERY_S))
+        feet = feet_positions(robot, motion_of(jump, robot, rows).qpos)
         drift[jump.name] = float(np.linalg.norm(feet - feet[0], axis=2).max())
     statistic = float(np.median(list(drift.values())))
     says = f"planted feet wander by {1000 * statistic:.0f} mm (median over logs) while all four stand"

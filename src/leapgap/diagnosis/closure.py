@@ -22,6 +22,15 @@ class Interval:
     low: float
     high: float
 
+    @property
+    def at_most_all(self) -> "Interval":
+        """The same of a share, with nothing above 1 and the value within: what is told to a person.
+
+        A corrected gap below the noise floor is there by chance, and no more than all of a gap can go away.
+        """
+        value = min(self.value, 1.0)
+        return Interval(value, min(self.low, value), max(min(self.high, 1.0), value))
+
 
 def above_noise(gap: float, floor: float) -> bool:
     """Whether a headline gap has something to close."""

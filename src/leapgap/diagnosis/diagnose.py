@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from leapgap.diagnosis.closure import HeldOut, Yardstick, effects_on, resamples
 from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
+from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Report
 from leapgap.diagnosis.responses import FINE_STEP_S
 from leapgap.diagnosis.telling import (
@@ -85,15 +85,18 @@ def diagnose(
     jumps: Sequence[Jump],
     robot: Robot,
     settings: Settings,
-    provenance: Mapping[str, Any],
+    provenance: Provenance | None = None,
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
+    own: Sequence[type[Effect]] = (),
 ) -> Diagnosis:
     """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on.
 
+    ``provenance`` says which files the logs were read from; where it is None their content stands for them.
+    ``own`` are a user's effect classes, looked for beside the known ones (or those of them that the settings name).
     ``threads`` (all cores, where it is None) change the time it takes and nothing else.
     """
-    names = known_names(settings)
+    kinds = chosen_kinds(settings, own)
     replayer = Replayer(robot, max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1, threads)
     judged = Judged.of(jumps, robot)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
@@ -102,7 +105,7 @@ def diagnose(
     gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged, robot, settings)
-    hypotheses = hypotheses_of(names, robot, clock_of(checks, judged, robot))
+    hypotheses = hypotheses_of(kinds, robot, clock_of(checks, judged, robot))
     found = search(yardstick, hypotheses, settings, progress)
     heldout = HeldOut(yardstick)
     found = confirmed_by_jumps(found, [yardstick.closes(of) for of in heldout.of(found.steps)], settings.doubts)
@@ -135,7 +138,7 @@ def diagnose(
         profiles=tuple(profiles_of(found)),
         gap_per_log=yardstick.gap_by_log(corrected),
         landing_misplaced_m=landing(whole, mended, judged),
-        provenance={**provenance, "robot": robot.sha256, "config": asdict(settings)},
+        provenance=provenance or Provenance.of(jumps, robot, asdict(settings)),
     )
     logs = [jump.name for jump in jumps]
     return Diagnosis(
@@ -233,13 +236,15 @@ def run_checks(judged: Judged, robot: Robot, settings: Settings) -> list[Check]:
     return [check for check in found if check is not None]
 
 
-def known_names(settings: Settings) -> list[str]:
-    """The effects to look for; a name that is none is an ``InputError``."""
-    unknown = [name for name in settings.effects if name not in effects.known()]
+def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:
+    """The effects to look for, a user's own classes among them; a name that is none is an ``InputError``."""
+    kinds = effects.registry(own)
+    unknown = [name for name in settings.effects if name not in kinds]
     if unknown:
-        expected = f"names among {', '.join(effects.known())}"
+        expected = f"names among {', '.join(kinds)}"
         raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
-    return settings.effects or list(effects.known())
+    names = [*settings.effects, *(kind.name for kind in own)] if settings.effects else kinds
+    return [kinds[name] for name in dict.fromkeys(names)]
 
 
 def clock_of(checks: Sequence[Check], judged: Judged, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:

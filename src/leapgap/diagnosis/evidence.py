@@ -30,8 +30,8 @@ Effects = tuple[Effect, ...]
 Batched = tuple[int, Effects, Starts]
 """What to replay: number of the log, effects, starts."""
 
-SMOOTHED_ROWS = 9
-"""A start is the value of a parabola through so many rows before and after it."""
+SMOOTHED_S = 0.009
+"""A start is the value of a parabola through the rows of this long before and after it."""
 LEAST_NOISE = {
     "base_pos": 1e-4,
     "base_turn": 1e-4,
@@ -99,9 +99,12 @@ def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
     return [own[k] for own, k in zip(rows, np.split(kept, np.cumsum(lengths)[:-1]), strict=True)]
 
 
-def smoothed(logged: Motion, row: int, rows: int) -> tuple[np.ndarray, float]:
-    """State at a row by a parabola through its neighbours, (nq + nv,), and the share of their noise that stays."""
-    first, last = max(0, row - SMOOTHED_ROWS), min(rows, row + SMOOTHED_ROWS + 1)
+def smoothed(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarray, float]:
+    """State at a row by a parabola through its neighbours, (nq + nv,), and the share of their noise that stays.
+
+    The log has ``rows`` rows; neighbours are those at most ``reach`` rows away.
+    """
+    first, last = max(0, row - reach), min(rows, row + reach + 1)
     age = np.arange(first, last) - row
     degree = 2 if first < row else 1  # at the log's beginning a parabola would swing
     weights = np.linalg.pinv(np.vander(age, degree + 1, increasing=True))[0]
@@ -125,7 +128,7 @@ class Pieces:
     def of(jump: Jump, rows: Sequence[int], state: State) -> "Pieces":
         """Pieces that start at these rows."""
         logged = motion_of(jump, state.robot)
-        found = [smoothed(logged, row, len(jump)) for row in rows]
+        found = [smoothed(logged, row, len(jump), jump.info.rows(SMOOTHED_S)) for row in rows]
         states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
         if state.robot.has_free_base:
             states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)

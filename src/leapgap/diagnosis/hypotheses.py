@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -9,25 +10,38 @@ from leapgap import effects
 from leapgap.effects.base import Effect, Parameter
 from leapgap.robot.model import Robot
 
+NEAR_BOUND = 0.02
+"""A fit is at the end of a range where so small a share of the way there from nominal is left."""
+
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One effect at one place; all its parameters are fitted together.
+    """One effect at one place of a robot; all its parameters are fitted together.
 
     An effect that differs from log to log gets its value on each log from ``per_log`` (found without what is
     scored), one value, or several evenly spaced over the log where it changes within; the fitted number is then the
     share of that estimate's departure from nominal that is believed, common to all logs.
     """
 
-    name: str
+    kind: type[Effect]
+    robot: Robot
     location: str = "all"
     per_log: Mapping[str, tuple[float, ...]] | None = field(default=None, compare=False)
 
     @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.kind.name
+
+    @cached_property
+    def of_effect(self) -> tuple[Parameter, ...]:
+        """The effect's own parameters, at this place of the robot."""
+        return self.kind.parameters(self.robot, self.location)
+
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """What is fitted."""
-        own = effects.known()[self.name].parameters()
-        return own if self.per_log is None else (Parameter("share", "1", 0.0, 0.0, 1.25, 1.0),)
+        return self.of_effect if self.per_log is None else (Parameter("share", "1", 0.0, 0.0, 1.25, 1.0),)
 
     @property
     def nominal(self) -> np.ndarray:
@@ -46,7 +60,7 @@ class Hypothesis:
 
     def on(self, log: str, numbers: np.ndarray) -> Effect:
         """The effect on one log."""
-        effect = effects.known()[self.name](location=self.location, **self.values(log, numbers))
+        effect = self.kind(location=self.location, **self.values(log, numbers))
         if self.per_log is None or len(self.per_log[log]) == 1:
             return effect
         local = 1 + float(numbers[0]) * (np.array(self.per_log[log]) - 1)
@@ -54,10 +68,9 @@ class Hypothesis:
 
     def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:
         """The effect's parameters on one log."""
-        own = effects.known()[self.name].parameters()
         if self.per_log is None:
-            return {p.name: float(n) for p, n in zip(own, numbers, strict=True)}
-        (p,) = own
+            return {p.name: float(n) for p, n in zip(self.of_effect, numbers, strict=True)}
+        (p,) = self.of_effect
         value = p.nominal + float(numbers[0]) * (float(np.mean(self.per_log[log])) - p.nominal)
         return {p.name: float(np.clip(value, p.lower, p.upper))}
 
@@ -70,22 +83,24 @@ class Hypothesis:
         return bool((self.clipped(numbers) == numbers).all())
 
     def at_bound(self, numbers: np.ndarray) -> bool:
-        """Whether a fit ran to the end of a range, away from nominal: no sensible value fits."""
-        lower, upper = self.bounds
-        near = 0.02 * (upper - lower)
-        return bool(
-            any(
-                abs(n - bound) < margin
-                for n, low, high, margin, nominal in zip(numbers, lower, upper, near, self.nominal, strict=True)
-                for bound in (low, high)
-                if bound != nominal
-            )
-        )
+        """Whether a fit ran to the end of a range, away from nominal: no sensible value fits.
+
+        Where nature itself ends, as at a joint without friction, the end is as good a value as any other.
+        """
+        return any(ran_out(p, float(n)) for p, n in zip(self.parameters, numbers, strict=True))
 
 
-def places(name: str, robot: Robot) -> dict[str, tuple[str, ...]]:
+def ran_out(parameter: Parameter, number: float) -> bool:
+    """Whether a number is at an end of the parameter's range that is neither nominal nor physical."""
+    ends = [parameter.upper] if parameter.lower_is_physical else [parameter.lower, parameter.upper]
+    return any(
+        abs(number - end) < NEAR_BOUND * abs(end - parameter.nominal) for end in ends if end != parameter.nominal
+    )
+
+
+def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:
     """Where an effect can act: location → the single joints or feet it stands for, coarse ones first."""
-    of = effects.known()[name].places
+    of = kind.places
     if of == "none" or (of == "feet" and not robot.feet):
         return {"all": ("all",)}
     single = robot.joints if of == "joints" else robot.feet
@@ -99,19 +114,25 @@ def places(name: str, robot: Robot) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def usable(name: str, robot: Robot) -> bool:
+def usable(kind: type[Effect], robot: Robot) -> bool:
     """Whether a robot can have an effect at all."""
-    kind = effects.known()[name]
-    return robot.has_free_base or not (kind.needs_base or kind.places == "feet")
+    if kind.places == "feet":
+        return robot.has_free_base and bool(robot.feet)
+    return robot.has_free_base or not kind.needs_base
 
 
 def hypotheses_of(
-    names: Sequence[str], robot: Robot, clock: Mapping[str, tuple[float, ...]] | None
+    wanted: Sequence[str | type[Effect]], robot: Robot, clock: Mapping[str, tuple[float, ...]] | None
 ) -> list[Hypothesis]:
-    """Every effect at every place; one that differs by log takes its values from the clock of each log, if any."""
+    """Every effect, a known one by name or a class, at every place.
+
+    One that differs by log takes its values from the clock of each log, if any.
+    """
+    own = [kind for kind in wanted if not isinstance(kind, str)]
+    kinds = effects.registry(own)
     return [
-        Hypothesis(name, location, clock if effects.known()[name].differs_per_log else None)
-        for name in names
-        if usable(name, robot)
-        for location in places(name, robot)
+        Hypothesis(kind, robot, location, clock if kind.differs_per_log else None)
+        for kind in (kinds[one] if isinstance(one, str) else one for one in wanted)
+        if usable(kind, robot)
+        for location in places(kind, robot)
     ]

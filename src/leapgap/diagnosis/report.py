@@ -7,6 +7,7 @@ from typing import Any
 
 from leapgap.diagnosis.checks import Check
 from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.where import Place
 
 FORMAT_VERSION = 1
@@ -80,7 +81,7 @@ class Report:
     landing_misplaced_m: Mapping[str, Mapping[str, float]]
     """Where the trunk is along x at the end of what is judged (touch-down), simulated − logged: nominal and corrected
     (held out) of each log; empty without a base."""
-    provenance: Mapping[str, Any]
+    provenance: Provenance
 
     @property
     def median_log(self) -> str:
@@ -124,7 +125,7 @@ class Report:
                 "not_judged": list(self.not_judged),
                 "gap_per_log": self.gap_per_log,
                 "landing_misplaced_m": self.landing_misplaced_m,
-                "provenance": self.provenance,
+                "provenance": asdict(self.provenance),
             }
         )
 

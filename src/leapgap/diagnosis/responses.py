@@ -5,7 +5,7 @@ are sums of the single ones. Some also serve as nuisances: what no description o
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,14 +82,14 @@ class Responses:
 
         All of them act on top of ``around``, whose effects are not tried again.
         """
-        robot = evidence.state.robot
+        robot, kinds = evidence.state.robot, effects.known()
         present = {h.name for h, _ in around}
         names = {h.name: h for h in hypotheses if h.name not in present}
         for name in tolerances:
             effect = name.partition(".")[0]
-            if effect not in present and usable(effect, robot):
-                names.setdefault(effect, Hypothesis(effect))
-        members = {(name, at): of for name in names for at, of in places(name, robot).items()}
+            if effect not in present and effect not in names and usable(kinds[effect], robot):
+                names[effect] = Hypothesis(kinds[effect], robot)
+        members = {(name, at): of for name, h in names.items() for at, of in places(h.kind, robot).items()}
         keys = tuple(
             Key(name, k, place)
             for name, h in names.items()
@@ -107,12 +107,14 @@ class Responses:
         ):
             changes = departures([[moved(names[keys[i].effect], keys[i])] for i in chosen])
             for i, change in zip(chosen, changes, strict=True):
-                columns[:, :, i] = change / names[keys[i].effect].moderate[keys[i].number]
+                columns[:, :, i] = change / at_place(names[keys[i].effect], keys[i]).moderate[keys[i].number]
         (stepped,) = evidence.with_steps(FINE_STEP_S).residuals([on_logs(evidence, *around)])
         nuisances = [joined(stepped) - origin]
         for name, size in tolerances.items():
             effect, _, parameter = name.partition(".")
-            which = [p.name for p in effects.known()[effect].parameters()].index(parameter)
+            if effect not in names:
+                continue
+            which = [p.name for p in names[effect].of_effect].index(parameter)
             nuisances += [
                 size * columns[:, :, i] for i, k in enumerate(keys) if (k.effect, k.number) == (effect, which)
             ]
@@ -155,11 +157,17 @@ class Responses:
         ]
 
 
+def at_place(hypothesis: Hypothesis, key: Key) -> Hypothesis:
+    """The hypothesis at the single place of a key, whose own numbers may be others than those of all places."""
+    return replace(hypothesis, location=key.place)
+
+
 def moved(hypothesis: Hypothesis, key: Key) -> tuple[Hypothesis, np.ndarray]:
     """The hypothesis at one place with one number at moderate size."""
-    numbers = hypothesis.nominal
-    numbers[key.number] += hypothesis.moderate[key.number]
-    return Hypothesis(hypothesis.name, key.place, hypothesis.per_log), numbers
+    there = at_place(hypothesis, key)
+    numbers = there.nominal
+    numbers[key.number] += there.moderate[key.number]
+    return there, numbers
 
 
 def on_logs(evidence: Evidence, *acting: tuple[Hypothesis, np.ndarray]) -> list[tuple[Effect, ...]]:

@@ -73,11 +73,11 @@ class Signature:
         return "\n".join(lines)
 
 
-def moderate_effects() -> dict[str, Effect]:
-    """Every known effect at moderate size, one parameter at a time."""
+def moderate_effects(robot: Robot) -> dict[str, Effect]:
+    """Every known effect at the size that is moderate for a robot, one parameter at a time."""
     found = {}
     for name, kind in effects.known().items():
-        parameters = kind.parameters()
+        parameters = kind.parameters(robot)
         for parameter in parameters:
             label = name if len(parameters) == 1 else f"{name}: {parameter.name}"
             (found[label],) = effects.from_config([{"name": name, parameter.name: parameter.moderate}])
@@ -182,7 +182,8 @@ def main(arguments: Sequence[str]) -> None:
     text = page.read_text(encoding="utf-8")
     if MARK not in text:
         raise InputError(page, "no mark", MARK, "put it where the tables are to begin")
-    found = signature(reference, Robot.load(), moderate_effects())
+    robot = Robot.load()
+    found = signature(reference, robot, moderate_effects(robot))
     write_text(page, text[: text.index(MARK)] + MARK + "\n" + found.markdown() + "\n")
 
 

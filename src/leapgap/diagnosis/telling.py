@@ -80,7 +80,7 @@ def cause_of(
         return float(np.median([hypothesis.values(log, hypothesis.clipped(of))[name] for log in logs]))
 
     parameters = {}
-    for p in effects.known()[hypothesis.name].parameters():
+    for p in hypothesis.of_effect:
         ends = sorted(typical_value(numbers + side * half, p.name) for side in (-1, 1))
         parameters[p.name] = Estimate(
             typical_value(numbers, p.name), (ends[0], ends[1]), p.nominal, p.unit, hypothesis.at_bound(numbers)
@@ -144,7 +144,7 @@ def sentence(
             "below says where it lies."
         )
     parts = [
-        f"{effects.describe(h.name)} ({sized(h, numbers, judged)})"
+        f"{effects.describe(h.kind)} ({sized(h, numbers, judged)})"
         + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(believed.hypotheses, believed.split(), answer, strict=True)
     ]
@@ -155,10 +155,18 @@ def sentence(
         )
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
-        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {min(100, 100 * closes.value):.0f} % (95 %: "
-        f"{100 * closes.low:.0f} to {100 * closes.high:.0f}) of the gap on jumps not fitted on: it shrinks from "
-        f"{nominal:.2f} to {corrected:.2f}{rest}."
+        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {explained(closes)} on jumps not "
+        f"fitted on: it shrinks from {nominal:.2f} to {corrected:.2f}{rest}."
     )
+
+
+def explained(closes: Interval) -> str:
+    """A share of the gap with its interval: per cent, or ``all`` where the value rounds to 100."""
+    share = closes.at_most_all
+    value, low, high = (f"{100 * part:.0f}" for part in (share.value, share.low, share.high))
+    if value != "100":
+        return f"{value} % (95 %: {low} to {high}) of the gap"
+    return "all of the gap" if low == "100" else f"all of the gap (95 %: {low} % or more)"
 
 
 def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: Judged) -> str:

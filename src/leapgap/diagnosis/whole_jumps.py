@@ -20,7 +20,7 @@ from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.25
 """Of a moderate departure: wide, for contacts make whole jumps rough."""
-EVERY_ROWS = 20
+EVERY_S = 0.02
 """Errors are compared so often."""
 DAMPINGS = (0.03, 0.3, 2.0)
 """Of a step, tried side by side, as shares of the curvature; the middle one for the numbers of a fold."""
@@ -65,9 +65,9 @@ class Errors:
     """Sum of squares at all rows."""
 
     @staticmethod
-    def of(jumps: Sequence[np.ndarray]) -> "Errors":
-        """From (rows, channels) of each jump."""
-        some = np.concatenate([of_jump[::EVERY_ROWS].ravel() for of_jump in jumps])
+    def of(jumps: Sequence[np.ndarray], every: Sequence[int]) -> "Errors":
+        """From (rows, channels) of each jump, and after how many of its rows it is compared again."""
+        some = np.concatenate([of_jump[::rows].ravel() for of_jump, rows in zip(jumps, every, strict=True)])
         return Errors(some, float(sum((of_jump**2).sum() for of_jump in jumps)))
 
 
@@ -161,7 +161,7 @@ class WholeJumps:
         slopes = self.slopes(hypotheses, numbers)
         for _ in range(self.plan.steps):
             tried = [clipped(hypotheses, numbers + scale * slopes.step(damping)) for damping in DAMPINGS]
-            found = [Errors.of(of) for of in self.errors(hypotheses, tried)]
+            found = [self.compared(of) for of in self.errors(hypotheses, tried)]
             best = int(np.argmin([errors.squares for errors in found]))
             if found[best].squares >= slopes.errors.squares:
                 break
@@ -199,13 +199,17 @@ class WholeJumps:
         inside = (numbers + by <= upper) & (numbers + by >= lower)
         sides = np.where(inside, 1.0, -1.0)
         tried = [numbers, *(numbers + np.diag(sides * by))]
-        start, *moved = map(Errors.of, self.errors(hypotheses, tried))
+        start, *moved = map(self.compared, self.errors(hypotheses, tried))
         slopes = [(of.some - start.some) / (side * DIFFERENCE) for of, side in zip(moved, sides, strict=True)]
         return Slopes(start, np.stack(slopes, axis=1))
 
     def errors(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
         """Scaled errors ``[number][jump]`` (rows, channels)."""
         return scaled_errors(self.yardstick.judged, self.yardstick.replayer, self.candidates(hypotheses, tried))
+
+    def compared(self, errors: Sequence[np.ndarray]) -> Errors:
+        """Scaled errors (rows, channels) of all jumps, at the rows that are compared."""
+        return Errors.of(errors, self.every)
 
     def candidates(
         self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]
@@ -220,8 +224,14 @@ class WholeJumps:
         ]
 
     @cached_property
+    def every(self) -> list[int]:
+        """After how many rows each jump is compared again."""
+        return [jump.info.rows(EVERY_S) for jump in self.yardstick.judged.jumps]
+
+    @cached_property
     def jump_of_value(self) -> np.ndarray:
         """Which jump each compared value is of, (values,)."""
         judged = self.yardstick.judged
-        sizes = [len(range(0, rows, EVERY_ROWS)) * len(judged.channels) for rows in judged.rows]
+        instants = [len(range(0, rows, every)) for rows, every in zip(judged.rows, self.every, strict=True)]
+        sizes = np.array(instants) * len(judged.channels)
         return np.repeat(np.arange(len(sizes)), sizes)

@@ -1,50 +1,109 @@
-"""What the nominal robot leaves out: one file an effect, found by its file name."""
+"""What the nominal robot leaves out: one file an effect, found by its file name; other packages may offer more."""
 
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass
 from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 
+ENTRY_POINTS = "leapgap.effects"
+"""Group under which an installed package offers effect classes."""
+
+Registry = Mapping[str, type[Effect]]
+"""Effect classes by name."""
+
 
 @cache
 def known() -> dict[str, type[Effect]]:
-    """All effects by name, in alphabetical order; what is defined elsewhere is nothing a diagnosis may know."""
+    """All effects by name, in alphabetical order: one of each file here, then what installed packages offer."""
     for module in pkgutil.iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
     here = [kind for kind in Effect.__subclasses__() if kind.__module__.startswith(f"{__name__}.")]
-    return {kind.name: kind for kind in sorted(here, key=lambda kind: kind.name)}
+    offered = [point.load() for point in entry_points(group=ENTRY_POINTS)]
+    return with_own({kind.name: kind for kind in sorted(here, key=lambda kind: kind.name)}, offered)
 
 
-def describe(name: str) -> str:
-    """What the effect is, as its file says: ``viscous friction of the gears``."""
-    text = (import_module(known()[name].__module__).__doc__ or "").split("\n")[0].rstrip(".")
+def registry(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
+    """The known effects and a user's own classes."""
+    return with_own(known(), own)
+
+
+def with_own(kinds: Registry, own: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
+    """Effects by name with further classes; what is no effect, or has the name of another, is an ``InputError``."""
+    found = dict(kinds)
+    for kind in own:
+        check_class(kind)
+        if found.setdefault(kind.name, kind) is not kind:
+            raise InputError(
+                f"effect class {kind.__qualname__}", f"the name {kind.name}", "a name of its own", "choose another name"
+            )
+    return found
+
+
+def check_class(kind: Any) -> None:
+    """Refuse what cannot be injected and fitted like an effect of ours."""
+    where = f"effect class {getattr(kind, '__qualname__', kind)}"
+    if not (isinstance(kind, type) and issubclass(kind, Effect)):
+        raise InputError(where, repr(kind), "a subclass of leapgap.effects.base.Effect", "pass the class itself")
+    if not isinstance(getattr(kind, "name", None), str):
+        raise InputError(where, "no name", 'a class variable like name = "my_effect"', "give it a name")
+    if not (is_dataclass(kind) and "__dataclass_fields__" in vars(kind) and kind.declared()):
+        raise InputError(
+            where,
+            "no parameter",
+            "a frozen dataclass with at least one field declared by leapgap.effects.base.parameter",
+            "decorate the class with @dataclass(frozen=True) and declare its parameters",
+        )
+
+
+def describe(kind: type[Effect]) -> str:
+    """What the effect is: ``viscous friction of the gears``.
+
+    The first line of its file where the file is ours and hence about nothing else, of its class otherwise.
+    """
+    of_module = import_module(kind.__module__).__doc__ if kind.__module__.startswith(f"{__name__}.") else None
+    own = kind.__dict__.get("__doc__") or ""
+    of_class = "" if own.startswith(f"{kind.__name__}(") else own  # a dataclass without words gets its signature
+    text = (of_module or of_class or kind.name.replace("_", " ")).strip().split("\n")[0].rstrip(".")
     return text[:1].lower() + text[1:]
 
 
 def effect(name: str, location: str = "all", **values: float) -> Effect:
-    """An effect by name; an unknown name, parameter or value out of range is an ``InputError``."""
-    if name not in known():
-        raise InputError("effect", name, f"one of {', '.join(known())}", "choose a known effect")
-    kind = known()[name]
-    ranges = {p.name: p for p in kind.parameters()}
+    """A known effect by name; an unknown name, parameter or value out of range is an ``InputError``."""
+    return effect_among(known(), name, location, values)
+
+
+def effect_among(kinds: Registry, name: str, location: str, values: Mapping[str, float]) -> Effect:
+    """The same among other classes than the known ones."""
+    if name not in kinds:
+        raise InputError("effect", name, f"one of {', '.join(kinds)}", "choose a known effect")
+    kind = kinds[name]
+    declared = kind.declared()
     for key, value in values.items():
-        if key not in ranges:
-            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(ranges)}", "correct it")
-        if not ranges[key].lower <= value <= ranges[key].upper:
-            expected = f"{ranges[key].lower:g} to {ranges[key].upper:g} {ranges[key].unit}"
+        if key not in declared:
+            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declared)}", "correct it")
+        lower, upper = declared[key]["limits"]
+        if not lower <= value <= upper:
+            expected = f"{lower:g} to {upper:g} {declared[key]['unit']}"
             raise InputError(f"effect {name}, {key}", f"{value:g}", expected, "choose a physical value")
     return kind(location=location, **values)
 
 
-def from_config(entries: list[Mapping[str, Any]]) -> tuple[Effect, ...]:
+def from_config(entries: Iterable[Mapping[str, Any]], kinds: Registry | None = None) -> tuple[Effect, ...]:
     """Effects from configuration: ``[{name: joint_damping, location: all, damping: 0.4}, …]``."""
-    return tuple(effect(**entry) for entry in entries)
+    kinds, found = known() if kinds is None else kinds, []
+    for entry in entries:
+        values = dict(entry)
+        name, location = values.pop("name", "no name"), values.pop("location", "all")
+        found.append(effect_among(kinds, name, location, values))
+    return tuple(found)
 
 
-def to_config(effects: tuple[Effect, ...]) -> list[dict[str, Any]]:
-    """The inverse of ``from_config``: what ``corrected/effects.json`` holds."""
+def to_config(effects: Iterable[Effect]) -> list[dict[str, Any]]:
+    """The inverse of ``from_config``: what ``corrected/effects.json`` holds; the model's own values are left out."""
     return [{"name": e.name, "location": e.location, **e.values} for e in effects]

@@ -1,25 +1,33 @@
 """Inertia of rotors and gears, seen at the joint."""
 
 from dataclasses import dataclass
+from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.effects.base import Effect, Parameter, addition, increased, parameter, recompute_constants
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
 class Armature(Effect):
-    """Rotor inertia, added to the model's own."""
+    """Rotor inertia, added to the model's own; a negative one takes away what the model has, down to nothing."""
 
     name = "armature"
     places = "joints"
 
-    inertia: float = parameter(0.0, "kg·m²", 0.0, 0.15, 0.02)
+    inertia: float = parameter(0.0, "kg·m²", 0.0, 0.15, 0.02, limits=(-inf, inf))
+
+    @classmethod
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """From no armature at all upwards."""
+        (declared,) = super().parameters(robot, location)
+        return (addition(declared, robot.model.dof_armature[robot.joint_dofs[robot.joints_at(location)]]),)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the armature of the joints."""
         if self.is_nominal:
             return
-        model.dof_armature[robot.joint_dofs[robot.joints_at(self.location)]] += self.inertia
+        dofs = robot.joint_dofs[robot.joints_at(self.location)]
+        model.dof_armature[dofs] = increased(model.dof_armature[dofs], self.inertia)
         recompute_constants(model)

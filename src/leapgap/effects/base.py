@@ -2,7 +2,7 @@
 
 from abc import ABC
 from collections.abc import Hashable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import mujoco
@@ -15,22 +15,43 @@ from leapgap.robot.motion import Motion
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect: its unit, the value at which the effect is absent, and the range that is searched."""
+    """One number of an effect at one robot and place: its unit, the value that changes nothing, the range searched."""
 
     name: str
     unit: str
     nominal: float
+    """The value at which the effect is absent: 0 of what is added, 1 of a factor, or the model's own value."""
     lower: float
     upper: float
     moderate: float
     """A value that a person would notice in the motion: where signatures are taken and searches begin."""
+    scale: float = 1.0
+    """One unit of the model's own, in the unit of the parameter: its armature, its friction, the mass of its trunk.
+
+    1 where the model has nothing of the kind (a factor, a length, a delay), 0 where the model's own is zero.
+    """
+    lower_is_physical: bool = False
+    """Whether nothing below ``lower`` exists (friction that is gone), so that a fit may well end there."""
 
 
-def parameter(nominal: float, unit: str, lower: float, upper: float, moderate: float | None = None) -> Any:
-    """Declare a dataclass field as a parameter; its default is the nominal value, where the effect is absent."""
-    if moderate is None:
+def parameter(
+    nominal: float | None,
+    unit: str,
+    lower: float,
+    upper: float,
+    moderate: float | None = None,
+    limits: tuple[float, float] | None = None,
+) -> Any:
+    """Declare a dataclass field as a parameter; its default is the value at which the effect is absent.
+
+    ``None`` as nominal value means the model's own: the class then says in ``Effect.parameters`` what that is on a
+    robot. ``lower`` to ``upper`` is the range that is searched, ``limits`` what a value may be at all (the same,
+    where they are not given).
+    """
+    if moderate is None and nominal is not None:
         moderate = nominal + max(upper - nominal, lower - nominal, key=abs) / 10
-    return field(default=nominal, metadata={"unit": unit, "lower": lower, "upper": upper, "moderate": moderate})
+    about = {"unit": unit, "lower": lower, "upper": upper, "moderate": moderate, "limits": limits or (lower, upper)}
+    return field(default=nominal, metadata=about)
 
 
 @dataclass(frozen=True)
@@ -51,7 +72,8 @@ class Effect(ABC):
 
     At its nominal parameters it changes nothing, bit for bit. A subclass is one file with one frozen dataclass:
     its parameters (declared with ``parameter``), ``name``, and whichever of the methods ``change_…`` it acts through.
-    Effects that act together do so in any order.
+    Effects that act together do so in any order. A parameter that stands in place of a value of the model (friction of
+    the feet) is ``None`` by default, and a value that equals the model's own changes nothing either.
     """
 
     location: str = "all"
@@ -66,23 +88,40 @@ class Effect(ABC):
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
     @classmethod
-    def parameters(cls) -> tuple[Parameter, ...]:
-        """The parameters in the order of their declaration."""
-        return tuple(
-            Parameter(f.name, nominal=f.default, **f.metadata)  # type: ignore[arg-type]
-            for f in fields(cls)
-            if "unit" in f.metadata
-        )
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """The parameters at a place of a robot, in the order of their declaration.
+
+        By default what the fields declare. A class whose nominal value or range is the model's own overrides this;
+        a field declared with the nominal value ``None`` demands it.
+        """
+        found = []
+        for name, about in cls.declared().items():
+            nominal = about["nominal"]
+            moderate = about["moderate"]
+            if nominal is None or moderate is None:
+                raise TypeError(f"{cls.__name__}.parameters has to say what the model's own {name} is")
+            found.append(Parameter(name, about["unit"], nominal, about["lower"], about["upper"], moderate))
+        return tuple(found)
+
+    @classmethod
+    def declared(cls) -> dict[str, dict[str, Any]]:
+        """What each parameter's field declares, on any robot: nominal, unit, lower, upper, moderate, limits."""
+        return {f.name: {**f.metadata, "nominal": f.default} for f in fields(cls) if "unit" in f.metadata}
 
     @property
     def values(self) -> dict[str, float]:
-        """The parameters' values by name."""
-        return {p.name: getattr(self, p.name) for p in self.parameters()}
+        """The parameters' values by name; those that are left to the model's own are not among them."""
+        of_all = {name: getattr(self, name) for name in self.declared()}
+        return {name: value for name, value in of_all.items() if value is not None}
 
     @property
     def is_nominal(self) -> bool:
-        """Whether every parameter has the value at which the effect is absent."""
-        return all(getattr(self, p.name) == p.nominal for p in self.parameters())
+        """Whether every parameter has its default, with which the effect is absent from any robot."""
+        return all(getattr(self, name) == about["nominal"] for name, about in self.declared().items())
+
+    def is_nominal_for(self, robot: Robot) -> bool:
+        """Whether the effect is absent from this robot: every parameter has its default, or the model's own value."""
+        return all(self.values.get(p.name, p.nominal) == p.nominal for p in self.parameters(robot, self.location))
 
     def changing(self, profile: tuple[float, ...]) -> "Effect":
         """The same where its value changes within a log: shares of it, evenly spaced from first row to last."""
@@ -127,21 +166,32 @@ class Effect(ABC):
         return start
 
 
+def addition(declared: Parameter, own: np.ndarray) -> Parameter:
+    """A parameter that is added to the model's own values (places,) and may take all of them away.
+
+    As much may be added as the model has, at least; a fifth of it is noticed.
+    """
+    most = float(own.max(initial=0.0))
+    return replace(
+        declared,
+        lower=-most,
+        upper=max(declared.upper, most),
+        moderate=max(declared.moderate, most / 5),
+        scale=float(own.mean()) if len(own) else 0.0,
+        lower_is_physical=True,
+    )
+
+
+def increased(own: np.ndarray, by: float) -> np.ndarray:
+    """Values of the model with something added, none of them below zero."""
+    return np.asarray(np.maximum(own + by, 0.0))
+
+
+def mean_of(own: np.ndarray) -> float:
+    """Mean of the model's own values at some places: exactly their value where they are equal."""
+    return float(own[0] if (own == own[0]).all() else own.mean())
+
+
 def recompute_constants(model: mujoco.MjModel) -> None:
     """Renew what MuJoCo derives from masses, armatures and shapes, after a change of them."""
     mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def foot_geoms(model: mujoco.MjModel, robot: Robot, location: str) -> np.ndarray:
-    """Geoms of the feet at a location, by name: terrain and other parts shift the robot's own numbers."""
-    return np.array([model.geom(robot.feet[foot]).id for foot in robot.feet_at(location)], dtype=int)
-
-
-def decide_contact(model: mujoco.MjModel, geoms: np.ndarray) -> None:
-    """Let friction and compliance of these geoms hold in their contacts, whatever they touch.
-
-    MuJoCo takes both from the geom of higher priority, and mixes those of equal ones.
-    """
-    others = np.setdiff1d(np.arange(model.ngeom), geoms)
-    highest = int(model.geom_priority[others].max(initial=-1))
-    model.geom_priority[geoms] = np.maximum(model.geom_priority[geoms], highest + 1)

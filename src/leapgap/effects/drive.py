@@ -12,8 +12,6 @@ import numpy as np
 
 from leapgap.robot.model import Robot
 
-RESISTANCE = 0.34602
-"""V/(N·m) at the joint: R = 25 Kt² over (gear · Kt)² = 1, with Kt = 4/34 (published with the A1's controller)."""
 FEED_FORWARD_INPUT = 4
 """MuJoCo's input signature of a DC motor whose one control is a torque (bits: position 1, velocity 2, torque 4)."""
 
@@ -61,7 +59,7 @@ class Drive:
         model.actuator_ctrlspec[motors] = FEED_FORWARD_INPUT
         model.actuator_actearly[motors] = True
         model.actuator_gainprm[motors], model.actuator_biasprm[motors], model.actuator_dynprm[motors] = 0.0, 0.0, 0.0
-        model.actuator_gainprm[motors, 0], model.actuator_gainprm[motors, 1] = RESISTANCE, 1.0
+        model.actuator_gainprm[motors, 0], model.actuator_gainprm[motors, 1] = robot.motors.resistance, 1.0
         model.actuator_gainprm[motors, 4], model.actuator_gainprm[motors, 6] = kp, kd
         model.actuator_gainprm[motors, 7] = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)[chosen]
         model.actuator_dynprm[motors, 0] = self.lag_s[chosen]
@@ -76,7 +74,7 @@ class Drive:
         model.actuator_gainprm[motors, 6] = (kd * self.gain)[chosen]
 
 
-def add_lag(spec: mujoco.MjSpec, joints: set[str]) -> None:
+def add_lag(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> None:
     """Give the motors of these joints the state, their torque, that a lag needs."""
     for actuator in spec.actuators:
         if actuator.target in joints:
@@ -84,6 +82,6 @@ def add_lag(spec: mujoco.MjSpec, joints: set[str]) -> None:
             actuator.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
             actuator.biastype = mujoco.mjtBias.mjBIAS_DCMOTOR
             actuator.ctrlspec = FEED_FORWARD_INPUT
-            actuator.gainprm[:2] = RESISTANCE, 1.0
+            actuator.gainprm[:2] = resistance, 1.0
             actuator.dynprm[0] = 1.0  # any lag: its size comes with the drive
             actuator.actearly = True

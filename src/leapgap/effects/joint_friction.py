@@ -1,22 +1,30 @@
 """Coulomb friction of the gears."""
 
 from dataclasses import dataclass
+from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, Parameter, addition, increased, parameter
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
 class JointFriction(Effect):
-    """Gears eat up to a constant torque, added to the model's own."""
+    """Gears eat up to a constant torque, added to the model's own; negative down to a joint without any."""
 
     name = "joint_friction"
     places = "joints"
 
-    torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0, 1.0)
+    torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0, 1.0, limits=(-inf, inf))
+
+    @classmethod
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """From no friction at all upwards."""
+        (declared,) = super().parameters(robot, location)
+        return (addition(declared, robot.model.dof_frictionloss[robot.joint_dofs[robot.joints_at(location)]]),)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the friction loss of the joints."""
-        model.dof_frictionloss[robot.joint_dofs[robot.joints_at(self.location)]] += self.torque_nm
+        dofs = robot.joint_dofs[robot.joints_at(self.location)]
+        model.dof_frictionloss[dofs] = increased(model.dof_frictionloss[dofs], self.torque_nm)

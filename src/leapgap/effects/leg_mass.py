@@ -16,7 +16,7 @@ class LegMass(Effect):
     name = "leg_mass"
     places = "joints"
 
-    scale: float = parameter(1.0, "1", 0.5, 2.0, 1.3)
+    scale: float = parameter(1.0, "1", 0.1, 2.0, 1.3)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Scale the links, with what is fixed to them."""

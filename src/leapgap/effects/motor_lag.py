@@ -30,7 +30,7 @@ class MotorLag(Effect):
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Give the motors their state."""
-        add_lag(spec, {robot.joints[i] for i in robot.joints_at(self.location)})
+        add_lag(spec, {robot.joints[i] for i in robot.joints_at(self.location)}, robot.motors.resistance)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Add to the motors' time constant."""

@@ -1,32 +1,65 @@
 """Motors that run out of voltage: less torque the faster they turn."""
 
 from dataclasses import dataclass, replace
+from math import ceil, inf
 
 import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, Parameter, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
 class TorqueSpeedLimit(Effect):
-    """The delivered torque obeys |0.34602 τ + q̇| ≤ voltage (τ N·m, q̇ rad/s, at the joint), beside |τ| ≤ 33.5.
+    """The delivered torque obeys |R τ + q̇| ≤ voltage (τ N·m, q̇ rad/s, at the joint), beside the model's own limit of τ.
 
-    Published for the A1 with 21.5 V: full torque up to 9.91 rad/s, none at 21.5 rad/s; beyond that the motor brakes.
-    The nominal robot has no such law. 33 V stands for that: 33.5 N·m at 21 rad/s, the joints' own limit, need 32.6 V.
+    R is the robot's (``MotorConstants``). Published for the A1 with 21.5 V and R = 0.34602: full torque up to
+    9.91 rad/s, none at 21.5 rad/s; beyond that the motor brakes. The nominal robot has no such law, whatever its
+    voltage; for a fit the least whole voltage stands for that which full torque at the joints' top speed does not
+    need.
     """
 
     name = "torque_speed_limit"
     places = "joints"
 
-    voltage_v: float = parameter(33.0, "V", 10.0, 33.0, 16.0)
+    voltage_v: float | None = parameter(None, "V", 0.0, inf, limits=(0.0, inf))
+
+    @classmethod
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """From 10/33 of the voltage that limits nothing up to it; a person notices a half."""
+        torque = float(torque_limits(robot)[robot.joints_at(location)].max())
+        ample = float(ceil(robot.motors.resistance * torque + robot.motors.top_speed_rad_s))
+        unit = cls.declared()["voltage_v"]["unit"]
+        return (Parameter("voltage_v", unit, ample, ample * 10 / 33, ample, ample * 16 / 33, ample),)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Bound the voltage of the motors."""
-        if self.is_nominal:
+        if self.voltage_v is None or self.is_nominal_for(robot):
             return drive
         voltage = drive.voltage_v.copy()
         at = robot.joints_at(self.location)
         voltage[at] = np.minimum(voltage[at], self.voltage_v)
         return replace(drive, voltage_v=voltage)
+
+
+def torque_limits(robot: Robot) -> np.ndarray:
+    """Largest torque of each joint's motor by the model, N·m, (joints,).
+
+    Where the model states none, that at which the motor stands still at the voltage of its top speed.
+    """
+    model, actuators = robot.model, robot.joint_actuators
+    joints = model.actuator_trnid[actuators, 0]
+    gear = np.abs(model.actuator_gear[actuators, 0])
+    plain = model.actuator_biastype[actuators] == 0  # a control that is a torque, of no servo
+    by_force = np.abs(model.actuator_forcerange[actuators]).max(axis=1) * gear
+    by_control = np.abs(model.actuator_ctrlrange[actuators]).max(axis=1) * gear * model.actuator_gainprm[actuators, 0]
+    by_joint = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
+    found = np.minimum.reduce(
+        [
+            np.where(model.actuator_forcelimited[actuators].astype(bool), by_force, inf),
+            np.where(model.actuator_ctrllimited[actuators].astype(bool) & plain, by_control, inf),
+            np.where(model.jnt_actfrclimited[joints].astype(bool), by_joint, inf),
+        ]
+    )
+    return np.where(np.isfinite(found), found, robot.motors.top_speed_rad_s / robot.motors.resistance)

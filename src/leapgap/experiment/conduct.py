@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.drive import RESISTANCE
 from leapgap.recording.state import commanded_torque
 from leapgap.robot.model import Robot
 from leapgap.robot.schedule import PAIRS
@@ -50,7 +49,7 @@ def conduct(run: Run, robot: Robot, first: int) -> Conduct:
         force_n=float(np.max(up, initial=0.0)),
         tracking_rad=float(np.sqrt(np.mean(astray**2))),
         torque_nm=float(np.abs(commanded).max()),
-        short_of_torque=float(np.mean(np.abs(RESISTANCE * commanded + joint_vel) > SUPPLY_V)),
+        short_of_torque=float(np.mean(np.abs(robot.motors.resistance * commanded + joint_vel) > SUPPLY_V)),
     )
 
 

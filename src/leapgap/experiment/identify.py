@@ -36,7 +36,8 @@ JOINTS = (
 )
 BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
 """m, m, rad; rad: errors that count alike."""
-EVERY_ROWS = 20
+EVERY_S = 0.02
+"""Motions are compared so often."""
 
 
 def identified(
@@ -47,7 +48,8 @@ def identified(
     ``known`` act too and are not fitted: what the motors' data sheet says.
     """
     replayer = Replayer(robot, max((len(log.info.terrain) for log in logs), default=0) or 1)
-    ranges = [next(p for p in effects.known()[u.effect].parameters() if p.name == u.parameter) for u in unknown]
+    kinds = effects.known()
+    ranges = [next(p for p in kinds[u.effect].parameters(robot) if p.name == u.parameter) for u in unknown]
     scale = np.array([u.scale for u in unknown])
     rows = [min(log.rows_before_gain_change, round(1.1 / log.info.sample_period_s)) for log in logs]
 
@@ -61,7 +63,8 @@ def identified(
         motions = [replayer.motions([Trial(log, found)], count)[0] for log, count in zip(logs, rows, strict=True)]
         return np.concatenate([difference(m.qpos, log, robot) for m, log in zip(motions, logs, strict=True)])
 
-    bounds = np.array([[p.lower for p in ranges], [p.upper for p in ranges]]) / scale
+    # What the joints lack is looked for, not what the model has too much of.
+    bounds = np.array([[max(p.lower, p.nominal) for p in ranges], [p.upper for p in ranges]]) / scale
     start = np.clip(np.full(len(unknown), 0.3), *bounds)
     fit = least_squares(missed, start, bounds=bounds, loss="soft_l1", diff_step=0.05, max_nfev=15)
     return acting(np.clip(fit.x, *bounds))
@@ -69,7 +72,7 @@ def identified(
 
 def difference(qpos: np.ndarray, log: Jump, robot: Robot) -> np.ndarray:
     """Simulated less measured x, z, pitch and joints at some rows, in what counts alike."""
-    at = slice(0, len(qpos), EVERY_ROWS)
+    at = slice(0, len(qpos), log.info.rows(EVERY_S))
     pitch = pitch_of(qpos[at, 3:7]) - log.pitch[: len(qpos)][at]
     base = qpos[at, 0] - log["base_pos_x"][: len(qpos)][at], qpos[at, 2] - log["base_pos_z"][: len(qpos)][at]
     joints = (qpos[at][:, robot.joint_qpos] - log.per_joint("joint_pos", robot.joints)[: len(qpos)][at]) / JOINT_SCALE

@@ -46,6 +46,10 @@ class JumpInfo:
     source: str
     terrain: tuple[Box, ...] = ()
 
+    def rows(self, seconds: float) -> int:
+        """How many rows last so long, to the nearest and at least one."""
+        return max(1, round(seconds / self.sample_period_s))
+
     def to_json(self) -> str:
         """As stored under the Parquet key ``leapgap``."""
         return json.dumps({"format_version": FORMAT_VERSION, **asdict(self)}, sort_keys=True)

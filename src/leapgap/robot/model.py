@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.motors import MotorConstants
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 
@@ -29,11 +30,16 @@ class Robot:
 
     path: Path
     names: PartNames | None = field(default=None, compare=False)
+    """What the user calls its parts; None: by the tree of its bodies."""
+    motors: MotorConstants = field(default_factory=MotorConstants)
+    """What the model file does not state of the motors."""
 
     @staticmethod
-    def load(path: Path | str = DEFAULT_MODEL, names: PartNames | None = None) -> "Robot":
+    def load(
+        path: Path | str = DEFAULT_MODEL, names: PartNames | None = None, motors: MotorConstants | None = None
+    ) -> "Robot":
         """Read and compile a model file; ``InputError`` where it is none, or lacks what a replay needs."""
-        robot = Robot(Path(path), names)
+        robot = Robot(Path(path), names, motors or MotorConstants())
         if not robot.path.is_file():
             raise InputError(path, "no such file", "a MuJoCo model (XML)", "name the robot's model file")
         try:

@@ -4,6 +4,7 @@ The same robot, effects and drive as in a replay, whose commands are known befor
 loop from its true start gives the same motion.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
@@ -19,8 +20,10 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.hardware import NoiseRows, Prepared, SensorNoise, logged
 from leapgap.simulation.replay import Replayer, Trial
 
-MEMORY_ROWS = 64
-"""Ticks that effects with a memory (delay, latency) are shown: longer than any of them reaches back."""
+ROUNDING = 1e-6
+"""Of a number of periods, so that a whole one stays it."""
+MEMORY_S = 0.063
+"""How far back effects with a memory (delay, latency) are shown what was: longer than any of them reaches."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,9 @@ class Plant:
         self.truth: list[tuple[np.ndarray, np.ndarray]] = [self.state]
         self.sent: list[Command] = []
         self.newest: Commands | None = None
-        """Commands of the last ``MEMORY_ROWS`` ticks, the first of all held before them."""
+        """Commands of the last ``memory`` ticks, the first of all held before them."""
+        self.memory = 1 + math.ceil(MEMORY_S / self.trial.period_s - ROUNDING)
+        """Ticks from one as old as ``MEMORY_S`` to the newest."""
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +78,7 @@ class Plant:
 
     def reported(self) -> Motion:
         """The newest row as the robot's sensors report it, without noise, one row."""
-        rows = self.truth[-MEMORY_ROWS:] if self.effects_of_sensors else self.truth[-1:]
+        rows = self.truth[-self.memory :] if self.effects_of_sensors else self.truth[-1:]
         motion = Motion(*(np.array(part) for part in zip(*rows, strict=True)))
         for effect in self.effects_of_sensors:
             motion = effect.change_measured(motion, self.trial.period_s, self.robot)
@@ -122,7 +127,7 @@ class Plant:
         if not self.effects_of_commands:
             return Commands(*rows)
         if self.newest is None:
-            self.newest = Commands(*(np.repeat(row, MEMORY_ROWS, axis=0) for row in rows))
+            self.newest = Commands(*(np.repeat(row, self.memory, axis=0) for row in rows))
         kept = (self.newest.torque, self.newest.position, self.newest.velocity)
         for known, row in zip(kept, rows, strict=True):
             known[:-1] = known[1:]

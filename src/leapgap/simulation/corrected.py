@@ -28,12 +28,12 @@ def write_corrected(folder: Path, robot: Robot, found: tuple[Effect, ...]) -> No
     write_json(folder / EFFECTS, {"effects": effects.to_config(found)})
 
 
-def read_corrected(folder: Path) -> tuple[Robot, tuple[Effect, ...]]:
-    """Model and effects of a folder ``corrected``."""
+def read_corrected(folder: Path, own: Sequence[type[Effect]] = ()) -> tuple[Robot, tuple[Effect, ...]]:
+    """Model and effects of a folder ``corrected``; ``own`` are the user's classes that may be among the effects."""
     entries = read_json(folder / EFFECTS).get("effects")
     if not isinstance(entries, list):
         raise InputError(folder / EFFECTS, "no list of effects", "the key effects", "write it as a diagnosis does")
-    return Robot.load(folder / MODEL), effects.from_config(entries)
+    return Robot.load(folder / MODEL), effects.from_config(entries, effects.registry(own))
 
 
 def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -101,9 +101,10 @@ class Replayer:
         self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
 
     def with_steps(self, largest_step_s: float) -> "Replayer":
-        """The same with other steps; both share what is compiled."""
-        other = type(self)(self.robot, self.slots, self.threads, largest_step_s)
-        other.compiling, other.compiled = self.compiling, self.compiled
+        """The same replayer, or kind of replayer, with other steps; both share what is compiled."""
+        other = copy.copy(self)
+        other.largest_step_s = largest_step_s
+        other.data, other.own = {}, threading.local()
         return other
 
     def motions(self, trials: Sequence[Trial], rows: int | None = None) -> list[Motion]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import mujoco
 
-from leapgap.effects.base import Effect, foot_geoms, parameter
+from leapgap.effects.base import Effect, parameter
+from leapgap.effects.contact import foot_geoms
 from leapgap.robot.model import Robot
 
 

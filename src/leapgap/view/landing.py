@@ -56,8 +56,8 @@ LARGEST_PITCH_DEG = 15.0
 LEAST_PUSH_N = 20.0
 LEAST_SHOWN_CM = 0.05
 """Smaller errors are drawn at this one: the axis is logarithmic."""
-EVERY_ROWS = 5
-"""Curves are means over so many milliseconds."""
+EVERY_S = 0.005
+"""Curves are means over this long."""
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -254,7 +254,7 @@ def forces(logs: Mapping[tuple[str, str], Jump]) -> go.Figure:
     sources = {"ground_force": ("true ground force", "#2563c9"), "mpc_force": ("planned by the method", "#e2542f")}
     for number, log in enumerate(logs.values()):
         for source, (name, shade) in sources.items():
-            force = averaged(log.pair_force(source))
+            force = averaged(log.pair_force(source), log)
             for pair in range(2):
                 along, up = force[:, 2 * pair], force[:, 2 * pair + 1]
                 ratio = np.where(up > LEAST_PUSH_N, np.abs(along) / np.maximum(up, LEAST_PUSH_N), np.nan)
@@ -290,8 +290,8 @@ def joints(logs: Mapping[tuple[str, str], Jump]) -> go.Figure:
     owners, tasks = [], list(dict.fromkeys(task for task, _ in logs))
     for (task, method), log in logs.items():
         astray = log.per_joint("cmd_pos") - log.per_joint("joint_pos")
-        rms = np.sqrt(averaged(np.mean(astray**2, axis=1)[:, None])[:, 0])
-        torque = averaged(np.abs(commanded_torque(log)).max(axis=1)[:, None])[:, 0]
+        rms = np.sqrt(averaged(np.mean(astray**2, axis=1)[:, None], log)[:, 0])
+        torque = averaged(np.abs(commanded_torque(log)).max(axis=1)[:, None], log)[:, 0]
         for col, values, digits in ((1, rms, 4), (2, torque, 1)):
             curve = go.Scatter(
                 x=times(log, len(values)),
@@ -334,15 +334,16 @@ def said(item: Any) -> str:
     return f"{TASKS.get(task, task)}: {label(method)}"
 
 
-def averaged(values: np.ndarray) -> np.ndarray:
-    """Means over ``EVERY_ROWS`` rows, (rows // EVERY_ROWS, n)."""
-    whole = len(values) // EVERY_ROWS
-    return values[: whole * EVERY_ROWS].reshape(whole, EVERY_ROWS, -1).mean(axis=1)
+def averaged(values: np.ndarray, log: Jump) -> np.ndarray:
+    """Means of a log's values (rows, n) over ``EVERY_S`` each, (means, n)."""
+    every = log.info.rows(EVERY_S)
+    whole = len(values) // every
+    return values[: whole * every].reshape(whole, every, -1).mean(axis=1)
 
 
 def times(log: Jump, count: int) -> np.ndarray:
     """Of the means, s."""
-    return np.round((np.arange(count) + 0.5) * EVERY_ROWS * log.info.sample_period_s, 4)
+    return np.round((np.arange(count) + 0.5) * log.info.rows(EVERY_S) * log.info.sample_period_s, 4)
 
 
 def reasons(runs: Path) -> list[tuple[str, str, str, int]]:

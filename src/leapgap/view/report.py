@@ -9,6 +9,7 @@ from leapgap.diagnosis.channels import HEADLINE, is_logged, logged
 from leapgap.diagnosis.report import Report
 from leapgap.diagnosis.where import PHASES
 from leapgap.recording.jump import Jump
+from leapgap.robot.model import Robot
 from leapgap.view.page import rendered
 
 REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
@@ -24,14 +25,16 @@ LABELS = {
 UNITS = dict(zip(HEADLINE, ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True))
 HALF_OF_CHI2_95 = 1.92
 """Log likelihood that a number may lose within its 95 % interval, were there nothing but noise."""
-ROWS_SHOWN = 4
-"""Every so many milliseconds a point is drawn: the page stays small and the curves smooth."""
+SHOWN_EVERY_S = 0.004
+"""A point is drawn so often: the page stays small and the curves smooth."""
 
 
-def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]) -> str:
+def html(
+    report: Report, jumps: Sequence[Jump], robot: Robot, nominal: Mapping[str, Jump], corrected: Mapping[str, Jump]
+) -> str:
     """The whole page; the same report gives the same bytes."""
     figures = {
-        "map": gap_map(report),
+        "map": gap_map(report, robot),
         "overlay": overlay(report, jumps, nominal, corrected),
         "closure": closures(report),
         "profiles": profiles(report),
@@ -48,11 +51,11 @@ def html(report: Report, jumps: Sequence[Jump], nominal: Mapping[str, Jump], cor
     )
 
 
-def gap_map(report: Report) -> go.Figure:
+def gap_map(report: Report, robot: Robot) -> go.Figure:
     """Share of the squared gap by phase and channel; joints summed over the legs of a pair."""
     rows: dict[str, np.ndarray] = {}
     for place in report.where:
-        rows.setdefault(row_of(place.channel), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
+        rows.setdefault(row_of(place.channel, robot), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
     order = [
         *(LABELS[name] for name in HEADLINE if LABELS[name] in rows),
         *sorted(set(rows) - set(LABELS.values())),
@@ -80,15 +83,21 @@ def gap_map(report: Report) -> go.Figure:
     return figure
 
 
-def row_of(channel: str) -> str:
-    """Row of the map: a base channel by its plain name, a joint's by quantity and joint group of its pair's leg."""
+def row_of(channel: str, robot: Robot) -> str:
+    """Row of the map: a base channel by its plain name, a joint's by the pair of its leg, joint group and quantity.
+
+    A robot whose legs are not two pairs keeps the names of its limbs.
+    """
     if channel in LABELS:
         return LABELS[channel]
     quantity, _, joint = channel.partition("/")
-    leg, _, group = joint.partition("_")
-    pair = {"F": "front", "R": "rear"}.get(leg[:1], leg)
     what = {"joint_pos": "position", "joint_vel": "velocity"}[quantity]
-    return f"{pair} {group} {what}" if group else f"{joint} {what}"
+    group = next((name for name, alike in robot.topology.groups.items() if joint in alike), None)
+    if group is None:
+        return f"{joint} {what}"
+    limb = robot.limb_of(joint)
+    pair = next((name for name, limbs in robot.limbs_of_pair.items() if limb in limbs), limb)
+    return f"{pair} {group} {what}"
 
 
 def overlay(
@@ -113,7 +122,7 @@ def overlay(
             sources.append(("corrected, not fitted on this jump", corrected[jump.name], CORRECTED, 1.6))
         for c, channel in enumerate(channels):
             for name, source, colour, width in sources:
-                shown = slice(0, min(len(jump), len(source)), ROWS_SHOWN)
+                shown = slice(0, min(len(jump), len(source)), jump.info.rows(SHOWN_EVERY_S))
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(source.time[shown], 3),

@@ -11,8 +11,8 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
 LOSSES_SEED = 20_240_229
-BURST_TICKS = 12
-"""Commands that get lost in a row."""
+BURST_S = 0.012
+"""So long all commands get lost."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class PacketLoss(Nameless):
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Repeat the last command through each burst; the bursts are the same on every jump of equal length."""
-        rows = len(commands.torque)
-        bursts = np.random.default_rng(LOSSES_SEED).random(-(-rows // BURST_TICKS)) < self.share
-        lost = np.repeat(bursts, BURST_TICKS)[:rows]
+        rows, burst = len(commands.torque), max(1, round(BURST_S / period_s))
+        bursts = np.random.default_rng(LOSSES_SEED).random(-(-rows // burst)) < self.share
+        lost = np.repeat(bursts, burst)[:rows]
         lost[:1] = False
         came = np.maximum.accumulate(np.where(lost, 0, np.arange(rows)))
         return Commands(commands.torque[came], commands.position[came], commands.velocity[came])

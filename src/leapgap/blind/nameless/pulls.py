@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 
 from leapgap.blind.nameless.base import Nameless, Process
-from leapgap.effects.base import foot_geoms, parameter
+from leapgap.effects.base import parameter
+from leapgap.effects.contact import foot_geoms
 from leapgap.recording.jump import Jump
 from leapgap.recording.schema import BASE_POSITION
 from leapgap.robot.model import Robot

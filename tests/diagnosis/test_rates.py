@@ -1,0 +1,84 @@
+"""What is meant as a time lasts as long at any rate of a log: 1 kHz, 500 Hz, 200 Hz."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from leapgap.diagnosis import checks
+from leapgap.diagnosis.evidence import Pieces, State
+from leapgap.diagnosis.whole_jumps import WholeJumps, WholePlan
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.robot.model import Robot
+from leapgap.robot.schedule import ContactSchedule
+from tests.conftest import standing
+
+
+def log(robot: Robot, rate_hz: int, seconds: float = 1.3, **changed: np.ndarray) -> Jump:
+    """A robot that stands still, logged at a rate."""
+    rows = round(seconds * rate_hz) + 1
+    jump = standing(robot, rows)
+    info = replace(jump.info, sample_period_s=1 / rate_hz)
+    return replace(jump, columns=dict(jump.columns) | {"time": np.arange(rows) / rate_hz} | changed, info=info)
+
+
+@pytest.mark.parametrize(("rate_hz", "rows"), [(1000, 20), (500, 10), (200, 4), (40, 1), (10, 1)])
+def test_a_time_is_as_many_rows_as_it_lasts_and_one_at_least(rate_hz: int, rows: int) -> None:
+    info = JumpInfo("a1", 1 / rate_hz, ContactSchedule(), Target(0.0), "a test")
+    assert info.rows(0.02) == rows
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500, 200])
+def test_a_local_clock_has_a_value_every_20_ms(robot: Robot, rate_hz: int) -> None:
+    clocks = checks.local_clocks([moving(log(robot, rate_hz, 1.0), robot)], robot)
+    assert len(clocks["standing"]) == pytest.approx(50, abs=1)
+    assert clocks["standing"] == pytest.approx(1.0, abs=0.01)
+
+
+def moving(jump: Jump, robot: Robot) -> Jump:
+    """The same with joints that swing, positions the integral of velocities."""
+    phase = 2 * np.pi * jump.time
+    columns = dict(jump.columns)
+    for joint in robot.joints:
+        columns |= {f"joint_pos/{joint}": np.sin(phase), f"joint_vel/{joint}": 2 * np.pi * np.cos(phase)}
+    return replace(jump, columns=columns)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 200, 100])
+def test_a_fall_of_300_ms_is_judged_at_any_rate(robot: Robot, rate_hz: int) -> None:
+    jump = log(robot, rate_hz)
+    since = np.clip(jump.time - jump.info.schedule.take_off_s, 0, None)
+    falling = replace(jump, columns=dict(jump.columns) | {"base_pos_z": 1.0 - checks.GRAVITY * since**2 / 2})
+    check = checks.free_fall([falling], robot, 0.08)
+    assert check is not None
+    assert check.statistic < 0.01
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 200])
+def test_a_foot_that_wanders_for_15_ms_is_seen_at_any_rate(robot: Robot, rate_hz: int) -> None:
+    jump = log(robot, rate_hz)
+    away = np.where((jump.time > 0.0524) & (jump.time < 0.0676), 0.05, 0.0)  # rows 11 to 13 at 200 Hz
+    check = checks.planted_feet([replace(jump, columns=dict(jump.columns) | {"base_pos_x": away})], robot, 0.01)
+    assert check.statistic == pytest.approx(0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500, 200])
+def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> None:
+    """A parabola through ±9 ms of a 10 Hz sine follows it within 4 % of its amplitude; through ±45 ms it does not."""
+    jump = log(robot, rate_hz)
+    wave = 0.01 * np.sin(2 * np.pi * 10 * jump.time)
+    jump = replace(jump, columns=dict(jump.columns) | {"base_pos_x": wave})
+    row = round(0.325 * rate_hz)  # the crest
+    pieces = Pieces.of(jump, [row], State.of([jump], robot))
+    assert pieces.starts.states[0, 0] == pytest.approx(wave[row], abs=0.04 * 0.01)
+
+
+@pytest.mark.parametrize(("rate_hz", "values"), [(1000, 50), (500, 50), (200, 50), (20, 20)])
+def test_whole_jumps_are_compared_every_20_ms(robot: Robot, rate_hz: int, values: int) -> None:
+    jumps = [log(robot, rate_hz, 1.0).first_rows(rate_hz)] * 2
+    judged = SimpleNamespace(jumps=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
+    whole = WholeJumps(SimpleNamespace(judged=judged), WholePlan())  # type: ignore[arg-type]
+    errors = whole.compared([np.zeros((rows, 3)) for rows in judged.rows])
+    assert np.bincount(whole.jump_of_value).tolist() == [3 * values] * 2
+    assert len(errors.some) == 6 * values
