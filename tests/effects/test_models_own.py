@@ -229,6 +229,7 @@ def test_the_resistance_is_the_robots(tmp_path: Path) -> None:
     jump = standing(Robot.load(), 5)
     for resistance in (0.5, 1.0):
         robot = Robot.load(DEFAULT_MODEL, MotorConstants(resistance, 21.0))
+        assert robot.sha256 != Robot.load().sha256
         model = Replayer(robot).model(Trial(jump, (effects.effect("torque_speed_limit", voltage_v=10.0),)))
         data = mujoco.MjData(model)
         data.qvel[robot.joint_dofs] = 5.0
