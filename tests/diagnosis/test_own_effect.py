@@ -66,8 +66,13 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 @pytest.fixture(scope="module")
 def logs() -> list[Jump]:
-    """By MuJoCo alone: an arm with a spring in its file, swung by its servos, and noise on what is read."""
-    model = mujoco.MjModel.from_xml_string(ARM.format(elbow=f' stiffness="{STIFFNESS}"'))
+    """Of an arm with a spring in its file."""
+    return swung(f' stiffness="{STIFFNESS}"')
+
+
+def swung(elbow: str) -> list[Jump]:
+    """By MuJoCo alone: an arm with more in its file, swung by its servos, and noise on what is read."""
+    model = mujoco.MjModel.from_xml_string(ARM.format(elbow=elbow))
     rng, joints, found = np.random.default_rng(0), ("L_shoulder", "L_elbow"), []
     for i in range(3):
         time = np.arange(800) / 1000
@@ -91,17 +96,32 @@ def logs() -> list[Jump]:
     return found
 
 
+SETTINGS = Settings(
+    effects=["joint_damping", "joint_friction", "torque_gain", "armature"],
+    folds=3,
+    pieces_per_log=5,
+    plan=Plan(most_causes=1, shortlist=4),
+    tolerances={"armature.inertia": 0.0001},
+    bootstrap_draws=100,
+)
+PROVENANCE = {"logs": {}, "versions": {}}
+
+
+@pytest.mark.parametrize("true", [0.0, 0.15])
+def test_a_model_with_too_much_friction_is_told_so(tmp_path: Path, true: float) -> None:
+    """The file says 0.5 N·m of the elbow; it truly has none, which is the end of all ranges, or a third."""
+    (tmp_path / "stiff.xml").write_text(ARM.format(elbow=' frictionloss="0.5"'), encoding="utf-8")
+    logs = swung(f' frictionloss="{true}"')
+    report = diagnose(logs, Robot.load(tmp_path / "stiff.xml"), SETTINGS, PROVENANCE).report
+    assert report.verdict == "named" and report.answer == (("joint_friction",),)
+    estimate = report.causes[0].parameters["torque_nm"]
+    assert estimate.value == pytest.approx(true - 0.5, abs=0.02)
+    assert not estimate.at_bound and estimate.ci95[0] >= -0.5
+    assert report.closure_of_answer is not None and report.closure_of_answer.value > 0.9
+
+
 def test_a_users_effect_is_found_fitted_and_reported(arm: Robot, logs: list[Jump], tmp_path: Path) -> None:
-    settings = Settings(
-        effects=["joint_damping", "torque_gain", "armature"],
-        folds=3,
-        pieces_per_log=5,
-        plan=Plan(most_causes=1, shortlist=4),
-        tolerances={"joint_friction.torque_nm": 0.01},
-        bootstrap_draws=100,
-    )
-    provenance = {"logs": {}, "versions": {}}
-    found = diagnose(logs, arm, settings, provenance, own=[CableSpring])
+    found = diagnose(logs, arm, SETTINGS, PROVENANCE, own=[CableSpring])
     report, cause = found.report, found.report.causes[0]
     assert report.verdict == "named"
     assert (cause.effect, cause.location in ("elbow", "L_elbow")) == ("cable_pull", True)
@@ -114,7 +134,7 @@ def test_a_users_effect_is_found_fitted_and_reported(arm: Robot, logs: list[Jump
     assert read_corrected(tmp_path / "corrected", own=[CableSpring])[1] == found.correction
     with pytest.raises(InputError, match="found cable_pull; expected one of aerodynamic_drag"):
         read_corrected(tmp_path / "corrected")
-    without = diagnose(logs, arm, settings, provenance).report
+    without = diagnose(logs, arm, SETTINGS, PROVENANCE).report
     assert without.answer != (("cable_pull",),) and without.gap_corrected > 1.5 * report.gap_corrected
 
 
