@@ -195,6 +195,8 @@ def test_a_class_that_does_not_say_what_the_models_own_is_names_the_method(arm: 
 
     with pytest.raises(TypeError, match=r"Stiffness\.parameters has to say what the model's own stiffness is"):
         Stiffness.parameters(arm)
+    with pytest.raises(InputError, match=r"found None as nominal stiffness; .*; override parameters\(\)"):
+        effects.registry([Stiffness])
 
 
 def test_installed_packages_may_offer_effects(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

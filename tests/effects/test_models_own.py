@@ -246,3 +246,13 @@ def test_an_effect_left_to_the_models_own_survives_configuration_and_digest() ->
     assert effects.from_config(effects.to_config((absent,))) == (absent,)
     assert digest(absent) == digest(effects.effect("foot_friction", "rear"))
     assert digest(absent) != digest(effects.effect("foot_friction", "rear", mu=0.8))
+
+
+def test_ranges_grow_with_a_heavy_robot(tmp_path: Path) -> None:
+    """As much may be added as the model has; a fifth of it is noticed."""
+    heavy = changed(tmp_path, (JOINTS, '<joint damping="10" frictionloss="20" armature="1"/>'))
+    for name, own in (("joint_damping", 10.0), ("joint_friction", 20.0), ("armature", 1.0)):
+        (about,) = effects.known()[name].parameters(heavy)
+        assert (about.lower, about.upper, about.moderate, about.scale) == (-own, own, own / 5, own)
+        written = effects.from_config([{"name": name, **{about.name: about.upper}}])
+        assert written[0].values == {about.name: own}

@@ -170,7 +170,7 @@ def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping
                 true = float(np.median([of_log[index][name] for of_log in logs]))
                 low, high = told["ci95"]
                 found.append(
-                    Compared(effect["name"], name, about["unit"], told["nominal"], true, told["value"], low, high)
+                    Compared(effect["name"], name, about.unit, told["nominal"], true, told["value"], low, high)
                 )
                 break
     return found
