@@ -26,8 +26,9 @@ test: .venv/ready renderer
 	pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_pipeline.py tests  # the longest file first
 
 # The site: guide and API reference, in site/index.html; opens from the file, without a network.
+docs: export NO_MKDOCS_2_WARNING := 1  # a notice of its theme's authors
 docs: .venv/ready
-	mkdocs build --strict
+	mkdocs build -q --strict
 	@echo "open site/index.html"
 
 lint: .venv/ready
