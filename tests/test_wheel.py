@@ -161,7 +161,7 @@ def test_import_loads_no_heavy_module(tmp_path: Path) -> None:
     assert loaded & HEAVY == set()
 
 
-# The front door, for the lead: in the environment of `python`, two logs are diagnosed by command and by five lines.
+# TODO, with the front door: in the environment of `python`, two logs are diagnosed by command and by five lines.
 #
 # @pytest.mark.pipeline
 # def test_diagnosis_by_command(python, example_logs, tmp_path):
