@@ -7,9 +7,9 @@ from typing import Any
 from omegaconf import DictConfig
 
 from leapgap.files import read_json, whole_folder, write_json, write_text
-from leapgap.learning import evaluation, frequency, store
+from leapgap.learning import evaluation, store, time_grid_comparison
 from leapgap.learning.evaluation import HeldOut
-from leapgap.learning.frequency import RollOut
+from leapgap.learning.time_grid_comparison import RollOut
 from leapgap.recording import jump, windows
 from leapgap.robot.model import Robot
 from leapgap.view import learning as page
@@ -50,7 +50,7 @@ def evaluate(config: DictConfig) -> None:
     figures = evaluation.metrics(folds, sessions, found)
     roll_outs = None if folds is None else from_650_ms(folds, section)
     if roll_outs is not None:
-        figures["landing_rms"] = frequency.landing_rms(roll_outs)
+        figures["landing_rms"] = time_grid_comparison.landing_rms(roll_outs)
     with whole_folder(out) as folder:
         if folds is not None:
             evaluation.write_predictions(folds, folder)
@@ -68,7 +68,7 @@ def from_650_ms(folds: HeldOut, section: EvaluateConfig) -> dict[str, RollOut] |
     if section.fixed_models is None or section.fixed_windows is None:
         return None
     fixed = evaluation.held_out(windows.read(Path(section.fixed_windows)), Path(section.fixed_models), "fold")
-    return None if fixed is None else frequency.compare(folds, fixed)
+    return None if fixed is None else time_grid_comparison.compare(folds, fixed)
 
 
 def report(

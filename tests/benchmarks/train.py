@@ -20,7 +20,7 @@ import torch
 from omegaconf import OmegaConf
 
 from leapgap.files import write_json
-from leapgap.learning import store, training, untrained
+from leapgap.learning import initialisation, store, training
 from leapgap.learning.experiment import FITS, Task, TrainConfig
 from leapgap.learning.model import Nominal
 from leapgap.learning.network import NetworkModel
@@ -83,7 +83,7 @@ def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
     """The paper's networks before training."""
     recipe = config.published_recipe
     nominal = Nominal(RigidBody(recipe.mass_kg, recipe.pitch_inertia_kgm2))
-    return untrained.published(windows.grid, nominal, recipe, np.random.default_rng(config.seed))
+    return initialisation.published(windows.grid, nominal, recipe, np.random.default_rng(config.seed))
 
 
 def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:

@@ -11,12 +11,12 @@ import pytest
 
 from leapgap.control import exported
 from leapgap.errors import InputError
-from leapgap.learning import export, kernel, store, training, untrained
+from leapgap.learning import export, initialisation, kernel, store, training
 from leapgap.learning.baselines import NominalModel, Playback, fit_gains
-from leapgap.learning.blend import Blend
+from leapgap.learning.ensemble import Blend
+from leapgap.learning.initialisation import NetworksConfig, PublishedRecipeConfig
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal
-from leapgap.learning.untrained import NetworksConfig, PublishedRecipeConfig
 from leapgap.recording.windows import Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import FEATURES, Situation
 from leapgap.robot.rigid_body import RigidBody
@@ -28,7 +28,7 @@ GAINED = Nominal(RigidBody(), (0.5, 0.9, 0.3))
 
 def single(windows: Windows, seeds: int = 1, hidden: tuple[int, ...] = (24,)):
     config = NetworksConfig(inputs=dict.fromkeys(NAMES, 0.5), hidden=list(hidden), seeds=seeds, output_gain=1.0)
-    return untrained.networks(windows, GAINED, config, np.random.default_rng(1))
+    return initialisation.networks(windows, GAINED, config, np.random.default_rng(1))
 
 
 def kernels(windows: Windows):
@@ -37,7 +37,7 @@ def kernels(windows: Windows):
 
 def published(windows: Windows):
     recipe = PublishedRecipeConfig(hidden_h=[8, 9], hidden_G=[11, 7], orthogonal_gain=1.0)
-    return untrained.published(windows.grid, Nominal(RigidBody(12, 0.17)), recipe, np.random.default_rng(2))
+    return initialisation.published(windows.grid, Nominal(RigidBody(12, 0.17)), recipe, np.random.default_rng(2))
 
 
 MAKERS = {

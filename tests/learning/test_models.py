@@ -8,10 +8,10 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.learning import kernel
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
-from leapgap.learning.features import transitions
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal, ResidualModel, squared_errors
 from leapgap.learning.splits import folds, sessions
+from leapgap.learning.transitions import transitions
 from leapgap.recording.windows import RolloutInputs, Windows
 from leapgap.robot.prediction import FEATURES, Affine, Situation
 from leapgap.robot.rigid_body import RigidBody

@@ -11,13 +11,13 @@ from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.files import read_json
-from leapgap.learning import evaluation, experiment, store, training, untrained
+from leapgap.learning import evaluation, experiment, initialisation, store, training
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
 from leapgap.learning.experiment import FITS, TrainConfig
+from leapgap.learning.initialisation import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal, squared_errors
 from leapgap.learning.splits import folds
-from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.recording import windows as windows_module
 from leapgap.recording.windows import ARRAYS, Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import Situation
@@ -53,7 +53,7 @@ def config(**changes) -> TrainConfig:
 
 
 def fit(train: Windows, validation: Windows | None, scratch: Path, fitting: Fitting = NETWORKS.fitting, seed: int = 0):
-    start = untrained.networks(train, Nominal(RigidBody()), NETWORKS, np.random.default_rng(seed))
+    start = initialisation.networks(train, Nominal(RigidBody()), NETWORKS, np.random.default_rng(seed))
     return training.fit(start, train, validation, fitting, training.Run(seed, 1, QUIET, scratch, "test", 4))
 
 
@@ -62,7 +62,7 @@ def same(a, b) -> bool:
 
 
 def published_model(windows: Windows):
-    return untrained.published(
+    return initialisation.published(
         windows.grid,
         Nominal(RigidBody(12.0, 0.17)),
         PublishedRecipeConfig(hidden_h=[8, 8], hidden_G=[9, 9], orthogonal_gain=1.0),
@@ -72,7 +72,7 @@ def published_model(windows: Windows):
 
 def our_model(windows: Windows):
     nominal = Nominal(RigidBody(), (0.5, 0.9, 0.3))
-    return untrained.networks(windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3))
+    return initialisation.networks(windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3))
 
 
 @pytest.mark.parametrize("make", [our_model, published_model])
@@ -97,7 +97,7 @@ def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
 
 
 def test_the_roll_outs_agree_for_one_member(windows: Windows):
-    model = untrained.networks(
+    model = initialisation.networks(
         windows, Nominal(RigidBody(), (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
     )
     batch = training.Batch.of(windows, torch.device("cpu"))
@@ -191,7 +191,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
     assert same(resumed, model) and resumed_curve == curve
 
-    start = untrained.networks(windows, Nominal(RigidBody()), NETWORKS, np.random.default_rng(0))
+    start = initialisation.networks(windows, Nominal(RigidBody()), NETWORKS, np.random.default_rng(0))
     last_two = windows.of_jumps(windows.jumps[-2:])
     learner = training.Learner(training.Residual(model, 0.0), windows, {}, fitting, 0)
     learner.batches = {"stopping": training.Batch.of(last_two, torch.device("cpu"))}
@@ -303,7 +303,7 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
-    start = untrained.networks(train, fit_gains(train, RigidBody()), ours, np.random.default_rng(0))
+    start = initialisation.networks(train, fit_gains(train, RigidBody()), ours, np.random.default_rng(0))
     run = training.Run(0, 1, QUIET, tmp_path / "scratch", "test", 25)
     networks, _ = training.fit(start, train, None, replace(ours.fitting, steps=50), run)
     found = {

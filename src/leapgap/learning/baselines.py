@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.learning.features import transitions
 from leapgap.learning.model import Model, Nominal, ResidualModel
+from leapgap.learning.transitions import transitions
 from leapgap.recording.windows import RolloutInputs, Windows
 from leapgap.robot.prediction import Affine, Situation
 from leapgap.robot.rigid_body import GRAVITY, POSITION, VELOCITY, RigidBody

@@ -12,12 +12,12 @@ from scipy.stats import norm
 
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file
-from leapgap.learning import spread
+from leapgap.learning import uncertainty
 from leapgap.learning.experiment import FORECAST
 from leapgap.learning.kernel import KernelModel
 from leapgap.learning.model import Model, squared_errors
-from leapgap.learning.spread import LEVELS, Spread
 from leapgap.learning.store import load
+from leapgap.learning.uncertainty import LEVELS, Spread
 from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import STATE
 
@@ -96,7 +96,7 @@ def spread_of(folder: Path, model: str) -> Spread | None:
         return None
     kernel = load(folder, f"kernel{variant}").model
     assert isinstance(kernel, KernelModel)
-    return spread.load(path, kernel)
+    return uncertainty.load(path, kernel)
 
 
 def coverage(found: HeldOut) -> dict[str, dict[str, float]]:

@@ -16,15 +16,15 @@ import numpy as np
 import leapgap
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
-from leapgap.learning import export, kernel, spread, untrained
+from leapgap.learning import export, initialisation, kernel, uncertainty
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
-from leapgap.learning.blend import Blend
+from leapgap.learning.ensemble import Blend
+from leapgap.learning.initialisation import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.learning.kernel import KernelConfig, KernelModel
 from leapgap.learning.model import Model, Nominal, ResidualModel
 from leapgap.learning.network import NetworkForecast, NetworkModel
 from leapgap.learning.splits import Split, everything, folds, sessions
 from leapgap.learning.store import Stored, load, save, stored_key
-from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.recording.windows import ARRAYS, Purpose, Windows, read_npz
 from leapgap.robot.rigid_body import PUBLISHED, RigidBody
 
@@ -122,7 +122,7 @@ def fit_networks(task: Task) -> tuple[Model, Curve]:
     """Ours: residual of the body with fitted gains."""
     config = NetworksConfig(**{**vars(task.config.networks), "inputs": task.inputs["networks"]})
     nominal = fit_gains(task.train, task.config.body, task.config.curvature)
-    start = untrained.networks(task.train, nominal, config, np.random.default_rng(task.config.seed))
+    start = initialisation.networks(task.train, nominal, config, np.random.default_rng(task.config.seed))
     return descend(start, task, config.fitting)
 
 
@@ -132,7 +132,7 @@ def fit_networks_forecast(task: Task) -> tuple[Model, Curve]:
     config = NetworksConfig(**{**vars(task.config.networks), "inputs": inputs})
     blind = replace(task, train=without_forces(task.train), held_out=without_forces(task.held_out))
     nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf), curvature=task.config.curvature)
-    start = untrained.networks(blind.train, nothing, config, np.random.default_rng(task.config.seed))
+    start = initialisation.networks(blind.train, nothing, config, np.random.default_rng(task.config.seed))
     model, curve = descend(start, blind, config.fitting)
     return NetworkForecast(**vars(model)), curve
 
@@ -159,7 +159,7 @@ def fit_published(task: Task) -> tuple[Model, Curve]:
     """The paper's."""
     config = task.config.published_recipe
     nominal = Nominal(RigidBody(config.mass_kg, config.pitch_inertia_kgm2))
-    start = untrained.published(task.train.grid, nominal, config, np.random.default_rng(task.config.seed))
+    start = initialisation.published(task.train.grid, nominal, config, np.random.default_rng(task.config.seed))
     return descend(start, task, config.fitting)
 
 
@@ -315,7 +315,7 @@ def fit_spread(windows: Windows, config: TrainConfig, variant: str, path: Path) 
         assert isinstance(model, KernelModel)
         return model
 
-    spread.save(spread.fit(windows, fit_kernel, config.kernel), path)
+    uncertainty.save(uncertainty.fit(windows, fit_kernel, config.kernel), path)
 
 
 def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:

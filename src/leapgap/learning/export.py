@@ -13,7 +13,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.files import whole_file, write_json
 from leapgap.learning.baselines import NominalModel
-from leapgap.learning.blend import Blend
+from leapgap.learning.ensemble import Blend
 from leapgap.learning.kernel import KernelModel, KernelPart
 from leapgap.learning.model import Model, Nominal, ResidualModel
 from leapgap.learning.network import NetworkModel, Scaling

@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.learning.features import Transitions, transitions
 from leapgap.learning.model import Nominal, ResidualModel
+from leapgap.learning.transitions import Transitions, transitions
 from leapgap.recording.windows import RolloutInputs, Windows
 from leapgap.robot.prediction import Affine, Situation, check_names, columns
 from leapgap.robot.rigid_body import RigidBody

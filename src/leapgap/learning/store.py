@@ -7,7 +7,7 @@ from typing import Any
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback
-from leapgap.learning.blend import Blend
+from leapgap.learning.ensemble import Blend
 from leapgap.learning.kernel import KernelForecast, KernelModel
 from leapgap.learning.model import Model
 from leapgap.learning.network import NetworkForecast, NetworkModel

@@ -19,8 +19,8 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
 
 from leapgap.errors import InputError
+from leapgap.learning.initialisation import Fitting
 from leapgap.learning.network import NETWORKS, Mlp, NetworkModel, Scaling
-from leapgap.learning.untrained import Fitting
 from leapgap.recording.windows import Windows
 from leapgap.robot.prediction import Situation, selection
 from leapgap.robot.rigid_body import GRAVITY

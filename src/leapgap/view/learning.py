@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from leapgap.learning.frequency import RollOut
+from leapgap.learning.time_grid_comparison import RollOut
 from leapgap.view.page import rendered
 
 COMPONENTS = {

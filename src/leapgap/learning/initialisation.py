@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.learning.features import Transitions, transitions
 from leapgap.learning.model import Nominal
 from leapgap.learning.network import NetworkModel, Scaling, orthogonal_mlp, random_mlp
+from leapgap.learning.transitions import Transitions, transitions
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.prediction import check_names, columns
 
