@@ -10,7 +10,7 @@ from leapgap.files import read_json, whole_folder, write_json, write_text
 from leapgap.learning import evaluation, store, time_grid_comparison
 from leapgap.learning.evaluation import HeldOut
 from leapgap.learning.time_grid_comparison import RollOut
-from leapgap.recording import jump, windows
+from leapgap.recording import jump, window_extraction, windows
 from leapgap.robot.model import Robot
 from leapgap.view import learning as page
 from stages.common import output_folder, read_config, run_stage
@@ -84,7 +84,7 @@ def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
     """The models trained on all jumps, on logs they may never have seen."""
     name = read_json(models / "splits.json")["all"]["models"][0]
     model = store.load(models / "all", name)
-    found = windows.cut(jump.read_folder(logs), model.purpose.grid, robot)
+    found = window_extraction.cut(jump.read_folder(logs), model.purpose.grid, robot)
     mse = evaluation.of_unseen(found, models) if len(found) else {}
     write_json(out / "learning.json", {"jumps": len(found.jumps), "windows": len(found), "mse": mse})
     seen = set(found.jumps) & set(model.trained_on)

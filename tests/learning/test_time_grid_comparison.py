@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from leapgap.learning import evaluation, experiment, time_grid_comparison
-from leapgap.recording import windows as windows_module
+from leapgap.recording import window_extraction
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.rigid_body import GRAVITY
 from tests.learning.test_training import config
@@ -13,7 +13,7 @@ from tests.learning.test_training import config
 @pytest.fixture(scope="module")
 def pair(jumps, windows: Windows, robot, tmp_path_factory):
     folder = tmp_path_factory.mktemp("models")
-    fixed = windows_module.cut(jumps, TimeGrid(0.025, 0.025, 10), robot)
+    fixed = window_extraction.cut(jumps, TimeGrid(0.025, 0.025, 10), robot)
     found = []
     for name, one in (("variable", windows), ("fixed", fixed)):
         experiment.train(one, config(models=["nominal_fitted", "kernel"]), folder / name)
@@ -29,7 +29,7 @@ def test_a_jump_is_put_together_from_its_windows(pair, jumps):
     np.testing.assert_allclose(states[:, 1], jumps[2]["base_pos_z"][rows])
     x = jumps[2]["base_pos_x"][rows]
     np.testing.assert_allclose(states[:, 0], x - x[0], atol=1e-12)
-    force = windows_module.total_forces(jumps[2])[rows[:-1]]
+    force = window_extraction.total_forces(jumps[2])[rows[:-1]]
     np.testing.assert_allclose(inputs.force[0], np.where(times[:-1, None] < 0.8 - 1e-9, force, 0))
 
 

@@ -18,7 +18,7 @@ from leapgap.learning.initialisation import Fitting, NetworksConfig, PublishedRe
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal, squared_errors
 from leapgap.learning.splits import folds
-from leapgap.recording import windows as windows_module
+from leapgap.recording import window_extraction
 from leapgap.recording.windows import ARRAYS, Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import Situation
 from leapgap.robot.rigid_body import RigidBody
@@ -292,7 +292,7 @@ def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
 
 def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path):
     experiment.train(windows, config(models=["playback"]), tmp_path)
-    assert experiment.train(windows_module.cut([], TimeGrid(), robot), config(), tmp_path) == []
+    assert experiment.train(window_extraction.cut([], TimeGrid(), robot), config(), tmp_path) == []
     assert [path.name for path in tmp_path.iterdir()] == ["note.json"]
     assert "no logs" in read_json(tmp_path / "note.json")["note"]
 
