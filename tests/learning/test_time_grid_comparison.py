@@ -17,7 +17,7 @@ def pair(jumps, windows: Windows, robot, tmp_path_factory):
     found = []
     for name, one in (("variable", windows), ("fixed", fixed)):
         experiment.train(one, config(models=["nominal_fitted", "kernel"]), folder / name)
-        found.append(evaluation.held_out(one, folder / name, "fold"))
+        found.append(evaluation.predict_held_out(one, folder / name, "fold"))
     return found
 
 

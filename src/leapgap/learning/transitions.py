@@ -41,7 +41,7 @@ class Transitions:
         )
 
 
-def transitions(windows: Windows) -> Transitions:
+def extract_transitions(windows: Windows) -> Transitions:
     """The steps of some windows: the first of each window, and all of a jump's last window."""
     inputs = windows.inputs
     last = np.array([windows.start[windows.jump == j].max() for j in windows.jump], dtype=int)
