@@ -25,7 +25,7 @@ from leapgap.learning.experiment import TrainConfig, fit_task
 from leapgap.learning.model import Nominal
 from leapgap.learning.network import NetworkModel
 from leapgap.learning.registry import RECIPES
-from leapgap.learning.splits import everything
+from leapgap.learning.splits import train_on_all
 from leapgap.recording import windows as windows_module
 from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import RigidBody
@@ -89,7 +89,7 @@ def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
 
 def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
     """Wall seconds of fitting each configured model on all jumps, torch already imported."""
-    split, seconds = everything(windows.jumps), {}
+    split, seconds = train_on_all(windows.jumps), {}
     with tempfile.TemporaryDirectory() as place:
         for name in config.models:
             task = fit_task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")

@@ -39,7 +39,7 @@ class ConstantVelocityRecipe(ModelRecipe):
     shown_by_step: ClassVar[bool] = False
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
-        """Nothing is fitted."""
+        """Return the model, which has nothing to fit."""
         return ConstantVelocity(), []
 
 

@@ -22,7 +22,7 @@ from leapgap.learning.kernel import KernelConfig, KernelModel
 from leapgap.learning.model import Model
 from leapgap.learning.recipe import FitTask, ModelRecipe, TrainingRun
 from leapgap.learning.registry import RECIPES
-from leapgap.learning.splits import Split, everything, folds, sessions
+from leapgap.learning.splits import Split, folds, sessions, train_on_all
 from leapgap.learning.store import StoredModel, load, save, stored_key
 from leapgap.recording.windows import ARRAYS, Purpose, Windows, read_npz
 from leapgap.robot.rigid_body import RigidBody
@@ -35,7 +35,7 @@ EXPORTED = "exported"
 
 @dataclass
 class TrainConfig:
-    """Section train."""
+    """The section ``train`` of the configuration: data, splits, models and their settings."""
 
     windows: str
     out: str | None = None
@@ -70,7 +70,7 @@ class TrainConfig:
 
     @property
     def body(self) -> RigidBody:
-        """The nominal body."""
+        """The nominal body that residuals correct."""
         return RigidBody(self.mass_kg, self.pitch_inertia_kgm2)
 
 
@@ -110,7 +110,7 @@ def train(
     splits = [
         *folds(windows.jumps, config.folds),
         *sessions(windows.jumps, config.sessions or []),
-        everything(windows.jumps),
+        train_on_all(windows.jumps),
     ]
     used = [name for name in config.models_of(splits[-1]) if RECIPES[name].can_be_exported]
     keys = {
@@ -151,7 +151,7 @@ class SplitJob:
     config: TrainConfig
     split: Split
     keys: dict[str, str]
-    """By model."""
+    """Keys of the models to have, by name."""
     out: Path
 
     def run(self) -> list[str]:

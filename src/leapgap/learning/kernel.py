@@ -37,13 +37,13 @@ class KernelPart:
     """The fit of one phase: n training steps, f inputs."""
 
     input_mean: np.ndarray
-    """(f,)."""
+    """Mean of the raw training inputs, (f,)."""
     input_scale: np.ndarray
     """Divides the inputs: standard deviation over weight, length and √f, (f,)."""
     force_mean: np.ndarray
-    """(4,), N."""
+    """Mean of the training forces, (4,), N."""
     force_scale: np.ndarray
-    """(4,), N."""
+    """Divides the forces after their mean is taken off, (4,), N."""
     inputs: np.ndarray
     """Scaled training inputs, (n, f)."""
     forces: np.ndarray

@@ -38,9 +38,9 @@ class Scaling:
     """Units of a phase's networks: what their inputs are divided by, their outputs multiplied with."""
 
     input_mean: np.ndarray
-    """(f,)."""
+    """Taken off the raw inputs, (f,)."""
     input_scale: np.ndarray
-    """(f,)."""
+    """Divides the inputs after their mean is taken off, (f,)."""
     force_mean: np.ndarray
     """(4,), N: the force at which h alone acts."""
     force_scale: np.ndarray

@@ -23,7 +23,7 @@ class RollOut:
     """Predictions of H jumps from ``START_S`` on."""
 
     time_s: np.ndarray
-    """(n,)."""
+    """Times since the start of the jump, (n,)."""
     states: np.ndarray
     """x from the start of the roll-out, (H, n, 6)."""
 

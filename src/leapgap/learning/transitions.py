@@ -14,11 +14,11 @@ class Transitions:
 
     situation: Situation
     force: np.ndarray
-    """(n, 4), N."""
+    """Ground forces on the robot, as in ``RolloutInputs``, (n, 4), N."""
     contact: np.ndarray
-    """(n,), bool."""
+    """Whether each step begins before take-off, bool, (n,)."""
     step_s: np.ndarray
-    """(n,)."""
+    """Length of each step, (n,)."""
     step: np.ndarray
     """Number of the step in its jump, (n,)."""
     increment: np.ndarray

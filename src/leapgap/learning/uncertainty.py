@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from leapgap.files import whole_file
 from leapgap.learning.kernel import KernelConfig, KernelModel, KernelPart, gauss
-from leapgap.learning.splits import without
+from leapgap.learning.splits import hold_out
 from leapgap.recording.windows import RolloutInputs, Windows, read_npz, write_npz
 from leapgap.robot.prediction import Situation, columns
 
@@ -85,7 +85,7 @@ def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: 
     """Leave each training jump out in turn; the jumps must be two or more."""
     squared, unfamiliar = [], []
     for jump in windows.jumps:
-        split = without("", windows.jumps, [jump])
+        split = hold_out("", windows.jumps, [jump])
         train, left_out = windows.of_jumps(split.train), windows.of_jumps(split.held_out)
         one = kernel_posterior(fit_kernel(train), config)
         squared.append((one.kernel.predict(left_out.inputs) - left_out.state)[:, 1:] ** 2)
