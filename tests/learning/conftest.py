@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from leapgap.recording import windows as windows_module
+from leapgap.recording import window_extraction
 from leapgap.recording.jump import Jump, JumpInfo, Target
 from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
 from leapgap.recording.windows import TimeGrid, Windows
@@ -72,10 +72,10 @@ def jumps(robot: Robot) -> list[Jump]:
 
 @pytest.fixture(scope="session")
 def windows(robot: Robot, jumps: list[Jump]) -> Windows:
-    return windows_module.cut(jumps, TimeGrid(), robot)
+    return window_extraction.cut(jumps, TimeGrid(), robot)
 
 
 @pytest.fixture(scope="session")
 def real_windows(robot: Robot, real_jumps: list[Jump]) -> Windows:
     """Of the published jumps, where a copy is at hand."""
-    return windows_module.cut(real_jumps, TimeGrid(), robot)
+    return window_extraction.cut(real_jumps, TimeGrid(), robot)

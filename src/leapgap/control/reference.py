@@ -8,7 +8,7 @@ import numpy as np
 from leapgap.control.controller import Estimate
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
-from leapgap.recording.windows import feet, states
+from leapgap.recording.window_extraction import feet, states
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import pitch_of, yaw_of
