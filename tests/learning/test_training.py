@@ -39,6 +39,7 @@ def config(**changes) -> TrainConfig:
     return replace(
         TrainConfig(
             windows="",
+            sessions=None,
             models=list(FITS),
             folds=2,
             kernel=KernelConfig(inputs=INPUTS),
