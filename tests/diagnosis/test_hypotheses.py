@@ -3,7 +3,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of, places
-from leapgap.robot.model import Robot
+from leapgap.robot.model import DEFAULT_MODEL, Robot
 
 KINDS = effects.known()
 
@@ -41,3 +41,29 @@ def test_a_fit_at_its_bound_is_known_as_such(robot: Robot) -> None:
     assert not gain.at_bound(np.array([0.9]))
     assert not damping.at_bound(np.array([0.0]))  # absent is no bound
     assert damping.at_bound(np.array([4.0]))
+
+
+def test_the_margin_of_a_bound_is_a_share_of_the_way_there_from_nominal(robot: Robot) -> None:
+    """A range that reaches far to one side says nothing of the other: 2 % of 0.7 below 1, of 0.5 above."""
+    gain = Hypothesis(KINDS["torque_gain"], robot)
+    assert gain.at_bound(np.array([0.3 + 0.019 * 0.7])) and not gain.at_bound(np.array([0.3 + 0.021 * 0.7]))
+    assert gain.at_bound(np.array([1.5 - 0.019 * 0.5])) and not gain.at_bound(np.array([1.5 - 0.021 * 0.5]))
+    mass = Hypothesis(KINDS["payload"], robot)  # -4.24 to 6 kg
+    assert mass.at_bound(np.array([-4.2])) and not mass.at_bound(np.array([-4.1]))
+
+
+def test_a_joint_that_has_no_friction_left_is_an_answer(robot: Robot) -> None:
+    for name, own in (("joint_friction", 0.2), ("joint_damping", 0.01), ("armature", 0.01)):
+        h = Hypothesis(KINDS[name], robot)
+        assert h.bounds[0] == pytest.approx([-own])
+        assert not h.at_bound(h.bounds[0]) and h.at_bound(h.bounds[1])
+        assert not h.at_bound(np.array([-0.99 * own]))
+
+
+def test_numbers_of_a_hypothesis_are_those_of_its_robot(tmp_path) -> None:
+    rough = tmp_path / "rough.xml"
+    rough.write_text(DEFAULT_MODEL.read_text().replace('friction="0.8 0.02 0.01"', 'friction="1.0 0.02 0.01"'))
+    h = Hypothesis(KINDS["foot_friction"], Robot.load(rough), "rear")
+    assert h.nominal == pytest.approx([1.0]) and h.moderate == pytest.approx([-0.5])
+    assert h.on("log", h.nominal).is_nominal_for(h.robot)
+    assert h != Hypothesis(KINDS["foot_friction"], Robot.load(), "rear")

@@ -7,29 +7,29 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Motion, Replayer, Trial
 
-SIZES = {name: {p.name: p.moderate for p in kind.parameters(Robot.load())} for name, kind in effects.known().items()}
 TABLE = {
-    "aerodynamic_drag": (0.3, 1, 3),
-    "armature": (0.005, 0.02, 0.05),
-    "com_offset": (0.01, 0.03, 0.06),
-    "command_delay": (0.002, 0.005, 0.010),
-    "encoder_bias": (0.01, 0.03, 0.08),
-    "foot_compliance": (0.03, 0.04, 0.06),
-    "foot_friction": (0.55, 0.4, 0.3),
-    "ground_height": (0.01, 0.03, 0.06),
-    "ground_slope": (0.01, 0.03, 0.08),
-    "joint_damping": (0.1, 0.4, 1.0),
-    "joint_friction": (0.3, 1.0, 2.5),
-    "leg_mass": (1.1, 1.3, 1.6),
-    "motor_lag": (0.002, 0.005, 0.010),
-    "payload": (0.3, 1, 2.5),
-    "sample_period": (1.02, 1.07, 1.15),
-    "state_latency": (0.005, 0.015, 0.030),
-    "torque_gain": (0.95, 0.85, 0.7),
-    "torque_speed_limit": (19, 16, 13),
-    "trunk_inertia": (1.2, 1.5, 2),
+    "aerodynamic_drag": (("coefficient", "N·s²/m²", 0, 0.3, 1, 3),),
+    "armature": (("inertia", "kg·m²", 0, 0.005, 0.02, 0.05),),
+    "com_offset": (("x_m", "m", 0, 0.01, 0.03, 0.06), ("z_m", "m", 0, 0.01, 0.03, 0.06)),
+    "command_delay": (("delay_s", "s", 0, 0.002, 0.005, 0.010),),
+    "encoder_bias": (("bias_rad", "rad", 0, 0.01, 0.03, 0.08),),
+    "foot_compliance": (("time_constant_s", "s", 0.02, 0.03, 0.04, 0.06),),
+    "foot_friction": (("mu", "1", 0.8, 0.55, 0.4, 0.3),),
+    "ground_height": (("height_m", "m", 0, 0.01, 0.03, 0.06),),
+    "ground_slope": (("pitch_rad", "rad", 0, 0.01, 0.03, 0.08),),
+    "joint_damping": (("damping", "N·m·s/rad", 0, 0.1, 0.4, 1.0),),
+    "joint_friction": (("torque_nm", "N·m", 0, 0.3, 1.0, 2.5),),
+    "leg_mass": (("scale", "1", 1, 1.1, 1.3, 1.6),),
+    "motor_lag": (("time_constant_s", "s", 0, 0.002, 0.005, 0.010),),
+    "payload": (("mass_kg", "kg", 0, 0.3, 1, 2.5),),
+    "sample_period": (("scale", "1", 1, 1.02, 1.07, 1.15),),
+    "state_latency": (("delay_s", "s", 0, 0.005, 0.015, 0.030),),
+    "torque_gain": (("scale", "1", 1, 0.95, 0.85, 0.7),),
+    "torque_speed_limit": (("voltage_v", "V", 33, 19, 16, 13),),
+    "trunk_inertia": (("scale", "1", 1, 1.2, 1.5, 2),),
 }
-"""Small, moderate and large, as anything that makes test cases may choose them."""
+"""Parameter, unit, nominal value for the A1, small, moderate and large; as people rely on them from outside."""
+SIZES = {name: {own[0]: own[4] for own in of_effect} for name, of_effect in TABLE.items()}
 AT_JOINTS = [name for name, kind in effects.known().items() if kind.places == "joints"]
 
 
@@ -43,8 +43,15 @@ def replay(robot: Robot, reference: Jump):
     return of
 
 
-def test_every_effect_has_a_size_here() -> None:
-    assert set(SIZES) == set(effects.known())
+def test_effects_are_those_of_the_table_with_its_units_and_sizes(robot: Robot) -> None:
+    said = {
+        name: tuple((p.name, p.unit, p.nominal, p.moderate) for p in kind.parameters(robot))
+        for name, kind in effects.known().items()
+    }
+    assert said == {
+        name: tuple((own, unit, nominal, moderate) for own, unit, nominal, _, moderate, _ in of_effect)
+        for name, of_effect in TABLE.items()
+    }
 
 
 @pytest.mark.parametrize("name", effects.known())
@@ -121,12 +128,11 @@ def test_what_is_no_effect_is_refused(name: str, values: dict, message: str) -> 
         effects.effect(name, **values)
 
 
-@pytest.mark.parametrize("name", effects.known())
-def test_bounds_hold_the_nominal_value_and_every_size(name: str) -> None:
-    for parameter in effects.known()[name].parameters(Robot.load()):
-        assert parameter.lower <= parameter.nominal <= parameter.upper
-        assert all(parameter.lower <= size <= parameter.upper for size in TABLE[name])
-        assert parameter.name in SIZES[name]
+@pytest.mark.parametrize("name", TABLE)
+def test_bounds_hold_the_nominal_value_and_every_size(name: str, robot: Robot) -> None:
+    for p, (_, _, nominal, *sizes) in zip(effects.known()[name].parameters(robot), TABLE[name], strict=True):
+        assert p.lower <= nominal <= p.upper
+        assert all(p.lower < size < p.upper for size in sizes)
 
 
 def test_effects_act_together_in_any_order(robot: Robot, reference: Jump) -> None:

@@ -163,14 +163,14 @@ def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping
     known = kind.declared() if kind else {}
     index = [e["name"] for e in truth["effects"]].index(effect["name"])
     logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
-    for name in known:
+    for name, about in known.items():
         for cause in report["causes"]:
             if cause["effect"] == effect["name"] and name in cause["parameters"]:
                 told = cause["parameters"][name]
                 true = float(np.median([of_log[index][name] for of_log in logs]))
                 low, high = told["ci95"]
                 found.append(
-                    Compared(effect["name"], name, told["unit"], told["nominal"], true, told["value"], low, high)
+                    Compared(effect["name"], name, about.unit, told["nominal"], true, told["value"], low, high)
                 )
                 break
     return found

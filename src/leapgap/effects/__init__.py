@@ -59,6 +59,10 @@ def check_class(kind: Any) -> None:
             "a frozen dataclass with at least one field declared by leapgap.effects.base.parameter",
             "decorate the class with @dataclass(frozen=True) and declare its parameters",
         )
+    if kind.parameters.__func__ is Effect.parameters.__func__:  # type: ignore[attr-defined]
+        own = [name for name, about in kind.declared().items() if about.nominal is None]
+        if own:
+            raise InputError(where, f"None as nominal {own[0]}", "the model's own value", "override parameters()")
 
 
 def describe(kind: type[Effect]) -> str:
@@ -87,9 +91,9 @@ def effect_among(kinds: Registry, name: str, location: str, values: Mapping[str,
     for key, value in values.items():
         if key not in declared:
             raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declared)}", "correct it")
-        lower, upper = declared[key]["limits"]
+        lower, upper = declared[key].limits
         if not lower <= value <= upper:
-            expected = f"{lower:g} to {upper:g} {declared[key]['unit']}"
+            expected = f"{lower:g} to {upper:g} {declared[key].unit}"
             raise InputError(f"effect {name}, {key}", f"{value:g}", expected, "choose a physical value")
     return kind(location=location, **values)
 

@@ -33,6 +33,20 @@ class Parameter:
     """Whether nothing below ``lower`` exists (friction that is gone), so that a fit may well end there."""
 
 
+@dataclass(frozen=True)
+class Declaration:
+    """What a field of an effect's class says of a parameter, on any robot."""
+
+    nominal: float | None
+    """``None``: the model's own value."""
+    unit: str
+    lower: float
+    upper: float
+    moderate: float | None
+    limits: tuple[float, float]
+    """What a value may be at all."""
+
+
 def parameter(
     nominal: float | None,
     unit: str,
@@ -49,8 +63,12 @@ def parameter(
     """
     if moderate is None and nominal is not None:
         moderate = nominal + max(upper - nominal, lower - nominal, key=abs) / 10
-    about = {"unit": unit, "lower": lower, "upper": upper, "moderate": moderate, "limits": limits or (lower, upper)}
-    return field(default=nominal, metadata=about)
+    about = Declaration(nominal, unit, lower, upper, moderate, limits or (lower, upper))
+    return field(default=nominal, metadata={PARAMETER: about})
+
+
+PARAMETER = "parameter"
+"""Key of a dataclass field's metadata under which its declaration stands."""
 
 
 @dataclass(frozen=True)
@@ -105,17 +123,15 @@ class Effect(ABC):
         """
         found = []
         for name, about in cls.declared().items():
-            nominal = about["nominal"]
-            moderate = about["moderate"]
-            if nominal is None or moderate is None:
+            if about.nominal is None or about.moderate is None:
                 raise TypeError(f"{cls.__name__}.parameters has to say what the model's own {name} is")
-            found.append(Parameter(name, about["unit"], nominal, about["lower"], about["upper"], moderate))
+            found.append(Parameter(name, about.unit, about.nominal, about.lower, about.upper, about.moderate))
         return tuple(found)
 
     @classmethod
-    def declared(cls) -> dict[str, dict[str, Any]]:
-        """What each parameter's field declares, on any robot: nominal, unit, lower, upper, moderate, limits."""
-        return {f.name: {**f.metadata, "nominal": f.default} for f in fields(cls) if "unit" in f.metadata}
+    def declared(cls) -> dict[str, Declaration]:
+        """What the fields declare, by parameter."""
+        return {f.name: f.metadata[PARAMETER] for f in fields(cls) if PARAMETER in f.metadata}
 
     @property
     def values(self) -> dict[str, float]:
@@ -126,7 +142,7 @@ class Effect(ABC):
     @property
     def is_nominal(self) -> bool:
         """Whether every parameter has its default, with which the effect is absent from any robot."""
-        return all(getattr(self, name) == about["nominal"] for name, about in self.declared().items())
+        return all(getattr(self, name) == about.nominal for name, about in self.declared().items())
 
     def is_nominal_for(self, robot: Robot) -> bool:
         """Whether the effect is absent from this robot: every parameter has its default, or the model's own value."""

@@ -27,8 +27,8 @@ class FootFriction(Effect):
         """From a quarter of the model's own friction to half as much again, and in any case from 0.2 to 1.5."""
         own = mean_of(foot_contacts(robot, location).friction[:, 0])
         about = cls.declared()["mu"]
-        lower, upper = min(about["lower"], own / 4), max(about["upper"], 1.5 * own)
-        return (Parameter("mu", about["unit"], own, lower, upper, own / 2, own),)
+        lower, upper = min(about.lower, own / 4), max(about.upper, 1.5 * own)
+        return (Parameter("mu", about.unit, own, lower, upper, own / 2, own),)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set the friction of the feet."""

@@ -30,7 +30,7 @@ class TorqueSpeedLimit(Effect):
         """From 10/33 of the voltage that limits nothing up to it; a person notices a half."""
         torque = float(torque_limits(robot)[robot.joints_at(location)].max())
         ample = float(ceil(robot.motors.resistance * torque + robot.motors.top_speed_rad_s))
-        unit = cls.declared()["voltage_v"]["unit"]
+        unit = cls.declared()["voltage_v"].unit
         return (Parameter("voltage_v", unit, ample, ample * 10 / 33, ample, ample * 16 / 33, ample),)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:

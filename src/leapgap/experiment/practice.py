@@ -102,10 +102,11 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
 
 def shares(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:
     """Of the effects that plans can reckon with, all of them nothing at the size 0."""
-    return tuple(
-        effects_by_name.effect(effect.name, effect.location, **{k: share * v for k, v in effect.values.items()})
-        for effect in plannable(found)
-    )
+    scaled: list[Effect] = []
+    for effect in plannable(found):
+        values: dict[str, Any] = {name: share * value for name, value in effect.values.items()}
+        scaled.append(replace(effect, **values))
+    return tuple(scaled)
 
 
 def identified_once(bench: Bench, logs: Sequence[Jump]) -> tuple[Effect, ...]:

@@ -60,8 +60,12 @@ class Robot:
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of the model file: exported networks and reports carry it."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        """Hash of the model file: exported networks and reports carry it.
+
+        Motors that are not the default ones are part of it, so that nothing is kept of a robot with others.
+        """
+        motors = b"" if self.motors == MotorConstants() else repr(self.motors).encode()
+        return hashlib.sha256(self.path.read_bytes() + motors).hexdigest()
 
     @cached_property
     def name(self) -> str:
