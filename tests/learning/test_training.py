@@ -40,6 +40,8 @@ def config(**changes) -> TrainConfig:
         TrainConfig(
             windows="",
             sessions=None,
+            curvature=0.0,  # as the jumps were made
+            processes=1,
             models=list(FITS),
             folds=2,
             kernel=KernelConfig(inputs=INPUTS),
