@@ -49,13 +49,13 @@ class Settings:
     block_height_m: tuple[float, float]
     seed: int
     out: str | None
+    variants: dict[str, Any]
     gains: PhaseGains = field(default_factory=PhaseGains)
     mpc: MpcConfig = field(default_factory=MpcConfig)
     body: RigidBody = field(default_factory=RigidBody)
     excitation: Excitation = field(default_factory=Excitation)
     sensing: Sensing = field(default_factory=Sensing)
     course: Course = field(default_factory=Course)
-    variants: dict[str, Any] = field(default_factory=dict)
 
 
 def collect(config: DictConfig) -> None:

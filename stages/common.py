@@ -90,11 +90,13 @@ def config_error(error: Exception) -> InputError:
 def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     """Turn a section of the configuration into the dataclass that documents it.
 
-    A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
+    A mapping of the section (inputs by name, tolerances by effect) stands in place of the dataclass's default, and is
+    not laid over it. A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
     """
     try:
         schema = OmegaConf.structured(kind)
         unlock(schema)
+        empty_mappings(schema, section)
         return OmegaConf.to_object(OmegaConf.merge(schema, section))
     except OmegaConfBaseException as error:
         said = str(error).splitlines()[0].rstrip(".")
@@ -110,8 +112,24 @@ def unlock(node: DictConfig) -> None:
     OmegaConf.set_readonly(node, None)
     for key in node:
         child = node._get_node(key)
-        if isinstance(child, DictConfig) and not child._is_none() and not child._is_missing():
+        if isinstance(child, DictConfig) and in_use(child):
             unlock(child)
+
+
+def in_use(node: DictConfig) -> bool:
+    """Whether a node has a default."""
+    return not node._is_none() and not node._is_missing()
+
+
+def empty_mappings(schema: DictConfig, section: DictConfig) -> None:
+    """Forget the entries of each mapping that the section has too: OmegaConf would otherwise merge the two."""
+    for key in schema:
+        default, given = schema._get_node(key), section._get_node(key) if key in section else None
+        if isinstance(default, DictConfig) and isinstance(given, DictConfig) and in_use(default):
+            if OmegaConf.get_type(default) is dict:
+                schema[key] = {}
+            else:
+                empty_mappings(default, given)
 
 
 def in_sweep() -> bool:

@@ -32,9 +32,11 @@ class Settings:
 
     logs: str
     out: str | None
+    settings: dict[str, Any]
+    """Laid over ``diagnose.settings``."""
     only: list[str] = field(default_factory=list)
-    real: bool = True
-    settings: dict[str, Any] = field(default_factory=dict)
+    """Names of the cases; empty: all."""
+    real: bool = False
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from leapgap.control.planner import MpcConfig
 from leapgap.effects import to_config
 from leapgap.errors import InputError
 from leapgap.executor import Executor
-from leapgap.experiment.aimed import JumpPlanner
+from leapgap.experiment.aimed import AIMED_LIMITS, JumpPlanner
 from leapgap.experiment.aiming import LandingModel
 from leapgap.experiment.made import Bench, Done, Shelf, Trial
 from leapgap.experiment.matrix import AdaptConfig, adapted, all_trials, best_shift
@@ -77,7 +77,7 @@ class Settings:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     practice: PracticeConfig = field(default_factory=PracticeConfig)
     adapt: AdaptConfig = field(default_factory=AdaptConfig)
-    limits: Limits = field(default_factory=Limits)
+    limits: Limits = AIMED_LIMITS
     """Of the plans of `ours`."""
 
 

@@ -16,6 +16,7 @@ from leapgap.simulation.replay import Replayer
 from tests.diagnosis.test_gap import hardware
 
 A1 = Robot.load()
+TRUNK_KG = 4.713
 
 
 def hypothesis(name: str, location: str = "all") -> Hypothesis:
@@ -121,7 +122,9 @@ def search(robot: Robot, reference: Jump) -> Search:
     jumps = hardware(robot, reference, effects.effect("payload", mass_kg=0.8), noise=SensorNoise(), jumps=2)
     evidence = Evidence.of(Judged.of(jumps, robot).jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
     hypotheses = hypotheses_of(["payload", "torque_gain"], robot, None)
-    return Search(Responses.of(evidence, hypotheses, {"payload.mass_kg": 0.02}), np.array([0, 1]), Plan(steps=4))
+    return Search(
+        Responses.of(evidence, hypotheses, {"payload.mass_kg": 0.02 / TRUNK_KG}), np.array([0, 1]), Plan(steps=4)
+    )
 
 
 def test_joints_together_do_what_the_sum_of_them_does(search: Search) -> None:

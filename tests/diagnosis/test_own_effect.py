@@ -104,7 +104,6 @@ SETTINGS = Settings(
     tolerances={"armature.inertia": 0.0001},
     bootstrap_draws=100,
 )
-PROVENANCE = {"logs": {}, "versions": {}}
 
 
 @pytest.mark.parametrize("true", [0.0, 0.15])
@@ -112,7 +111,7 @@ def test_a_model_with_too_much_friction_is_told_so(tmp_path: Path, true: float) 
     """The file says 0.5 N·m of the elbow; it truly has none, which is the end of all ranges, or a third."""
     (tmp_path / "stiff.xml").write_text(ARM.format(elbow=' frictionloss="0.5"'), encoding="utf-8")
     logs = swung(f' frictionloss="{true}"')
-    report = diagnose(logs, Robot.load(tmp_path / "stiff.xml"), SETTINGS, PROVENANCE).report
+    report = diagnose(logs, Robot.load(tmp_path / "stiff.xml"), SETTINGS).report
     assert report.verdict == "named" and report.answer == (("joint_friction",),)
     estimate = report.causes[0].parameters["torque_nm"]
     assert estimate.value == pytest.approx(true - 0.5, abs=0.02)
@@ -121,7 +120,7 @@ def test_a_model_with_too_much_friction_is_told_so(tmp_path: Path, true: float) 
 
 
 def test_a_users_effect_is_found_fitted_and_reported(arm: Robot, logs: list[Jump], tmp_path: Path) -> None:
-    found = diagnose(logs, arm, SETTINGS, PROVENANCE, own=[CableSpring])
+    found = diagnose(logs, arm, SETTINGS, own=[CableSpring])
     report, cause = found.report, found.report.causes[0]
     assert report.verdict == "named"
     assert (cause.effect, cause.location in ("elbow", "L_elbow")) == ("cable_pull", True)
@@ -129,12 +128,12 @@ def test_a_users_effect_is_found_fitted_and_reported(arm: Robot, logs: list[Jump
     assert cause.parameters["stiffness_nm_rad"].unit == "N·m/rad"
     assert "cables that pull a joint back to zero (cable_pull at" in report.sentence
     by_name = {log.name: log for log in logs}
-    assert "cable_pull" in html(report, logs, by_name, by_name)
+    assert "cable_pull" in html(report, logs, arm, by_name, by_name)
     write_corrected(tmp_path / "corrected", arm, found.correction)
     assert read_corrected(tmp_path / "corrected", own=[CableSpring])[1] == found.correction
     with pytest.raises(InputError, match="found cable_pull; expected one of aerodynamic_drag"):
         read_corrected(tmp_path / "corrected")
-    without = diagnose(logs, arm, SETTINGS, PROVENANCE).report
+    without = diagnose(logs, arm, SETTINGS).report
     assert without.answer != (("cable_pull",),) and without.gap_corrected > 1.5 * report.gap_corrected
 
 

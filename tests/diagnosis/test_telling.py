@@ -8,7 +8,7 @@ import pytest
 from leapgap.diagnosis.beliefs import Belief
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.telling import explained, sentence
+from leapgap.diagnosis.telling import sentence, share_in_words
 from leapgap.diagnosis.verdict import Conclusion
 from leapgap.effects.joint_damping import JointDamping
 from leapgap.robot.model import Robot
@@ -27,7 +27,7 @@ from leapgap.robot.model import Robot
     ],
 )
 def test_a_share_lies_within_its_interval_and_none_is_more_than_all(closes: Interval, words: str) -> None:
-    assert explained(closes) == words
+    assert share_in_words(closes) == words
 
 
 def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robot) -> None:

@@ -41,6 +41,9 @@ def config(**changes) -> TrainConfig:
     return replace(
         TrainConfig(
             windows="",
+            sessions=None,
+            curvature=0.0,  # as the jumps were made
+            processes=1,
             models=list(RECIPES),
             folds=2,
             kernel=KernelConfig(inputs=INPUTS),

@@ -20,7 +20,7 @@ def robot(folder: Path, bodies: str, joints: list[str], names: PartNames | None 
     motors = "".join(f'<general joint="{joint}"/>' for joint in joints)
     path = folder / "robot.xml"
     path.write_text(f"<mujoco><worldbody>{bodies}</worldbody><actuator>{motors}</actuator></mujoco>")
-    return Robot.load(path, names)
+    return Robot.load(path, names=names)
 
 
 def quadruped(joints: dict[str, tuple[str, str, str]], feet: bool = True) -> str:

@@ -1,7 +1,7 @@
 """Which cases are withheld: kind, effects, sizes and places, drawn by seed and shuffled."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,7 +23,8 @@ class Half:
     pair: int
     nameless: int
     none: int
-    families: list[str] = field(default_factory=list)
+    families: list[str]
+    """Names of the nameless effects that are drawn from."""
 
 
 @dataclass(frozen=True)

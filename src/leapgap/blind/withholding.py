@@ -27,6 +27,17 @@ DETECTABLE_FLOORS = 2.0
 """A motion that an effect changes by so many noise floors is detectable (contract)."""
 
 
+NOISE = SensorNoise(
+    base_pos_m=0.0012,
+    base_angle_rad=0.0015,
+    base_linvel_m_s=0.012,
+    base_angvel_rad_s=0.018,
+    joint_pos_rad=0.0006,
+    joint_vel_rad_s=0.06,
+)
+"""Of the generating side's sensors: other than those of the simulated hardware that the diagnosis was developed on."""
+
+
 @dataclass(frozen=True)
 class World:
     """What the generating side is, for every case."""
@@ -39,7 +50,7 @@ class World:
     period_scatter: float
     """Of an effect that differs from log to log: standard deviation of its departure, as a share of it."""
     where_horizon_s: float
-    noise: SensorNoise = field(default_factory=SensorNoise)
+    noise: SensorNoise = NOISE
     course: Course = field(default_factory=Course)
     nuisances: NuisanceSizes = field(default_factory=NuisanceSizes)
 

@@ -56,7 +56,7 @@ class Descent:
 class Plan:
     """How wide the search is, and when a further cause is believed."""
 
-    shortlist: int = 10
+    shortlist: int = 8
     """Sets fitted to replays of their own in the first round; of every later one, half as many."""
     per_effect: int = 3
     """Of those of the first round, with one effect at different places; later ones try every set of effects once, at
@@ -68,14 +68,14 @@ class Plan:
     beams: int = 2
     """Sets of a round that the next one builds on."""
     most_causes: int = 4
-    least_gain: float = 12.0
-    """A cause must gain so much log likelihood on held-out logs,"""
+    least_gain: float = 20.0
+    """A cause must gain so much log likelihood on held-out logs; logs without any gap gain up to 17."""
     least_further_gain: float = 60.0
-    """a further one so much,"""
+    """A further cause must gain so much: what the first leaves by being simulated otherwise gains up to 50."""
     least_share: float = 0.015
-    """and this share of what all causes together gain,"""
+    """A cause must gain this share of what all causes together gain."""
     least_agree: float = 0.75
-    """on this share of the logs."""
+    """On this share of the logs a cause must gain something at all."""
 
 
 def find(

@@ -36,6 +36,20 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Trial
 
+TOLERANCES = {
+    "armature.inertia": 0.05,
+    "joint_friction.torque_nm": 0.05,
+    "joint_damping.damping": 0.10,
+    "foot_friction.mu": 0.02,
+    "foot_compliance.time_constant_s": 0.03,
+    "leg_mass.scale": 0.005,
+    "com_offset.x_m": 0.0005,
+    "com_offset.z_m": 0.0005,
+    "payload.mass_kg": 0.005,
+    "trunk_inertia.scale": 0.005,
+}
+"""How exactly the description of a robot is known: standard deviations as shares of its own numbers, offsets in m."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -44,16 +58,20 @@ class Settings:
     effects: list[str] = field(default_factory=list)
     """Names of the hypotheses; empty: all known effects."""
     folds: int = 4
+    """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
-    """Replays start anew from the log so often,"""
+    """Replays start anew from the log so often."""
     every_s: float = 0.01
-    """and are compared so often."""
+    """Replays are compared with the log so often."""
     pieces_per_log: int = 8
-    most_pieces: int = 96
+    """Pieces of each log that are replayed, where the logs are few."""
+    most_pieces: int = 48
+    """Pieces of all logs together that are replayed."""
     plan: Plan = field(default_factory=Plan)
     doubts: Doubts = field(default_factory=Doubts)
-    tolerances: dict[str, float] = field(default_factory=dict)
-    """``effect.parameter`` → standard deviation of what no description of a robot has exactly."""
+    tolerances: dict[str, float] = field(default_factory=lambda: dict(TOLERANCES))
+    """``effect.parameter`` → standard deviation of what no description of a robot has exactly, in units of the model's
+    own (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""
     model_error: float = 0.03
     """Of a departure from nominal: what a fit in another simulation than the robot's own is off by."""
     where_horizon_s: float = 0.1
@@ -97,6 +115,7 @@ def diagnose(
     ``threads`` (all cores, where it is None) change the time it takes and nothing else.
     """
     kinds = chosen_kinds(settings, own)
+    check_tolerances(settings, own)
     replayer = Replayer(robot, max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1, threads)
     judged = Judged.of(jumps, robot)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
@@ -245,6 +264,16 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
         raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
     names = [*settings.effects, *(kind.name for kind in own)] if settings.effects else kinds
     return [kinds[name] for name in dict.fromkeys(names)]
+
+
+def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:
+    """A tolerance of something that is no parameter of an effect is an ``InputError``."""
+    kinds = effects.registry(own)
+    for name in settings.tolerances:
+        effect, _, parameter = name.partition(".")
+        if effect not in kinds or parameter not in kinds[effect].declared():
+            expected = "<effect>.<parameter>, such as armature.inertia"
+            raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
 
 
 def clock_of(checks: Sequence[Check], judged: Judged, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:

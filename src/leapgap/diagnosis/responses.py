@@ -14,6 +14,7 @@ from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.fitting import Products
 from leapgap.diagnosis.hypotheses import Hypothesis, places, usable
 from leapgap.effects.base import Effect
+from leapgap.robot.model import Robot
 
 FINE_STEP_S, ROUGH_STEP_S = 0.00028, 0.0022
 """Replays of short steps show what the nominal simulation's own step does; long ones will do for derivatives of what
@@ -80,9 +81,10 @@ class Responses:
     ) -> "Responses":
         """Roll out every effect of the hypotheses, and every effect with a tolerance, once at every single place.
 
-        All of them act on top of ``around``, whose effects are not tried again.
+        All of them act on top of ``around``, whose effects are not tried again. Tolerances are shares of the model's
+        own numbers at each place (``Settings.tolerances``).
         """
-        robot, kinds = evidence.state.robot, effects.known()
+        robot, kinds = evidence.state.robot, {**effects.known(), **{h.name: h.kind for h in hypotheses}}
         present = {h.name for h, _ in around}
         names = {h.name: h for h in hypotheses if h.name not in present}
         for name in tolerances:
@@ -110,13 +112,15 @@ class Responses:
                 columns[:, :, i] = change / at_place(names[keys[i].effect], keys[i]).moderate[keys[i].number]
         (stepped,) = evidence.with_steps(FINE_STEP_S).residuals([on_logs(evidence, *around)])
         nuisances = [joined(stepped) - origin]
-        for name, size in tolerances.items():
+        for name, share in tolerances.items():
             effect, _, parameter = name.partition(".")
             if effect not in names:
                 continue
             which = [p.name for p in names[effect].of_effect].index(parameter)
             nuisances += [
-                size * columns[:, :, i] for i, k in enumerate(keys) if (k.effect, k.number) == (effect, which)
+                tolerance(kinds[effect], robot, key.place, parameter, share) * columns[:, :, i]
+                for i, key in enumerate(keys)
+                if (key.effect, key.number) == (effect, which)
             ]
         nominal = origin if not around else joined(evidence.residuals([evidence.same(())])[0])
         return Responses(evidence, rough, nominal, keys, columns, np.stack(nuisances, axis=2), members)
@@ -155,6 +159,12 @@ class Responses:
             for i, key in enumerate(self.keys)
             if (key.effect, key.number) == (hypothesis.name, number) and key.place in places
         ]
+
+
+def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, share: float) -> float:
+    """Standard deviation of an effect's parameter at a place, in its unit: a share of what the model has there."""
+    (scale,) = (p.scale for p in kind.parameters(robot, place) if p.name == parameter)
+    return share * scale
 
 
 def at_place(hypothesis: Hypothesis, key: Key) -> Hypothesis:

@@ -155,12 +155,12 @@ def sentence(
         )
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
-        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {explained(closes)} on jumps not "
+        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on jumps not "
         f"fitted on: it shrinks from {nominal:.2f} to {corrected:.2f}{rest}."
     )
 
 
-def explained(closes: Interval) -> str:
+def share_in_words(closes: Interval) -> str:
     """A share of the gap with its interval: per cent, or ``all`` where the value rounds to 100."""
     share = closes.at_most_all
     value, low, high = (f"{100 * part:.0f}" for part in (share.value, share.low, share.high))

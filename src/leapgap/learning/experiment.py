@@ -33,24 +33,36 @@ EXPORTED = "exported"
 """Folder of the models fitted on all jumps as others read them: ``control.exported``, ONNX."""
 
 
+MODELS = (
+    *("nominal_published", "nominal", "nominal_fitted", "constant_velocity", "playback", "published_recipe"),
+    *("networks", "networks_no_phase", "kernel", "kernel_no_phase", "blend", "blend_no_phase"),
+    *("networks_forecast", "kernel_forecast"),
+)
+"""Fitted unless others are asked for."""
+NOT_IN_SESSIONS = ("published_recipe", "networks_forecast", "kernel_forecast")
+"""Models that take long, or that are only compared with others of the same folds."""
+TRAINER = {"accelerator": "cpu", "devices": 1, "enable_progress_bar": True}
+
+
 @dataclass
 class TrainConfig:
     """The section ``train`` of the configuration: data, splits, models and their settings."""
 
     windows: str
+    sessions: list[list[str]] | None
+    """Patterns of the names of the jumps of each session; None: no sessions are held out."""
     out: str | None = None
-    models: list[str] = field(default_factory=list)
+    models: list[str] = field(default_factory=lambda: list(MODELS))
     """Which of the models to fit, by name."""
-    not_in_sessions: list[str] = field(default_factory=list)
+    not_in_sessions: list[str] = field(default_factory=lambda: list(NOT_IN_SESSIONS))
     """Those left out where whole sessions are held out, to save time."""
     folds: int = 4
-    sessions: list[list[str]] | None = None
-    """Patterns of the names of the jumps of each session."""
+    """Fold f holds out jumps f, f + folds, …"""
     seed: int = 0
     mass_kg: float = 12.453
     pitch_inertia_kgm2: float = 0.347
     """Of the nominal body that residuals correct."""
-    curvature: float = 0.0
+    curvature: float = 0.5
     """Of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
     kernel: KernelConfig = field(default_factory=KernelConfig)
     networks: NetworksConfig = field(default_factory=NetworksConfig)
@@ -58,9 +70,10 @@ class TrainConfig:
     steps_an_epoch: int = 25
     threads: int = 1
     """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
-    processes: int = 1
+    processes: int = 2
     """Splits fitted at the same time."""
-    trainer: dict[str, Any] = field(default_factory=dict)
+    trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
+    """What Lightning's Trainer is told."""
 
     def models_of(self, split: Split) -> list[str]:
         """Names of the models that are fitted on a split."""

@@ -17,16 +17,23 @@ from leapgap.robot.rigid_body import RigidBody
 PHASES = {"contact": True, "flight": False}
 
 
+INPUTS = {
+    **{"z": 0.2, "pitch": 0.2, "vx": 0.15, "vz": 0.15, "pitch_rate": 0.8},
+    **{"front_foot_x": 0.4, "front_foot_z": 0.4, "rear_foot_x": 0.4, "rear_foot_z": 0.4, "phase": 6.0},
+}
+"""Of the kernel model, chosen by cross-validation over jumps of one contact schedule."""
+
+
 @dataclass
 class KernelConfig:
     """How smooth the kernel model is. Lengths are in weighted standard deviations of the training inputs."""
 
-    inputs: dict[str, float] = field(default_factory=dict)
+    inputs: dict[str, float] = field(default_factory=lambda: dict(INPUTS))
     """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
     force_scale: float = 8.0
     """Standard deviations of a force that count like the constant: large trusts the nominal model's B(r)."""
     length_contact: float = 1.0
-    length_flight: float = 1.0
+    length_flight: float = 0.6
     ridge_contact: float = 0.02
     ridge_flight: float = 0.3
     """Noise variance over signal variance, per training step."""

@@ -29,17 +29,17 @@ class Robot:
     """
 
     path: Path
-    names: PartNames | None = field(default=None, compare=False)
-    """What the user calls its parts; None: by the tree of its bodies."""
     motors: MotorConstants = field(default_factory=MotorConstants)
     """What the model file does not state of the motors."""
+    names: PartNames | None = field(default=None, compare=False)
+    """What the user calls its parts; None: by the tree of its bodies."""
 
     @staticmethod
     def load(
-        path: Path | str = DEFAULT_MODEL, names: PartNames | None = None, motors: MotorConstants | None = None
+        path: Path | str = DEFAULT_MODEL, motors: MotorConstants | None = None, names: PartNames | None = None
     ) -> "Robot":
         """Read and compile a model file; ``InputError`` where it is none, or lacks what a replay needs."""
-        robot = Robot(Path(path), names, motors or MotorConstants())
+        robot = Robot(Path(path), motors or MotorConstants(), names)
         if not robot.path.is_file():
             raise InputError(path, "no such file", "a MuJoCo model (XML)", "name the robot's model file")
         try:

@@ -31,7 +31,7 @@ class Sensing:
     """What reaches the controller of the robot's state: what the log holds, the base's part of it later."""
 
     noise: SensorNoise = field(default_factory=SensorNoise)
-    base_delay_s: float = 0.0
+    base_delay_s: float = 0.002
     """Between a measurement of the base and the controller that uses it; joints arrive at once."""
 
 

@@ -1,0 +1,136 @@
+"""One truth about every setting: dataclasses carry the defaults, and conf/ shows the same ones.
+
+A field without a default is conf's alone; a field that conf does not show is the dataclass's alone. A library call with
+a settings object as it is made is then the instrument that the pipeline runs.
+"""
+
+import ast
+import importlib
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from typing import Any
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from leapgap.diagnosis.diagnose import Settings
+from leapgap.learning.experiment import TrainConfig
+from leapgap.recording.importers import log_format
+from stages.common import CONF, read_config
+from tests.code import ROOT
+
+DATA = {
+    "land.tasks.*": "each entry is a task of its own, and no entry is the default one",
+}
+"""Entries of conf that are data: an instance of a dataclass, where others are instances too."""
+
+
+@cache
+def conf(*overrides: str) -> Mapping[str, Any]:
+    """The whole configuration as composed."""
+    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
+        found = OmegaConf.to_container(compose("config", list(overrides)), resolve=True)
+    assert isinstance(found, dict)
+    return found  # type: ignore[return-value]
+
+
+def read_by_stages() -> list[tuple[str, type]]:
+    """Key and dataclass of every section that a stage reads; a part of a key that is known at run time is ``*``."""
+    found: set[tuple[str, type]] = set()
+    for path in sorted((ROOT / "stages").glob("*.py")):
+        module = importlib.import_module(f"stages.{path.stem}")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "read_config":
+                kind, _, key = node.args
+                if pattern(key) not in DATA:
+                    found |= {(name, own) for name in keys(pattern(key)) for own in kinds(kind, name, module)}
+    return sorted(found, key=lambda one: one[0])
+
+
+def pattern(key: ast.expr) -> str:
+    """The key of a call, its computed parts as ``*``."""
+    if isinstance(key, ast.JoinedStr):
+        return "".join(str(part.value) if isinstance(part, ast.Constant) else "*" for part in key.values)
+    assert isinstance(key, ast.Constant)
+    return str(key.value)
+
+
+def keys(wanted: str) -> list[str]:
+    """The keys of conf that a pattern stands for."""
+    head, star, _ = wanted.partition(".*")
+    return [f"{head}.{name}" for name in section(head)] if star else [wanted]
+
+
+def section(key: str) -> Any:
+    """A part of the configuration."""
+    found: Any = conf()
+    for name in key.split("."):
+        found = found[name]
+    return found
+
+
+def kinds(expression: ast.expr, key: str, module: Any) -> list[type]:
+    """The dataclass that a call names; options of an importer are found by its name, as the stage does."""
+    if isinstance(expression, ast.Name):
+        return [getattr(module, expression.id)]
+    name = key.rpartition(".")[2]
+    return [log_format(name).Options] if name in ("published", "csv") else []
+
+
+def differences(kind: type, shown: Mapping[str, Any], key: str) -> Iterator[str]:
+    """Fields of a dataclass whose default is another than what conf shows."""
+    for field in fields(kind):
+        default = field.default if field.default_factory is MISSING else field.default_factory()
+        if default is not MISSING and field.name in shown:
+            yield from apart(default, shown[field.name], f"{key}.{field.name}")
+
+
+def apart(default: Any, shown: Any, key: str) -> Iterator[str]:
+    """The same of a value, field by field where it is a dataclass."""
+    if is_dataclass(default) and isinstance(shown, Mapping):
+        for field in fields(default):
+            if field.name in shown:
+                yield from apart(getattr(default, field.name), shown[field.name], f"{key}.{field.name}")
+    elif plain(default) != plain(shown):
+        yield f"{key}: {default!r} in the dataclass, {shown!r} in conf/"
+
+
+def plain(value: Any) -> Any:
+    """Sequences of any kind as lists."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+@pytest.mark.parametrize(("key", "kind"), read_by_stages())
+def test_defaults_are_what_conf_shows(key: str, kind: type) -> None:
+    assert list(differences(kind, section(key), key)) == []
+
+
+def test_every_section_with_a_dataclass_is_found() -> None:
+    """The walk above sees what stages read: nested, computed and imported under another name alike."""
+    found = {key for key, _ in read_by_stages()}
+    assert found >= {"collect", "train", "evaluate", "diagnose.settings", "withhold.halves.tuning", "optimize.limits"}
+    assert found >= {"land", "import_logs.csv", "import_logs.published", "collect.sensing", "executor", "view"}
+
+
+def test_the_walk_sees_nested_differences() -> None:
+    shown = {"plan": {"beams": 3, "per_effect": 3}, "noise_draws": 4, "nothing": 1}
+    found = list(differences(Settings, shown, "diagnose"))
+    assert [line.split(":")[0] for line in found] == ["diagnose.plan.beams", "diagnose.noise_draws"]
+
+
+def test_a_library_call_with_settings_as_made_is_the_stage() -> None:
+    read = read_config(Settings, OmegaConf.create(section("diagnose.settings")), "diagnose.settings")
+    assert read == Settings()
+    assert Settings().tolerances, "a diagnosis without tolerances takes small errors of any model for causes"
+
+
+def test_a_mapping_in_conf_stands_in_place_of_the_default_and_is_not_laid_over_it() -> None:
+    """What a section leaves out of a mapping is left out: inputs of networks, tolerances."""
+    chosen = OmegaConf.create(conf("train/inputs=no_phase")["train"])
+    assert "phase" not in read_config(TrainConfig, chosen, "train").networks.inputs
+    none = OmegaConf.create({"tolerances": {}})
+    assert read_config(Settings, none, "diagnose.settings").tolerances == {}
