@@ -6,9 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from leapgap.diagnosis.beliefs import Belief
-from leapgap.diagnosis.gap import Judged, counts, pooled, squares
+from leapgap.diagnosis.gap import Judged, counts, pooled, squares, squares_of
 from leapgap.effects.base import Effect
-from leapgap.simulation.replay import Replayer
+from leapgap.recording.jump import Jump
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, Trial
 
 LEAST_ABOVE = 0.05
 """Of the noise floor: a share of less is a share of noise."""
@@ -64,6 +66,11 @@ def effects_on(fit: Belief, log: str, fold: int | None) -> tuple[Effect, ...]:
     """Effects of a fit on one log, as fitted without a fold (None: on all logs)."""
     numbers = fit.numbers if fold is None else fit.fold_numbers[fold]
     return tuple(h.on(log, own) for h, own in zip(fit.hypotheses, fit.split(numbers), strict=True))
+
+
+def on_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> tuple[Effect, ...]:
+    """Effects found on the first rows of a log, on all of it."""
+    return tuple(effect.continued(rows, all_rows) for effect in effects)
 
 
 def heldout_squares(judged: Judged, replayer: Replayer, beliefs: Sequence[Belief], folds: Sequence[int]) -> np.ndarray:
@@ -129,8 +136,31 @@ class HeldOut:
     """Sums of squares (jumps,) of beliefs on jumps they were not fitted on; each belief is replayed once."""
 
     yardstick: Yardstick
+    jumps: Sequence[Jump]
+    """The logs with all their rows, beyond those that are judged."""
+    nominal: Sequence[Motion]
+    """Their replays by the nominal robot."""
     known: dict[int, tuple[Belief, np.ndarray]] = field(default_factory=dict)
     """By identity: beliefs hold arrays."""
+    motions: dict[int, Sequence[Motion]] = field(default_factory=dict)
+    """Replays of all rows, of the beliefs that were asked for them."""
+
+    def replays(self, beliefs: Sequence[Belief]) -> list[Sequence[Motion]]:
+        """Replays of all rows by several beliefs, each log with the numbers that were fitted without it."""
+        new = list({id(b): b for b in beliefs if id(b) not in self.motions and b.hypotheses}.values())
+        folds = self.yardstick.folds.tolist()
+        trials = [
+            Trial(jump, on_whole_log(effects_on(belief, jump.name, fold), rows, len(jump)))
+            for belief in new
+            for jump, fold, rows in zip(self.jumps, folds, self.yardstick.judged.rows, strict=True)
+        ]
+        found = iter(self.yardstick.replayer.motions(trials))
+        for belief in new:
+            motions = [next(found) for _ in self.jumps]
+            self.motions[id(belief)] = motions
+            judged = self.yardstick.judged
+            self.known[id(belief)] = belief, squares_of(motions, judged, self.yardstick.replayer.robot)
+        return [self.motions[id(belief)] if belief.hypotheses else self.nominal for belief in beliefs]
 
     def of(self, beliefs: Sequence[Belief]) -> list[np.ndarray]:
         """Those of several beliefs, replayed as one batch where they are not known yet."""

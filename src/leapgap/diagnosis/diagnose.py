@@ -10,9 +10,9 @@ from leapgap.diagnosis import checks as consistency
 from leapgap.diagnosis.attribution import Plan, find
 from leapgap.diagnosis.beliefs import Found
 from leapgap.diagnosis.checks import Check
-from leapgap.diagnosis.closure import HeldOut, Yardstick, effects_on, resamples
+from leapgap.diagnosis.closure import HeldOut, Yardstick, resamples
 from leapgap.diagnosis.evidence import Evidence
-from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares
+from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares_of
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Report
@@ -120,24 +120,23 @@ def diagnose(
     judged = Judged.of(jumps, robot)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
     rng = np.random.default_rng(settings.seed)
-    yardstick = yardstick_of(judged, replayer, settings, rng)
+    nominal = replayer.motions([Trial(jump) for jump in jumps])
+    yardstick = yardstick_of(judged, replayer, nominal, settings, rng)
     gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged, robot, settings)
     hypotheses = hypotheses_of(kinds, robot, clock_of(checks, judged, robot))
     found = search(yardstick, hypotheses, settings, progress)
-    heldout = HeldOut(yardstick)
+    heldout = HeldOut(yardstick, jumps, nominal)
+    heldout.replays(found.steps)
     found = confirmed_by_jumps(found, [yardstick.closes(of) for of in heldout.of(found.steps)], settings.doubts)
     shares = first_shares(found, yardstick.draws) if found.rivals else np.zeros(0)
     heldout.of([*found.steps, *found.alternatives])
     said = conclude(found, shares, heldout, hypotheses, settings, progress)
     believed = said.steps[-1] if said.steps else found.nominal
+    (replays,) = heldout.replays([believed])
     (corrected,) = heldout.of([believed])
     closes = yardstick.closure(corrected) if said.answer else None
-    whole = replayer.motions([Trial(jump) for jump in jumps])
-    mended = replayer.motions(
-        [Trial(jump, effects_on(believed, jump.name, int(f))) for jump, f in zip(jumps, yardstick.folds, strict=True)]
-    )
     # Short steps: what the nominal simulation's own step does is no part of the gap.
     places = where(judged, replayer.with_steps(FINE_STEP_S), settings.where_horizon_s, settings.noise_draws, rng)
     report = Report(
@@ -156,24 +155,26 @@ def diagnose(
         not_judged=tuple(not_judged(jumps, robot)),
         profiles=tuple(profiles_of(found)),
         gap_per_log=yardstick.gap_by_log(corrected),
-        landing_misplaced_m=landing(whole, mended, judged),
+        landing_misplaced_m=landing(nominal, replays, judged),
         provenance=provenance or Provenance.of(jumps, robot, asdict(settings)),
     )
     logs = [jump.name for jump in jumps]
     return Diagnosis(
-        report, dict(zip(logs, whole, strict=True)), dict(zip(logs, mended, strict=True)), typical(believed, logs)
+        report, dict(zip(logs, nominal, strict=True)), dict(zip(logs, replays, strict=True)), typical(believed, logs)
     )
 
 
-def yardstick_of(judged: Judged, replayer: Replayer, settings: Settings, rng: np.random.Generator) -> Yardstick:
-    """Folds, nominal gap, noise floor and resamples of the logs."""
+def yardstick_of(
+    judged: Judged, replayer: Replayer, nominal: Sequence[Motion], settings: Settings, rng: np.random.Generator
+) -> Yardstick:
+    """Folds, nominal gap, noise floor and resamples of the logs; ``nominal`` are their replays by the nominal robot."""
     number = len(judged.jumps)
     return Yardstick(
         judged,
         replayer,
         np.array(folds_of(judged, settings.folds)),
-        squares(judged, replayer, [[()] * number])[0],
-        noise_floor(judged, replayer, settings.noise_draws, rng),
+        squares_of(nominal, judged, replayer.robot),
+        noise_floor(judged, replayer, settings.noise_draws, rng, nominal),
         resamples(number, settings.bootstrap_draws, rng),
     )
 
@@ -205,9 +206,9 @@ def conclude(
     return whole_jumps.concluded(found.before(1), hypotheses, settings.doubts.rival_share)
 
 
-def landing(whole: Sequence[Motion], mended: Sequence[Motion], judged: Judged) -> dict[str, dict[str, float]]:
+def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: Judged) -> dict[str, dict[str, float]]:
     """Of each log, how far off the simulated trunk is at touch-down, m; nothing for robots without a base."""
-    nominal, corrected = misplaced_at_the_end(whole, judged), misplaced_at_the_end(mended, judged)
+    nominal, corrected = misplaced_at_the_end(whole, judged), misplaced_at_the_end(replays, judged)
     if nominal is None or corrected is None:
         return {}
     of_logs = zip(judged.jumps, nominal, corrected, strict=True)

@@ -108,15 +108,19 @@ def scaled_errors(
         for jump, effects in zip(judged.jumps, of_candidate, strict=True)
     ]
     motions = iter(replayer.motions(trials))
-    errors = []
-    for _ in candidates:
-        of_jumps = []
-        for jump in judged.jumps:
-            motion = next(motions)
-            difference = table(motion, judged.channels, replayer.robot) - measured(jump, judged.channels)
-            of_jumps.append(np.clip(np.nan_to_num(difference / judged.scales, nan=FALLEN), -FALLEN, FALLEN))
-        errors.append(of_jumps)
-    return errors
+    return [[scaled_error(next(motions), jump, judged, replayer.robot) for jump in judged.jumps] for _ in candidates]
+
+
+def scaled_error(motion: Motion, jump: Jump, judged: Judged, robot: Robot) -> np.ndarray:
+    """Simulated − measured, scaled, in the judged rows of a jump, (rows, channels); ``motion`` may go on longer."""
+    difference = table(motion[: len(jump)], judged.channels, robot) - measured(jump, judged.channels)
+    return np.clip(np.nan_to_num(difference / judged.scales, nan=FALLEN), -FALLEN, FALLEN)
+
+
+def squares_of(motions: Sequence[Motion], judged: Judged, robot: Robot) -> np.ndarray:
+    """Sum of squared scaled errors of one motion a jump, (jumps,)."""
+    errors = (scaled_error(motion, jump, judged, robot) for motion, jump in zip(motions, judged.jumps, strict=True))
+    return np.array([float((error**2).sum()) for error in errors])
 
 
 def squares(judged: Judged, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]) -> np.ndarray:
@@ -136,17 +140,24 @@ def pooled(sum_of_squares: np.ndarray, judged: Judged) -> float:
     return float(np.sqrt(sum_of_squares.sum() / counts(judged).sum()))
 
 
-def noise_floor(judged: Judged, replayer: Replayer, draws: int, rng: np.random.Generator) -> np.ndarray:
+def noise_floor(
+    judged: Judged,
+    replayer: Replayer,
+    draws: int,
+    rng: np.random.Generator,
+    nominal: Sequence[Motion] | None = None,
+) -> np.ndarray:
     """Mean square that sensor noise alone leaves, a jump, (jumps,), summed over rows and channels.
 
     The nominal robot plays the log: its motion plus noise of each channel is taken as measured, and replayed
-    from its own noisy first row.
+    from its own noisy first row. ``nominal`` are its motions, where they are known already.
     """
     robot = replayer.robot
     every = scaled_channels(judged.jumps, robot)
     total = np.zeros(len(judged.jumps))
     sigma = [dict(zip((c.name for c in every), noise(jump, every), strict=True)) for jump in judged.jumps]
-    true = replayer.motions([Trial(jump) for jump in judged.jumps])
+    motions = nominal or replayer.motions([Trial(jump) for jump in judged.jumps])
+    true = [motion[: len(jump)] for motion, jump in zip(motions, judged.jumps, strict=True)]
     for _ in range(draws):
         trials = []
         for jump, own in zip(judged.jumps, sigma, strict=True):

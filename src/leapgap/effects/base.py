@@ -143,6 +143,10 @@ class Effect(ABC):
         """The same where its value changes within a log: shares of it, evenly spaced from first row to last."""
         return self
 
+    def continued(self, rows: int, all_rows: int) -> "Effect":
+        """The same on a log of ``all_rows`` rows, where it was found on the first ``rows`` of them."""
+        return self
+
     @property
     def structure(self) -> Hashable | None:
         """Names what ``change_spec`` adds, whatever its size; None where the model keeps its parts.

@@ -25,6 +25,13 @@ class SamplePeriod(Effect):
         """With this profile."""
         return replace(self, profile=profile)
 
+    def continued(self, rows: int, all_rows: int) -> "SamplePeriod":
+        """With a value a row, the last one held after the rows that the profile was found on."""
+        if not self.profile:
+            return self
+        at = np.linspace(0, rows - 1, len(self.profile))
+        return replace(self, profile=tuple(np.interp(np.arange(all_rows), at, self.profile).tolist()))
+
     def change_period(self, period_s: float) -> float:
         """Stretch the time that passes a row; the number of steps a row stays."""
         return period_s * self.scale
