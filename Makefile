@@ -1,11 +1,18 @@
-# make run: environment and pipeline; make test: environment and tests. Needs Python 3.11 and make, nothing else.
-PYTHON ?= python3.11
+# make run: environment and pipeline; make test: environment and tests. Needs Python and make, nothing else.
+# Python 3.11 where there is one, else another that fits pyproject.toml; PYTHON=<path> chooses. Each is tried, since
+# the name alone proves nothing: a version manager has names for versions that it cannot run.
+FITS := import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
+ifndef PYTHON
+PYTHON := $(shell for name in python3.11 python3; do $$name -c '$(FITS)' 2>/dev/null && command -v $$name && break; done)
+endif
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export DVC_NO_ANALYTICS := 1
 
-.PHONY: run test lint renderer blind
+.PHONY: run test lint docs renderer blind
 
 .venv/ready: pyproject.toml constraints.txt
+	@"$(PYTHON)" -c '$(FITS)' 2>/dev/null || { echo "make: found $(or $(PYTHON),neither python3.11 nor another python3);\
+	  expected Python 3.11, 3.12 or 3.13; install one, or name it: make PYTHON=<path>" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
 	.venv/bin/pip install -q --disable-pip-version-check -c constraints.txt -e ".[dev]"
 	touch $@
@@ -17,6 +24,12 @@ run: .venv/ready
 test: export OMP_NUM_THREADS := 1  # two workers share two cores
 test: .venv/ready renderer
 	pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_pipeline.py tests  # the longest file first
+
+# The site: guide and API reference, in site/index.html; opens from the file, without a network.
+docs: export NO_MKDOCS_2_WARNING := 1  # a notice of its theme's authors
+docs: .venv/ready
+	mkdocs build -q --strict
+	@echo "open site/index.html"
 
 lint: .venv/ready
 	ruff check

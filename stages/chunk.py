@@ -6,7 +6,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from leapgap.files import whole_folder
-from leapgap.recording import jump, windows
+from leapgap.recording import jump, window_extraction, windows
 from leapgap.recording.windows import TimeGrid
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
@@ -33,7 +33,7 @@ def chunk(config: DictConfig) -> None:
     """Read a folder of jump logs, write their windows."""
     section = read_config(ChunkConfig, config.chunk, "chunk")
     out = output_folder(section.out)
-    found = windows.cut(
+    found = window_extraction.cut(
         jump.read_folder(Path(section.logs)), section.grid, Robot.load(config.robot.model), section.force
     )
     with whole_folder(out) as folder:

@@ -7,10 +7,10 @@ from typing import Any
 from omegaconf import DictConfig
 
 from leapgap.files import read_json, whole_folder, write_json, write_text
-from leapgap.learning import evaluation, frequency, store
-from leapgap.learning.evaluation import HeldOut
-from leapgap.learning.frequency import RollOut
-from leapgap.recording import jump, windows
+from leapgap.learning import evaluation, store, time_grid_comparison
+from leapgap.learning.evaluation import HeldOutPredictions
+from leapgap.learning.time_grid_comparison import RollOut
+from leapgap.recording import jump, window_extraction, windows
 from leapgap.robot.model import Robot
 from leapgap.view import learning as page
 from stages.common import output_folder, read_config, run_stage
@@ -46,11 +46,11 @@ def evaluate(config: DictConfig) -> None:
         if not metrics.exists():
             write_json(metrics, {"jumps": 0})
         return
-    folds, sessions = (evaluation.held_out(found, models, prefix) for prefix in ("fold", "session"))
+    folds, sessions = (evaluation.predict_held_out(found, models, prefix) for prefix in ("fold", "session"))
     figures = evaluation.metrics(folds, sessions, found)
     roll_outs = None if folds is None else from_650_ms(folds, section)
     if roll_outs is not None:
-        figures["landing_rms"] = frequency.landing_rms(roll_outs)
+        figures["landing_rms"] = time_grid_comparison.landing_rms(roll_outs)
     with whole_folder(out) as folder:
         if folds is not None:
             evaluation.write_predictions(folds, folder)
@@ -63,12 +63,12 @@ def evaluate(config: DictConfig) -> None:
     print(f"{len(found)} windows of {len(found.jumps)} jumps predicted -> {metrics}, {out}")
 
 
-def from_650_ms(folds: HeldOut, section: EvaluateConfig) -> dict[str, RollOut] | None:
+def from_650_ms(folds: HeldOutPredictions, section: EvaluateConfig) -> dict[str, RollOut] | None:
     """Roll-outs on variable and on fixed steps, where models of fixed steps are at hand."""
     if section.fixed_models is None or section.fixed_windows is None:
         return None
-    fixed = evaluation.held_out(windows.read(Path(section.fixed_windows)), Path(section.fixed_models), "fold")
-    return None if fixed is None else frequency.compare(folds, fixed)
+    fixed = evaluation.predict_held_out(windows.read(Path(section.fixed_windows)), Path(section.fixed_models), "fold")
+    return None if fixed is None else time_grid_comparison.compare(folds, fixed)
 
 
 def report(
@@ -84,8 +84,8 @@ def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
     """The models trained on all jumps, on logs they may never have seen."""
     name = read_json(models / "splits.json")["all"]["models"][0]
     model = store.load(models / "all", name)
-    found = windows.cut(jump.read_folder(logs), model.purpose.grid, robot)
-    mse = evaluation.of_unseen(found, models) if len(found) else {}
+    found = window_extraction.cut(jump.read_folder(logs), model.purpose.grid, robot)
+    mse = evaluation.errors_on_other_jumps(found, models) if len(found) else {}
     write_json(out / "learning.json", {"jumps": len(found.jumps), "windows": len(found), "mse": mse})
     seen = set(found.jumps) & set(model.trained_on)
     if seen:

@@ -1,13 +1,14 @@
 """Foreign logs to jump logs."""
 
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig
 
 from leapgap.errors import InputError
 from leapgap.files import whole_folder
 from leapgap.recording import jump as jump_log
-from leapgap.recording.importers import importer
+from leapgap.recording.importers import log_format
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
 
@@ -18,8 +19,8 @@ def import_logs(config: DictConfig) -> None:
     source = Path(settings.source)
     if not source.is_dir():
         raise InputError("import_logs.source", str(source), "a folder", "name the folder of the logs")
-    layout = importer(settings.format)
-    options = read_config(layout.Options, settings[settings.format], f"import_logs.{settings.format}")
+    layout = log_format(settings.format)
+    options: Any = read_config(layout.Options, settings[settings.format], f"import_logs.{settings.format}")
     robot = Robot.load(config.robot.model)
     found = layout.find(source)
     with whole_folder(output_folder(settings.out)) as folder:

@@ -24,7 +24,7 @@ def train(config: DictConfig) -> dict[str, float] | None:
         print(f"no logs: nothing trained -> {out}")
         return None
     print(f"{len(fitted)} models fitted in {time.monotonic() - began:.0f} s, the others kept -> {out}")
-    folds = evaluation.held_out(found, out, "fold") if in_sweep() else None
+    folds = evaluation.predict_held_out(found, out, "fold") if in_sweep() else None
     return None if folds is None else evaluation.cv_figures(folds)
 
 

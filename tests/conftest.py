@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from leapgap.planning.library import reference_to
-from leapgap.recording import jump as jump_log
-from leapgap.recording.importers import importer
+from leapgap.recording.importers import log_format
 from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.recording.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.robot.model import Robot
 from leapgap.robot.planar import planar_robot
 from leapgap.robot.schedule import ContactSchedule
@@ -26,14 +26,14 @@ def robot() -> Robot:
 def raw() -> Path:
     """The published jumps in their own layout, where this machine has them."""
     for folder in (os.environ.get("LEAPGAP_RAW"), "data/raw"):
-        if folder and importer("published").find(Path(folder)):
+        if folder and log_format("published").find(Path(folder)):
             return Path(folder)
     pytest.skip("no real jumps: set LEAPGAP_RAW or fill data/raw")
 
 
 @pytest.fixture(scope="session")
 def real_jumps(raw: Path, robot: Robot) -> list[Jump]:
-    published = importer("published")
+    published = log_format("published")
     return [published.read(path, name, robot, published.Options()) for name, path in published.find(raw).items()]
 
 
@@ -49,9 +49,7 @@ def standing(
     """A log of the A1 held in its crouch, ``height_m`` of the trunk above the floor."""
     columns = {"time": np.arange(rows) / 1000}
     still = {"base_pos_z": height_m, "base_quat_w": 1.0}
-    for name in (
-        jump_log.BASE_POSITION + jump_log.BASE_QUATERNION + jump_log.BASE_VELOCITY + (jump_log.BASE_ANGULAR_VELOCITY)
-    ):
+    for name in BASE_POSITION + BASE_QUATERNION + BASE_VELOCITY + BASE_ANGULAR_VELOCITY:
         columns[name] = np.full(rows, still.get(name, 0.0))
     for i, joint in enumerate(robot.joints):
         angle = np.full(rows, CROUCH[i % 3])

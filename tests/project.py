@@ -14,6 +14,13 @@ from tests.code import ROOT
 DVC = str(Path(sys.executable).with_name("dvc"))
 
 
+def environment(folder: Path) -> dict[str, str]:
+    """Variables with which commands use this interpreter and the library of a copy of the project in ``folder``."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("DVC_", "GIT_"))}
+    path = f"{Path(sys.executable).parent}{os.pathsep}{kept['PATH']}"
+    return kept | {"PATH": path, "PYTHONPATH": str(folder / "src"), "DVC_NO_ANALYTICS": "1"}
+
+
 class Project:
     """A copy of the working tree as a git repository of its own, set to size tiny."""
 
@@ -32,9 +39,7 @@ class Project:
 
     @property
     def environment(self) -> dict[str, str]:
-        kept = {k: v for k, v in os.environ.items() if not k.startswith(("DVC_", "GIT_"))}
-        path = f"{Path(sys.executable).parent}{os.pathsep}{kept['PATH']}"
-        return kept | {"PATH": path, "PYTHONPATH": str(self.folder / "src"), "DVC_NO_ANALYTICS": "1"}
+        return environment(self.folder)
 
     def run(self, *command: str, code: int | None = 0) -> str:
         done = subprocess.run(

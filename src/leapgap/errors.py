@@ -1,5 +1,8 @@
 """The one exception a user is meant to read."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class InputError(Exception):
     """A file, log or setting that cannot be used; stages turn it into exit code 2 and its message.
@@ -16,3 +19,24 @@ class InputError(Exception):
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str, str]]:
         """To cross from a worker process to the one that tells the user."""
         return type(self), (self.where, self.found, self.expected, self.do)
+
+
+@contextmanager
+def needs(extra: str) -> Iterator[None]:
+    """Stand around imports of packages that an extra of ours installs, inside the function that uses them.
+
+    A package that is missing becomes an ``InputError`` that names the extra; a missing module of our own stays a
+    ``ModuleNotFoundError``.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        name = error.name or str(error)
+        if name.partition(".")[0] == "leapgap":
+            raise
+        raise InputError(
+            f"import of {name}",
+            "no package of that name",
+            f"what the extra '{extra}' installs",
+            f"pip install 'leapgap[{extra}]'",
+        ) from None

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, needs
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -26,7 +26,8 @@ class Executor:
         if self.kind == "local":
             yield from map(function, items)
         elif self.kind == "joblib":
-            import joblib
+            with needs("pipeline"):
+                import joblib
 
             yield from joblib.Parallel(n_jobs=self.workers, return_as="generator", batch_size=1)(
                 joblib.delayed(function)(item) for item in items

@@ -14,10 +14,10 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.effects.base import Motion
 from leapgap.files import write_json
 from leapgap.recording.jump import Jump, read_folder
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Trial
 from stages.common import read_config
 

@@ -36,7 +36,8 @@ from leapgap.control.qp import QpConfig
 from leapgap.control.reference import Reference, StartFrame
 from leapgap.files import write_json
 from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.recording.windows import TimeGrid
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot

@@ -20,11 +20,12 @@ import torch
 from omegaconf import OmegaConf
 
 from leapgap.files import write_json
-from leapgap.learning import store, training, untrained
-from leapgap.learning.experiment import FITS, Task, TrainConfig
+from leapgap.learning import initialisation, store, torch_rollout
+from leapgap.learning.experiment import TrainConfig, fit_task
 from leapgap.learning.model import Nominal
 from leapgap.learning.network import NetworkModel
-from leapgap.learning.splits import everything
+from leapgap.learning.registry import RECIPES
+from leapgap.learning.splits import train_on_all
 from leapgap.recording import windows as windows_module
 from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import RigidBody
@@ -36,15 +37,15 @@ PUBLISHED_S = 0.90
 STEPS = 5
 
 
-class Looped(training.Residual):
+class Looped(torch_rollout.ResidualModule):
     """The same weights and loss, one window and step at a time."""
 
-    def roll_out(self, batch: training.Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    def roll_out(self, batch: torch_rollout.Batch) -> tuple[torch.Tensor, torch.Tensor]:
         states, penalty = [], torch.zeros(())
         for w in range(len(batch.state)):
             state, path = batch.state[None, w : w + 1, 0], []
             for k, contact in enumerate(batch.in_contact):
-                asked = training.Situation(
+                asked = torch_rollout.Situation(
                     state, batch.foot[w : w + 1, k], batch.time_s[w : w + 1, k], batch.state[None, w : w + 1, 0]
                 )
                 acceleration, outputs = self(asked, batch.force[w : w + 1, k], w < contact)
@@ -56,9 +57,9 @@ class Looped(training.Residual):
         return torch.stack(states)[None], penalty / len(batch.in_contact)
 
 
-def descent(residual: training.Residual, windows: Windows, rate: float, penalty: float) -> Iterator[float]:
+def descent(residual: torch_rollout.ResidualModule, windows: Windows, rate: float, penalty: float) -> Iterator[float]:
     """The loss before each step of Adam, summed as published."""
-    batch = training.Batch.of(windows, torch.device("cpu"))
+    batch = torch_rollout.Batch.of(windows, torch.device("cpu"))
     optimiser = torch.optim.Adam(residual.parameters(), lr=rate)
     while True:
         states, outputs = residual.roll_out(batch)
@@ -83,19 +84,19 @@ def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
     """The paper's networks before training."""
     recipe = config.published_recipe
     nominal = Nominal(RigidBody(recipe.mass_kg, recipe.pitch_inertia_kgm2))
-    return untrained.published(windows.grid, nominal, recipe, np.random.default_rng(config.seed))
+    return initialisation.initial_published_networks(windows.grid, nominal, recipe, np.random.default_rng(config.seed))
 
 
 def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
     """Wall seconds of fitting each configured model on all jumps, torch already imported."""
-    split, seconds = everything(windows.jumps), {}
+    split, seconds = train_on_all(windows.jumps), {}
     with tempfile.TemporaryDirectory() as place:
         for name in config.models:
-            task = Task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")
+            task = fit_task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")
             began = time.perf_counter()
-            model, _ = FITS[name](task)
+            model, _ = RECIPES[name].fit(task)
             seconds[name] = time.perf_counter() - began
-            store.save(store.Stored(model, Purpose.of(windows), windows.jumps, ""), Path(place), name)
+            store.save(store.StoredModel(model, Purpose.of(windows), windows.jumps, ""), Path(place), name)
     return seconds
 
 
@@ -112,7 +113,7 @@ def main() -> None:
     torch.set_num_threads(given.threads)
     start, fitting = published_start(windows, config), config.published_recipe.fitting
     recipe = (windows, fitting.learning_rate, fitting.output_penalty)
-    vectorised, peer = training.Residual(start, 0.0), Looped(start, 0.0)
+    vectorised, peer = torch_rollout.ResidualModule(start, 0.0), Looped(start, 0.0)
     ours, ours_s = timed(descent(vectorised, *recipe))
     looped, looped_s = timed(descent(peer, *recipe))
     apart = max(abs(a - b) / b for a, b in zip(ours, looped, strict=True))

@@ -8,9 +8,11 @@ from leapgap import effects
 from leapgap.diagnosis.evidence import Evidence, State, smoothed, spread, turn_between
 from leapgap.diagnosis.gap import Judged
 from leapgap.recording.jump import Jump
+from leapgap.recording.state import motion_of
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.hardware import SensorNoise
-from leapgap.simulation.replay import Motion, Replayer, Starts, Trial
+from leapgap.simulation.replay import Replayer, Starts, Trial
 from tests.diagnosis.test_gap import hardware
 
 
@@ -128,7 +130,8 @@ def test_noise_of_every_channel_is_read_off_the_log(robot: Robot, reference: Jum
     noise = SensorNoise(base_pos_m=0.002, base_angle_rad=0.003, joint_vel_rad_s=0.07)
     (jump,) = hardware(robot, reference, noise=noise)
     state = State.of([jump], robot)
-    found = dict(zip(state.names, state.noise(state.logged(jump)), strict=True))
+    noise_of_channel = state.noise(motion_of(jump, robot), jump.info.sample_period_s)
+    found = dict(zip((channel.name for channel in state.channels), noise_of_channel, strict=True))
     assert found["base_pos_y"] == pytest.approx(0.002, rel=0.15)
     assert found["base_pitch"] == pytest.approx(0.003, rel=0.15)
     assert found["joint_vel/RR_calf"] == pytest.approx(0.07, rel=0.15)

@@ -5,7 +5,8 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, Trial
 
 TABLE = {
     "aerodynamic_drag": (("coefficient", "N·s²/m²", 0, 0.3, 1, 3),),

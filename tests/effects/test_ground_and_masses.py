@@ -9,8 +9,9 @@ import pytest
 from leapgap import effects
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.robot.terrain import Box
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.simulation.replay import Replayer, Trial
 from tests.conftest import standing
 
 G = 9.81

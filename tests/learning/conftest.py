@@ -4,17 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from leapgap.recording import windows as windows_module
-from leapgap.recording.jump import (
-    BASE_POSITION,
-    BASE_QUATERNION,
-    COMMANDS,
-    PAIR_FORCE_AXES,
-    Jump,
-    JumpInfo,
-    Target,
-)
+from leapgap.recording import window_extraction
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
 from leapgap.recording.windows import TimeGrid, Windows
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.rigid_body import RigidBody, advance
 from leapgap.robot.schedule import ContactSchedule
@@ -33,7 +27,7 @@ def pose(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def law(robot: Robot, state: np.ndarray, force: np.ndarray) -> np.ndarray:
     """(v̇x, v̇z, ω̇) of one state (6,) under forces (4,)."""
     position, quaternion = pose(state[None])
-    foot = (robot.per_pair(robot.feet_in_world(position, quaternion, CROUCH[None]) - position[:, None]) / 2)[0]
+    foot = (robot.per_pair(feet_in_world(robot, position, quaternion, CROUCH[None]) - position[:, None]) / 2)[0]
     rows = RigidBody().force_rows(foot) * np.array(TRUE_GAINS)[:, None]
     return rows @ force + [0.0, -9.81, 0.0]
 
@@ -78,10 +72,10 @@ def jumps(robot: Robot) -> list[Jump]:
 
 @pytest.fixture(scope="session")
 def windows(robot: Robot, jumps: list[Jump]) -> Windows:
-    return windows_module.cut(jumps, TimeGrid(), robot)
+    return window_extraction.cut(jumps, TimeGrid(), robot)
 
 
 @pytest.fixture(scope="session")
 def real_windows(robot: Robot, real_jumps: list[Jump]) -> Windows:
     """Of the published jumps, where a copy is at hand."""
-    return windows_module.cut(real_jumps, TimeGrid(), robot)
+    return window_extraction.cut(real_jumps, TimeGrid(), robot)

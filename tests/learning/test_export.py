@@ -11,12 +11,13 @@ import pytest
 
 from leapgap.control import exported
 from leapgap.errors import InputError
-from leapgap.learning import export, kernel, store, training, untrained
-from leapgap.learning.baselines import NominalModel, Playback, fit_gains
-from leapgap.learning.blend import Blend
+from leapgap.learning import export, initialisation, kernel, store, torch_rollout
+from leapgap.learning.ensemble import ModelEnsemble
+from leapgap.learning.initialisation import NetworksConfig, PublishedRecipeConfig
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal
-from leapgap.learning.untrained import NetworksConfig, PublishedRecipeConfig
+from leapgap.learning.nominal import NominalModel, fit_gains
+from leapgap.learning.playback import Playback
 from leapgap.recording.windows import Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import FEATURES, Situation
 from leapgap.robot.rigid_body import RigidBody
@@ -28,7 +29,7 @@ GAINED = Nominal(RigidBody(), (0.5, 0.9, 0.3))
 
 def single(windows: Windows, seeds: int = 1, hidden: tuple[int, ...] = (24,)):
     config = NetworksConfig(inputs=dict.fromkeys(NAMES, 0.5), hidden=list(hidden), seeds=seeds, output_gain=1.0)
-    return untrained.networks(windows, GAINED, config, np.random.default_rng(1))
+    return initialisation.initial_networks(windows, GAINED, config, np.random.default_rng(1))
 
 
 def kernels(windows: Windows):
@@ -37,7 +38,9 @@ def kernels(windows: Windows):
 
 def published(windows: Windows):
     recipe = PublishedRecipeConfig(hidden_h=[8, 9], hidden_G=[11, 7], orthogonal_gain=1.0)
-    return untrained.published(windows.grid, Nominal(RigidBody(12, 0.17)), recipe, np.random.default_rng(2))
+    return initialisation.initial_published_networks(
+        windows.grid, Nominal(RigidBody(12, 0.17)), recipe, np.random.default_rng(2)
+    )
 
 
 MAKERS = {
@@ -47,7 +50,7 @@ MAKERS = {
     "deep": lambda w: single(w, 2, (12, 10, 8)),
     "published": published,
     "kernel": kernels,
-    "blend": lambda w: Blend((single(w, 3), kernels(w))),
+    "blend": lambda w: ModelEnsemble((single(w, 3), kernels(w))),
 }
 
 
@@ -57,7 +60,7 @@ def model(request, windows: Windows):
 
 
 def written(model, windows: Windows, folder) -> exported.Exported:
-    export.write(store.Stored(model, Purpose.of(windows), windows.jumps, "k"), folder, "m")
+    export.write(store.StoredModel(model, Purpose.of(windows), windows.jumps, "k"), folder, "m")
     return exported.load(folder, "m", Purpose.of(windows))
 
 
@@ -103,7 +106,7 @@ def test_the_reader_equals_the_trained_network_in_torch(windows: Windows, tmp_pa
     import torch
 
     model = single(windows, seeds)
-    twin = training.Residual(model, dropout=0.0).eval()
+    twin = torch_rollout.ResidualModule(model, dropout=0.0).eval()
     reader, (situation, contact) = written(model, windows, tmp_path), situations(windows)
     force = windows.force[:, 8]
     found = reader.affine(situation, contact).acceleration(force)
@@ -132,7 +135,7 @@ def test_another_purpose_is_refused(windows: Windows, tmp_path, change, said):
 
 def test_only_models_of_forces_are_exported(windows: Windows):
     with pytest.raises(InputError, match="export: found playback; expected a residual model"):
-        export.flatten(Playback.fit(windows))
+        Playback.fit(windows).flatten()
 
 
 def test_the_same_model_gives_the_same_bytes(windows: Windows, tmp_path):

@@ -7,11 +7,13 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.learning import kernel
-from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
-from leapgap.learning.features import transitions
+from leapgap.learning.constant_velocity import ConstantVelocity
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal, ResidualModel, squared_errors
+from leapgap.learning.nominal import NominalModel, fit_gains
+from leapgap.learning.playback import Playback
 from leapgap.learning.splits import folds, sessions
+from leapgap.learning.transitions import extract_transitions
 from leapgap.recording.windows import RolloutInputs, Windows
 from leapgap.robot.prediction import FEATURES, Affine, Situation
 from leapgap.robot.rigid_body import RigidBody
@@ -75,7 +77,7 @@ def test_constant_velocity_is_exact_for_nothing_but_constant_velocity(windows: W
 
 
 def test_each_measured_step_is_taken_once(windows: Windows):
-    steps = transitions(windows)
+    steps = extract_transitions(windows)
     assert len(steps.step) == 36 * len(windows.jumps)
     np.testing.assert_array_equal(np.bincount(steps.step), np.full(36, len(windows.jumps)))
 
@@ -93,7 +95,7 @@ def test_the_kernel_solves_its_ridge_problem(windows: Windows):
     """At the training steps, prediction + ridge · weights = target: the normal equations of kernel ridge."""
     config = KernelConfig(inputs=dict.fromkeys(NAMES, 1.0), ridge_contact=0.3)
     nominal = Nominal(RigidBody())
-    model, steps = kernel.fit(windows, nominal, config), transitions(windows)
+    model, steps = kernel.fit(windows, nominal, config), extract_transitions(windows)
     steps = steps.at(steps.contact)
     predicted = model.affine(steps.situation, steps.contact).acceleration(steps.force)
     assert model.contact is not None

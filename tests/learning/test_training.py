@@ -1,4 +1,4 @@
-"""Networks: the torch twin, training, the stored form, and the keeping of finished work."""
+"""Networks: their training with Lightning, and the pipeline that trains every model and keeps finished work."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,16 +11,18 @@ from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.files import read_json
-from leapgap.learning import evaluation, experiment, store, training, untrained
-from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
-from leapgap.learning.experiment import FITS, TrainConfig
+from leapgap.learning import evaluation, experiment, initialisation, recipe, store, torch_rollout, training
+from leapgap.learning.constant_velocity import ConstantVelocity
+from leapgap.learning.experiment import TrainConfig
+from leapgap.learning.initialisation import Fitting, NetworksConfig, PublishedRecipeConfig
 from leapgap.learning.kernel import KernelConfig
 from leapgap.learning.model import Nominal, squared_errors
+from leapgap.learning.nominal import NominalModel, fit_gains
+from leapgap.learning.playback import Playback
+from leapgap.learning.registry import RECIPES
 from leapgap.learning.splits import folds
-from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
-from leapgap.recording import windows as windows_module
-from leapgap.recording.windows import ARRAYS, Purpose, TimeGrid, Windows
-from leapgap.robot.prediction import Situation
+from leapgap.recording import window_extraction
+from leapgap.recording.windows import ARRAYS, TimeGrid, Windows
 from leapgap.robot.rigid_body import RigidBody
 from stages.params import composed
 
@@ -42,7 +44,7 @@ def config(**changes) -> TrainConfig:
             sessions=None,
             curvature=0.0,  # as the jumps were made
             processes=1,
-            models=list(FITS),
+            models=list(RECIPES),
             folds=2,
             kernel=KernelConfig(inputs=INPUTS),
             networks=SHORT,
@@ -56,81 +58,12 @@ def config(**changes) -> TrainConfig:
 
 
 def fit(train: Windows, validation: Windows | None, scratch: Path, fitting: Fitting = NETWORKS.fitting, seed: int = 0):
-    start = untrained.networks(train, Nominal(RigidBody()), NETWORKS, np.random.default_rng(seed))
-    return training.fit(start, train, validation, fitting, training.Run(seed, 1, QUIET, scratch, "test", 4))
+    start = initialisation.initial_networks(train, Nominal(RigidBody()), NETWORKS, np.random.default_rng(seed))
+    return training.fit(start, train, validation, fitting, recipe.TrainingRun(seed, 1, QUIET, scratch, "test", 4))
 
 
 def same(a, b) -> bool:
     return all(np.array_equal(x, y) for x, y in zip(a.arrays().values(), b.arrays().values(), strict=True))
-
-
-def published_model(windows: Windows):
-    return untrained.published(
-        windows.grid,
-        Nominal(RigidBody(12.0, 0.17)),
-        PublishedRecipeConfig(hidden_h=[8, 8], hidden_G=[9, 9], orthogonal_gain=1.0),
-        np.random.default_rng(3),
-    )
-
-
-def our_model(windows: Windows):
-    nominal = Nominal(RigidBody(), (0.5, 0.9, 0.3))
-    return untrained.networks(windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3))
-
-
-@pytest.mark.parametrize("make", [our_model, published_model])
-def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
-    model = make(windows)
-    twin = training.Residual(model, dropout=0.5).eval()
-    store.save(store.Stored(model, Purpose.of(windows), windows.jumps, "k"), tmp_path, "m")
-    read = store.load(tmp_path, "m").model
-    assert isinstance(read, type(model)) and same(read, model)
-    state = windows.state[:, 1] * 1.01
-    situation = Situation(state, windows.foot[:, 1], windows.time_s[:, 1], windows.state[:, 0])
-    force = windows.force[:, 1]
-    for pushing in (True, False):
-        terms = read.members(situation, pushing)
-        ours = terms.bias + np.einsum("snij,nj->sni", terms.by_force, force)
-        ours = ours + read.nominal.at(situation.foot).acceleration(force)
-
-        now, foot, time_s, start = (torch.tensor(a, dtype=torch.float32) for a in vars(situation).values())
-        asked = Situation(now.expand(len(ours), -1, -1), foot, time_s, start.expand(len(ours), -1, -1))
-        theirs = twin(asked, torch.tensor(force, dtype=torch.float32), pushing)[0].detach().numpy()
-        np.testing.assert_allclose(theirs, ours, rtol=1e-5, atol=1e-5 * np.abs(ours).max())
-
-
-def test_the_roll_outs_agree_for_one_member(windows: Windows):
-    model = untrained.networks(
-        windows, Nominal(RigidBody(), (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
-    )
-    batch = training.Batch.of(windows, torch.device("cpu"))
-    states, _ = training.Residual(model, 0.0).roll_out(batch)
-    order = np.argsort(windows.start, kind="stable")
-    np.testing.assert_allclose(states[0].detach(), model.predict(windows.inputs)[order, 1:], atol=1e-5)
-
-
-def test_gradients_of_the_loss_by_finite_differences(windows: Windows):
-    learner = training.Residual(our_model(windows), 0.0).double()
-    batch = training.Batch.of(windows.of_jumps(windows.jumps[:1]), torch.device("cpu"))
-    batch = training.Batch(
-        *(getattr(batch, n).double() for n in ("state", "force", "foot", "time_s", "step_s")), batch.in_contact
-    )
-
-    def loss() -> torch.Tensor:
-        states, penalty = learner.roll_out(batch)
-        return ((states - batch.state[:, 1:]) ** 2).mean() + 1e-3 * penalty
-
-    loss().backward()
-    for name in ("contact/h", "contact/G", "flight/h"):
-        weight = learner.networks[name][0][0]
-        with torch.no_grad():
-            for index in ((0, 1, 2), (1, 4, 7)):
-                kept, values = weight[index].item(), []
-                for bump in (1e-5, -1e-5):
-                    weight[index] = kept + bump
-                    values.append(loss().item())
-                weight[index] = kept
-                assert (values[0] - values[1]) / 2e-5 == pytest.approx(weight.grad[index].item(), rel=1e-4, abs=1e-9)
 
 
 def test_training_learns_repeats_bit_for_bit_and_notes_its_curve(windows: Windows, tmp_path):
@@ -194,10 +127,10 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
     assert same(resumed, model) and resumed_curve == curve
 
-    start = untrained.networks(windows, Nominal(RigidBody()), NETWORKS, np.random.default_rng(0))
+    start = initialisation.initial_networks(windows, Nominal(RigidBody()), NETWORKS, np.random.default_rng(0))
     last_two = windows.of_jumps(windows.jumps[-2:])
-    learner = training.Learner(training.Residual(model, 0.0), windows, {}, fitting, 0)
-    learner.batches = {"stopping": training.Batch.of(last_two, torch.device("cpu"))}
+    learner = training.Learner(torch_rollout.ResidualModule(model, 0.0), windows, {}, fitting, 0)
+    learner.batches = {"stopping": torch_rollout.Batch.of(last_two, torch.device("cpu"))}
     assert learner.error_on("stopping") == pytest.approx(min(seen), rel=1e-4)
     assert not same(model, start)
     with pytest.raises(InputError, match=r"fitting.stopping_jumps: found 6 of 6 training jumps"):
@@ -217,7 +150,7 @@ def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path)
     small = config()
     experiment.train(windows, small, tmp_path / "clean")
     experiment.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
-    for name in FITS:
+    for name in RECIPES:
         clean, corrupt = (store.load(tmp_path / kind / "fold_0", name) for kind in ("clean", "corrupt"))
         assert "jump_02" not in clean.trained_on and same(clean.model, corrupt.model), name
         assert clean.model.settings() == corrupt.model.settings(), name
@@ -241,10 +174,12 @@ def test_finished_models_are_kept_and_unknown_ones_removed(windows: Windows, tmp
 
 
 def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
-    models = [name for name in FITS if not name.startswith(("networks", "published", "blend"))]
+    models = [name for name in RECIPES if not name.startswith(("networks", "published", "blend"))]
     groups = [["jump_0[012]"], ["jump_0[345]"]]
     experiment.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
-    quarters, halves = (evaluation.held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session"))
+    quarters, halves = (
+        evaluation.predict_held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session")
+    )
     assert quarters is not None and halves is not None
     found = evaluation.metrics(quarters, halves, windows)
     assert (found["jumps"], found["windows"]) == (6, 162)
@@ -270,7 +205,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     assert table["time"].take(rows).to_pylist()[-1] == pytest.approx(1.2)
     assert table["x"].take(rows).to_pylist()[0] == pytest.approx(windows.start_x[4 * 27 + 26])
 
-    unseen = evaluation.of_unseen(windows, tmp_path / "models")
+    unseen = evaluation.errors_on_other_jumps(windows, tmp_path / "models")
     assert unseen["nominal_fitted"] == pytest.approx(
         squared_errors(gained.predict(windows.inputs), windows).mean(), abs=1e-12
     )
@@ -279,7 +214,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
         (replace(windows, grid=TimeGrid(flight_step_s=0.05)), "a model for grid"),
     ):
         with pytest.raises(InputError, match=said):
-            evaluation.of_unseen(other, tmp_path / "models")
+            evaluation.errors_on_other_jumps(other, tmp_path / "models")
 
 
 def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
@@ -295,7 +230,7 @@ def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
 
 def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path):
     experiment.train(windows, config(models=["playback"]), tmp_path)
-    assert experiment.train(windows_module.cut([], TimeGrid(), robot), config(), tmp_path) == []
+    assert experiment.train(window_extraction.cut([], TimeGrid(), robot), config(), tmp_path) == []
     assert [path.name for path in tmp_path.iterdir()] == ["note.json"]
     assert "no logs" in read_json(tmp_path / "note.json")["note"]
 
@@ -306,8 +241,8 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
-    start = untrained.networks(train, fit_gains(train, RigidBody()), ours, np.random.default_rng(0))
-    run = training.Run(0, 1, QUIET, tmp_path / "scratch", "test", 25)
+    start = initialisation.initial_networks(train, fit_gains(train, RigidBody()), ours, np.random.default_rng(0))
+    run = recipe.TrainingRun(0, 1, QUIET, tmp_path / "scratch", "test", 25)
     networks, _ = training.fit(start, train, None, replace(ours.fitting, steps=50), run)
     found = {
         name: squared_errors(model.predict(held_out.inputs), held_out).mean()

@@ -5,6 +5,7 @@ from leapgap.planning.boxes import terrain
 from leapgap.planning.dynamics import centre_of_mass
 from leapgap.planning.reference import motion, name_of
 from leapgap.recording.jump import Target, read, write
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.planar import PlanarRobot
 from tests.planning.conftest import PUBLISHED_COST
@@ -22,7 +23,7 @@ def a1() -> Robot:
 @pytest.mark.parametrize("name", NAMES)
 def test_standing_feet_stay_on_the_floor_in_the_robots_model(references, a1, name):
     jump = references[name]
-    feet = a1.feet_in_world(jump.stack(BASE), jump.stack(QUATERNION), jump.per_joint("joint_pos", a1.joints))
+    feet = feet_in_world(a1, jump.stack(BASE), jump.stack(QUATERNION), jump.per_joint("joint_pos", a1.joints))
     np.testing.assert_allclose(feet[0, :, 2], PlanarRobot().foot_radius, atol=1e-9)
     for foot, leg in enumerate(a1.feet):
         stands = jump[f"contact/{leg}"] == 1

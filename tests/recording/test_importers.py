@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.recording.importers import csv as csv_format
-from leapgap.recording.importers import formats, importer, published
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.recording.importers import formats, log_format, published
+from leapgap.recording.importers.csv import Csv
+from leapgap.recording.importers.published import PublishedA1
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -47,8 +50,8 @@ def folder(tmp_path: Path, robot: Robot) -> Path:
 
 
 def read_one(folder: Path, robot: Robot) -> Jump:
-    ((name, path),) = published.find(folder).items()
-    return published.read(path, name, robot, published.Options())
+    ((name, path),) = PublishedA1().find(folder).items()
+    return PublishedA1().read(path, name, robot, PublishedA1.Options())
 
 
 def test_every_published_column_lands_in_its_place(folder: Path, robot: Robot) -> None:
@@ -110,17 +113,17 @@ def truncate(path: Path) -> None:
 def test_two_folders_of_one_name_are_refused(folder: Path) -> None:
     shutil.copytree(folder / "7", folder / "again" / "7")
     with pytest.raises(InputError, match="two folders named 7"):
-        published.find(folder)
+        PublishedA1().find(folder)
 
 
 def test_real_encoders_agree_with_the_logged_feet(raw: Path, robot: Robot, real_jumps: list[Jump]) -> None:
     """Units, signs and joint order at once: forward kinematics against the source's own foot positions."""
-    folders = published.find(raw)
+    folders = PublishedA1().find(raw)
     assert len(real_jumps) == len(folders) >= 16
     for jump in real_jumps:
         logged = np.loadtxt(folders[jump.name] / "data_f.txt")[:, 7:11]
         base = jump.stack(BASE_POSITION)
-        feet = robot.feet_in_world(base, jump.stack(BASE_QUATERNION), jump.per_joint("joint_pos")) - base[:, None]
+        feet = feet_in_world(robot, base, jump.stack(BASE_QUATERNION), jump.per_joint("joint_pos")) - base[:, None]
         right = np.concatenate([feet[:, robot.feet.index(leg)][:, [0, 2]] for leg in ("FR", "RR")], axis=1)
         assert np.abs(right - logged).max() < 0.003, jump.name
 
@@ -128,7 +131,7 @@ def test_real_encoders_agree_with_the_logged_feet(raw: Path, robot: Robot, real_
 def test_real_feet_stand_on_the_floor_and_joints_follow_commands(robot: Robot, real_jumps: list[Jump]) -> None:
     for jump in real_jumps:
         base, turn = jump.stack(BASE_POSITION)[:1], jump.stack(BASE_QUATERNION)[:1]
-        soles = robot.feet_in_world(base, turn, jump.per_joint("joint_pos")[:1])[0, :, 2] - robot.foot_radius
+        soles = feet_in_world(robot, base, turn, jump.per_joint("joint_pos")[:1])[0, :, 2] - robot.foot_radius
         assert np.abs(soles[2:]).max() < 0.003
         assert np.abs(jump.per_joint("joint_pos") - jump.per_joint("cmd_pos"))[:200].max() < 0.15
 
@@ -144,12 +147,12 @@ def test_csv_with_a_column_map(robot: Robot, tmp_path: Path) -> None:
     jump = standing(robot, 60)
     renamed = {f"joint_pos/{joint}": f"q_{joint}" for joint in robot.joints} | {"time": "stamp"}
     csv_of(jump, tmp_path / "one.csv", renamed, left_out=("cmd_kp", "cmd_kd"))
-    options = csv_format.Options(
+    options = Csv.Options(
         columns={"joint_pos/*": "q_*", "time": "stamp"},
         factors={"joint_pos/*": 2.0},
         constants={"cmd_kp/*": 300.0, "cmd_kd/*": 3.0},
     )
-    back = csv_format.read(tmp_path / "one.csv", "one", robot, options)
+    back = Csv().read(tmp_path / "one.csv", "one", robot, options)
     assert back.joints == robot.joints
     assert back["joint_pos/FR_calf"] == pytest.approx(2 * jump["joint_pos/FR_calf"])
     assert set(back["cmd_kp/RL_hip"]) == {300.0}
@@ -160,15 +163,35 @@ def test_csv_names_the_missing_column_and_the_empty_cell(robot: Robot, tmp_path:
     jump = standing(robot, 10)
     csv_of(jump, tmp_path / "one.csv", {})
     with pytest.raises(InputError, match="found no column q_FR_hip"):
-        csv_format.read(tmp_path / "one.csv", "one", robot, csv_format.Options(columns={"joint_pos/*": "q_*"}))
+        Csv().read(tmp_path / "one.csv", "one", robot, Csv.Options(columns={"joint_pos/*": "q_*"}))
     lines = (tmp_path / "one.csv").read_text().splitlines()
     lines[4] = ",".join(["0.003", "", *lines[4].split(",")[2:]])
     (tmp_path / "one.csv").write_text("\n".join(lines))
     with pytest.raises(InputError, match="base_pos_x: found 1 values that are no number, first in row 3"):
-        csv_format.read(tmp_path / "one.csv", "one", robot, csv_format.Options())
+        Csv().read(tmp_path / "one.csv", "one", robot, Csv.Options())
 
 
 def test_unknown_format_lists_the_known(robot: Robot) -> None:
-    assert formats() == ("csv", "published")
+    assert tuple(formats()) == ("csv", "published")
     with pytest.raises(InputError, match="found bags; expected one of csv, published"):
-        importer("bags")
+        log_format("bags")
+
+
+def test_a_format_of_another_package_is_found_under_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What ``importlib.metadata`` reports of an installed package is all that is needed."""
+
+    class Bags(Csv):
+        name = "bags"
+
+    class Point:
+        value = "bags:Bags"
+
+        def load(self) -> type:
+            return Bags
+
+    monkeypatch.setattr("leapgap.registry.entry_points", lambda group: [Point()] if "log_formats" in group else [])
+    formats.cache_clear()
+    try:
+        assert isinstance(log_format("bags"), Bags)
+    finally:
+        formats.cache_clear()

@@ -1,25 +1,13 @@
-from dataclasses import replace
+"""Windows as they are kept: the time grid, the stored form, and windows of some jumps."""
 
 import numpy as np
-import pytest
 
-from leapgap.errors import InputError
-from leapgap.recording import windows
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.recording import window_extraction, windows
 from leapgap.recording.windows import ARRAYS, TimeGrid
 from leapgap.robot.schedule import ContactSchedule
-from tests.learning.conftest import CROUCH, jumps, pose, synthetic_jump  # noqa: F401 - fixtures
+from tests.learning.conftest import jumps  # noqa: F401 - fixture
 
 PUBLISHED_ROWS = [*range(0, 776, 25), *range(800, 1201, 100)]
-
-
-@pytest.fixture
-def jump(jumps: list[Jump]) -> Jump:  # noqa: F811
-    return jumps[1]
-
-
-def without(jump: Jump, *prefixes: str) -> Jump:
-    return replace(jump, columns={k: v for k, v in jump.columns.items() if not k.startswith(prefixes)})
 
 
 def test_the_published_grid_samples_the_published_rows():
@@ -28,116 +16,8 @@ def test_the_published_grid_samples_the_published_rows():
     np.testing.assert_array_equal(np.round(times * 1000), PUBLISHED_ROWS)
 
 
-@pytest.mark.parametrize(
-    "contact_s, flight_s, k, steps",
-    [(0.025, 0.1, 10, 36), (0.025, 0.08, 10, 37), (0.05, 0.05, 10, 24), (0.025, 0.025, 22, 48), (0.1, 0.1, 12, 12)],
-)
-def test_a_jump_gives_n_minus_k_plus_one_windows(jumps, robot, contact_s, flight_s, k, steps):  # noqa: F811
-    found = windows.cut(jumps[:2], TimeGrid(contact_s, flight_s, k), robot)
-    assert len(found) == 2 * (steps - k + 1)
-    assert found.state.shape == (len(found), k + 1, 6) and found.force.shape == (len(found), k, 4)
-
-
-def test_flags_lengths_and_numbers_of_the_steps(jump, robot):
-    found = windows.cut([jump], TimeGrid(), robot)
-    assert len(found) == 27
-    i, k = np.indices((27, 10))
-    np.testing.assert_array_equal(found.contact, i + k < 32)
-    np.testing.assert_allclose(found.inputs.step_s, np.where(i + k < 32, 0.025, 0.1))
-    np.testing.assert_array_equal(found.start, np.arange(27))
-
-
-def test_states_forces_and_feet_are_those_of_the_rows(jump, robot):
-    found = windows.cut([jump], TimeGrid(), robot)
-    for window, sample in ((0, 0), (5, 3), (26, 9)):
-        row = PUBLISHED_ROWS[window + sample] // 5  # a row every 5 ms
-        state = found.state[window, sample]
-        assert state[0] + found.start_x[window] == pytest.approx(jump["base_pos_x"][row])
-        assert state[1] == jump["base_pos_z"][row] and state[2] == pytest.approx(jump.pitch[row])
-        assert state[5] == jump["base_angvel_y"][row]
-        whole = jump.pair_force("mpc_force")[row] + jump.pair_force("pd_force")[row]
-        np.testing.assert_allclose(found.force[window, sample], whole if window + sample < 32 else 0)
-        position, quaternion = pose((state)[None])
-        feet = robot.feet_in_world(position, quaternion, CROUCH[None])[0] - position[0]
-        by_name = dict(zip(robot.feet, feet, strict=True))
-        front, rear = (by_name["FR"] + by_name["FL"]) / 2, (by_name["RR"] + by_name["RL"]) / 2
-        np.testing.assert_allclose(found.foot[window, sample], [*front[[0, 2]], *rear[[0, 2]]], atol=1e-12)
-    assert (found.state[:, 0, 0] == 0).all()
-
-
-def test_forces_logged_in_flight_are_not_used(jump, robot):
-    noisy = replace(
-        jump, columns={**jump.columns, **{f"train_force/{axis}": np.full(len(jump), 7.0) for axis in PAIR_FORCE_AXES}}
-    )
-    found = windows.cut([noisy], TimeGrid(), robot)
-    assert (found.force[found.contact] == 7).all()  # and the source's own u comes first
-    assert (found.force[~found.contact] == 0).all()
-
-
-def test_a_shift_in_x_changes_nothing_but_start_x(jump, robot):
-    shifted = replace(jump, columns={**jump.columns, "base_pos_x": jump["base_pos_x"] + 3.0})
-    here, there = (windows.cut([j], TimeGrid(), robot) for j in (jump, shifted))
-    np.testing.assert_allclose(there.start_x, here.start_x + 3.0)
-    for name in set(ARRAYS) - {"start_x"}:
-        np.testing.assert_allclose(getattr(there, name), getattr(here, name), atol=1e-12, err_msg=name)
-
-
-def test_rows_are_found_by_the_clock_not_by_their_number(jump, robot):
-    kept = np.sort(np.unique([*(np.array(PUBLISHED_ROWS) // 5), *range(3, 240, 7)]))
-    thinned = replace(jump, columns={k: v[kept] for k, v in jump.columns.items()})
-    np.testing.assert_array_equal(
-        windows.cut([thinned], TimeGrid(), robot).state, windows.cut([jump], TimeGrid(), robot).state
-    )
-
-
-@pytest.mark.parametrize(
-    "spoil, grid, said",
-    [
-        (
-            lambda j: j,
-            TimeGrid(steps=40),
-            "jump_01: found windows of 40 steps; expected 36 steps or fewer: all that this jump's schedule has; "
-            "shorten the window (chunk.steps), or make the steps shorter",
-        ),
-        (
-            lambda j: j,
-            TimeGrid(flight_step_s=0.15),
-            "jump_01, time grid, flight: found 0.4 s, which is not a whole number of 0.15 s steps; "
-            "expected for instance 0.3 s or 0.45 s; choose a step that divides the phase, or another schedule",
-        ),
-        (
-            lambda j: j.first_rows(200),
-            TimeGrid(),
-            "jump_01: found a log that ends at 0.995 s; expected one that reaches 1.2 s",
-        ),
-        (lambda j: without(j, "pd_force"), TimeGrid(), "jump_01: found no forces (only mpc_force)"),
-        (lambda j: without(j, "mpc_force", "pd_force"), TimeGrid(), "jump_01: found no forces (no column of them)"),
-        (
-            lambda j: without(j, "base_"),
-            TimeGrid(),
-            "jump_01: found no base state (no base_pos_x, base_pos_z, base_quat_w",
-        ),
-        (
-            lambda j: replace(j, columns={k: v[abs(j.time - 0.625) > 0.004] for k, v in j.columns.items()}),
-            TimeGrid(),
-            "jump_01, column time: found no row within 2.5 ms of 0.625 s",
-        ),
-    ],
-)
-def test_bad_input_is_named(jump, robot, spoil, grid, said):
-    with pytest.raises(InputError) as raised:
-        windows.cut([spoil(jump)], grid, robot)
-    assert str(raised.value).startswith(said)
-
-
-def test_jumps_of_two_schedules_do_not_mix(jump, robot):
-    other = synthetic_jump("other", robot, ContactSchedule(0.5, 0.3, 0.5))
-    with pytest.raises(InputError, match="other: found ContactSchedule"):
-        windows.cut([jump, other], TimeGrid(), robot)
-
-
 def test_written_windows_read_back_and_repeat_byte_for_byte(jumps, robot, tmp_path):  # noqa: F811
-    found = windows.cut(jumps[:2], TimeGrid(), robot)
+    found = window_extraction.cut(jumps[:2], TimeGrid(), robot)
     for folder in ("a", "b"):
         windows.write(found, tmp_path / folder)
     for file in ("windows.npz", "windows.json"):
@@ -154,60 +34,15 @@ def test_written_windows_read_back_and_repeat_byte_for_byte(jumps, robot, tmp_pa
 
 
 def test_no_jumps_give_valid_windows_that_say_so(robot, tmp_path):
-    windows.write(windows.cut([], TimeGrid(), robot), tmp_path)
+    windows.write(window_extraction.cut([], TimeGrid(), robot), tmp_path)
     back = windows.read(tmp_path)
     assert len(back) == 0 and back.jumps == () and back.state.shape == (0, 11, 6)
     assert "no logs" in (tmp_path / "windows.json").read_text()
 
 
 def test_windows_of_some_jumps_are_those_of_these_jumps_alone(jumps, robot):  # noqa: F811
-    some = windows.cut(jumps, TimeGrid(), robot).of_jumps(["jump_04", "jump_02"])
-    alone = windows.cut([jumps[2], jumps[4]], TimeGrid(), robot)
+    some = window_extraction.cut(jumps, TimeGrid(), robot).of_jumps(["jump_04", "jump_02"])
+    alone = window_extraction.cut([jumps[2], jumps[4]], TimeGrid(), robot)
     assert some.jumps == alone.jumps
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(some, name), getattr(alone, name))
-
-
-def test_planned_forces_leave_the_joint_pd_out(jump, robot):
-    total, planned = (windows.cut([jump], TimeGrid(), robot, force) for force in ("total", "planned"))
-    np.testing.assert_allclose(planned.force, 0.75 * total.force, atol=1e-12)  # of the synthetic jumps' law
-    with pytest.raises(InputError, match=r"jump_01: found no planned forces \(no mpc_force\)"):
-        windows.cut([without(jump, "mpc_force")], TimeGrid(), robot, "planned")
-    with pytest.raises(InputError, match=r"chunk.force: found all; expected one of total, planned"):
-        windows.cut([jump], TimeGrid(), robot, "all")
-
-
-@pytest.mark.parametrize(
-    "contact_s, flight_s, k, schedule",
-    [
-        (0.025, 0.08, 10, ContactSchedule()),
-        (0.05, 0.05, 10, ContactSchedule()),
-        (0.025, 0.025, 10, ContactSchedule()),
-        (0.02, 0.1, 7, ContactSchedule(0.3, 0.2, 0.3)),
-        (0.1, 0.05, 1, ContactSchedule(0.4, 0.2, 0.25)),
-    ],
-)
-def test_the_switch_inside_a_window_falls_on_its_step(robot, contact_s, flight_s, k, schedule):
-    """Against a clock: each step begins where the last ended, and pushes iff it begins before take-off."""
-    one = synthetic_jump("any", robot, replace(schedule), grid=TimeGrid(contact_s, flight_s))
-    found = windows.cut([one], TimeGrid(contact_s, flight_s, k), robot)
-    clock = [0.0]
-    while clock[-1] < schedule.landing_s - 1e-9:
-        clock.append(clock[-1] + (contact_s if clock[-1] < schedule.take_off_s - 1e-9 else flight_s))
-    assert len(found) == len(clock) - k
-    for window in range(len(found)):
-        times = np.array(clock[window : window + k + 1])
-        np.testing.assert_allclose(found.time_s[window], times, atol=1e-9)
-        np.testing.assert_array_equal(found.contact[window], times[:-1] < schedule.take_off_s - 1e-9)
-        rows = np.round(times / one.info.sample_period_s).astype(int)
-        np.testing.assert_array_equal(found.state[window, :, 1], one["base_pos_z"][rows])
-    switching = found.contact.any(axis=1) & ~found.contact.all(axis=1)
-    assert switching.any() == (k > 1)
-    assert (found.force[~found.contact] == 0).all() and (found.force[found.contact] != 0).any(axis=-1).all()
-
-
-def test_a_nan_is_found_when_the_log_is_read(jump):
-    height = jump["base_pos_z"].copy()
-    height[17] = np.nan
-    with pytest.raises(InputError, match=r"jump_01, column base_pos_z: found 1 values .*first in row 17"):
-        replace(jump, columns={**jump.columns, "base_pos_z": height})

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.rigid_body import RigidBody
@@ -41,7 +42,7 @@ def test_torques_cancel_what_ground_forces_do_to_the_joints_and_the_base_gets_th
 def test_offsets_are_those_of_forward_kinematics(robot: Robot) -> None:
     quaternion, joints = random_pose(7)
     legs = Legs(robot)
-    expected = robot.feet_in_world(np.zeros((1, 3)), quaternion[None], joints[None])[0]
+    expected = feet_in_world(robot, np.zeros((1, 3)), quaternion[None], joints[None])[0]
     assert legs.offsets(quaternion, joints) == pytest.approx(expected)
     front, rear = legs.pair_offsets(quaternion, joints)
     assert front == pytest.approx(expected[robot.feet_at("front")].mean(axis=0))

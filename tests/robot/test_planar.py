@@ -12,7 +12,9 @@ from leapgap.planning.layout import CROUCH
 from leapgap.planning.problem import Problem
 from leapgap.planning.reference import Gains, to_jump
 from leapgap.planning.solve import solve
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Target
+from leapgap.recording.jump import Target
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.planar import A1_JOINTS, PlanarRobot, planar_robot
 from tests.robot.quadrupeds import FIGURES, write
@@ -66,7 +68,7 @@ def test_another_quadruped_jumps_without_a_change_of_code(name: str, tmp_path: P
     jump = to_jump(solution, Gains())
     assert jump.info.robot == name
     positions, quaternions = jump.stack(BASE_POSITION), jump.stack(BASE_QUATERNION)
-    feet = other.feet_in_world(positions, quaternions, jump.per_joint("joint_pos", other.joints))
+    feet = feet_in_world(other, positions, quaternions, jump.per_joint("joint_pos", other.joints))
     lowest = feet[..., 2] - other.foot_radius
     assert np.abs(lowest[:490]).max() < 1e-3  # stands on the floor, by the 3-D model's own kinematics
     assert lowest[850:1150].min() > 0.02

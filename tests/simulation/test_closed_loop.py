@@ -9,7 +9,8 @@ import pytest
 
 from leapgap import effects
 from leapgap.control.controller import Command, Controller, Estimate
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Plant, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, Prepared, SensorNoise, make_jumps, prepare

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump, JumpInfo, Target
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.learning.frequency import RollOut
+from leapgap.learning.time_grid_comparison import RollOut
 from leapgap.view import learning
 
 FIGURES = {

@@ -57,13 +57,13 @@ def test_rows_of_the_a1_are_its_pairs_and_joint_groups(robot: Robot) -> None:
     assert row_of("joint_pos/RL_hip", robot) == "rear hip position"
 
 
-def test_a_robot_without_pairs_keeps_the_names_of_its_limbs(tmp_path: Path) -> None:
+def test_a_joint_that_has_none_alike_keeps_its_name(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(
         """<mujoco model="arm"><worldbody><body name="upper"><joint name="L_shoulder" axis="0 1 0"/>
   <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/></body></worldbody>
   <actuator><motor joint="L_shoulder"/></actuator></mujoco>"""
     )
-    assert row_of("joint_pos/L_shoulder", Robot.load(tmp_path / "arm.xml")) == "L shoulder position"
+    assert row_of("joint_pos/L_shoulder", Robot.load(tmp_path / "arm.xml")) == "L_shoulder position"
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 500, 100])

@@ -97,7 +97,7 @@ class Draw:
         """Everywhere in half the cases; else a pair, a joint group, a leg or a single joint or foot."""
         if places == "none" or self.rng.random() < 0.5:
             return "all"
-        legs = tuple(dict.fromkeys(self.robot.leg_of(joint) for joint in self.robot.joints))
+        legs = tuple(dict.fromkeys(self.robot.limb_of(joint) for joint in self.robot.joints))
         kinds = [("front", "rear"), self.robot.joint_groups, legs, self.robot.joints]
         if places == "feet":
             kinds = [("front", "rear"), self.robot.feet]

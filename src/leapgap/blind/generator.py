@@ -11,11 +11,12 @@ import mujoco
 import numpy as np
 
 from leapgap.blind.nameless.base import Nameless, Process
-from leapgap.effects.base import Effect, Motion, recompute_constants
+from leapgap.effects.base import Effect, recompute_constants
 from leapgap.effects.contact import foot_geoms
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.hardware import (
     Course,
     NoiseRows,

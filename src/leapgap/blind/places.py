@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.blind.generator import Generator
-from leapgap.diagnosis.channels import available, measured, noise, simulated
+from leapgap.diagnosis.channels import measured, noise, scaled_channels, table
 from leapgap.diagnosis.gap import Judged
 from leapgap.diagnosis.where import PHASES, least_noise, pieces_of
 from leapgap.recording.jump import Jump
@@ -23,15 +23,15 @@ def places(
     log would say, as the diagnosis restarts; only the second half of a piece counts, in units of each channel's noise.
     """
     robot = generator.robot
-    channels = available(judged.jumps, robot)
+    channels = scaled_channels(judged.jumps, robot)
     square = np.zeros((len(PHASES), len(channels)))
     for log, trial, rows in zip(logs, off, judged.rows, strict=True):
-        scale = np.array([max(noise(log.first_rows(rows), c.name), least_noise(c)) for c in channels])
+        scale = np.maximum(noise(log.first_rows(rows), channels), [least_noise(c) for c in channels])
         pieces = pieces_of(trial.jump.first_rows(rows), horizon_s)
         motions = generator.motions([replace(trial, jump=piece) for piece, _ in pieces])
         for (piece, phases), motion in zip(pieces, motions, strict=True):
             half = len(piece) // 2
-            error = np.stack([simulated(motion, c.name, robot) - measured(piece, c.name) for c in channels], axis=1)
+            error = table(motion, channels, robot) - measured(piece, channels)
             for phase in np.unique(phases[half:]):
                 square[phase] += ((error[half:][phases[half:] == phase] / scale) ** 2).sum(axis=0)
     share = square / max(square.sum(), 1e-300)

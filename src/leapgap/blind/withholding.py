@@ -13,7 +13,7 @@ from leapgap.blind.cases import Case
 from leapgap.blind.generator import Effects, Generator, Made, Nuisance, NuisanceSizes, make
 from leapgap.blind.nameless import family
 from leapgap.blind.places import places
-from leapgap.diagnosis.channels import HEADLINE, simulated
+from leapgap.diagnosis.channels import HEADLINE, logged
 from leapgap.diagnosis.gap import Judged, counts, noise_floor, pooled
 from leapgap.effects.base import Effect
 from leapgap.files import sha256
@@ -159,8 +159,8 @@ def difference(jumps: Sequence[Jump], motions: Sequence[Any], judged: Judged, ro
     total = 0.0
     for jump, motion, rows in zip(jumps, motions, judged.rows, strict=True):
         for c in judged.channels:
-            seen = jump.pitch if c.name == "base_pitch" else jump[c.name]
-            total += float((((simulated(motion, c.name, robot)[:rows] - seen[:rows]) / HEADLINE[c.name]) ** 2).sum())
+            missed = c.values(motion, robot)[:rows] - logged(jump, c.name)[:rows]
+            total += float(((missed / HEADLINE[c.name]) ** 2).sum())
     return float(np.sqrt(total / counts(judged).sum()))
 
 

@@ -1,4 +1,4 @@
-"""What is compared between a log and its replay: named channels, their scale and their noise."""
+"""What is compared between a log and a replay: every channel once, with its unit, its scale and where it stands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,20 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.recording.jump import Jump
+from leapgap.recording.noise import noise_of
+from leapgap.recording.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Motion
+from leapgap.robot.motion import Motion
+from leapgap.robot.rotations import pitch_of
 
-
-@dataclass(frozen=True)
-class Channel:
-    """One compared quantity and its unit."""
-
-    name: str
-    unit: str
-    scale: float
-    """The difference that counts as one in the headline gap."""
-
-
+BASE_TURNS = ("base_roll", "base_pitch", "base_yaw")
 HEADLINE = {
     "base_pos_x": 0.05,
     "base_pos_z": 0.05,
@@ -29,59 +22,94 @@ HEADLINE = {
     "base_angvel_y": 0.6,
 }
 """Channels of the headline gap and the difference that counts as one: m, m, rad, m/s, m/s, rad/s."""
-
-BASE_UNITS = dict(zip(HEADLINE, ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True))
-
-
-def pitch_of(quaternion: np.ndarray) -> np.ndarray:
-    """Pitch, rad, positive nose-down, of quaternions w x y z (…, 4)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    return np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+JOINT_SCALES = {"joint_pos": 0.1, "joint_vel": 1.0}
+"""The same for a robot whose base is fixed, rad and rad/s: all that moves are its joints."""
 
 
-def measured(jump: Jump, channel: str) -> np.ndarray:
-    """A channel as logged, (rows,)."""
-    return jump.pitch if channel == "base_pitch" else jump[channel]
+@dataclass(frozen=True)
+class Channel:
+    """One compared number of the robot's state."""
+
+    name: str
+    """Of its column; ``base_roll``, ``base_pitch`` and ``base_yaw`` for the turn of the base."""
+    quantity: str
+    """``base_pos``, ``base_turn``, ``base_linvel``, ``base_angvel``, ``joint_pos`` or ``joint_vel``."""
+    unit: str
+    entry: int
+    """Where it stands in the tangent of the state: position 3, turn in base axes 3, joints; then velocities alike."""
+    scale: float | None = None
+    """The difference that counts as one in the headline gap; None where it is no part of it."""
+
+    @property
+    def column(self) -> str:
+        """The column that a log must have to know it."""
+        return BASE_QUATERNION[0] if self.quantity == "base_turn" else self.name
+
+    def values(self, motion: Motion, robot: Robot) -> np.ndarray:
+        """Of a logged or simulated motion, (rows,); a turn of the base is known by its pitch alone."""
+        if self.name == "base_pitch":
+            return pitch_of(motion.base_quaternion)
+        nv = robot.model.nv
+        if self.entry >= nv:
+            return motion.qvel[:, self.entry - nv]
+        if self.quantity == "joint_pos":
+            return motion.qpos[:, robot.joint_qpos[np.flatnonzero(robot.joint_dofs == self.entry)[0]]]
+        assert self.quantity == "base_pos", f"{self.name} has no single value"
+        return motion.base_position[:, self.entry]
 
 
-def simulated(motion: Motion, channel: str, robot: Robot) -> np.ndarray:
-    """The same channel of a replay, (rows,)."""
-    quantity, _, joint = channel.partition("/")
-    if joint:
-        at = robot.joints.index(joint)
-        if quantity == "joint_pos":
-            return motion.qpos[:, robot.joint_qpos[at]]
-        return motion.qvel[:, robot.joint_dofs[at]]
-    if channel == "base_pitch":
-        return pitch_of(motion.qpos[:, 3:7])
-    axis = "xyz".index(channel[-1])
-    if channel.startswith("base_pos"):
-        return motion.qpos[:, axis]
-    return motion.qvel[:, axis + (3 if channel.startswith("base_angvel") else 0)]
+def state_channels(robot: Robot) -> tuple[Channel, ...]:
+    """Every channel of the robot's state: those of the base first, joint positions, joint velocities."""
+    nv, found = robot.model.nv, []
+    if robot.has_free_base:
+        for quantity, unit, entry, names in (
+            ("base_pos", QUANTITIES["base_pos"].unit, 0, BASE_POSITION),
+            ("base_turn", "rad", 3, BASE_TURNS),
+            ("base_linvel", QUANTITIES["base_linvel"].unit, nv, BASE_VELOCITY),
+            ("base_angvel", QUANTITIES["base_angvel"].unit, nv + 3, BASE_ANGULAR_VELOCITY),
+        ):
+            found += [
+                Channel(name, quantity, unit, entry + axis, HEADLINE.get(name)) for axis, name in enumerate(names)
+            ]
+    for quantity, first in (("joint_pos", 0), ("joint_vel", nv)):
+        unit, scale = QUANTITIES[quantity].unit, JOINT_SCALES[quantity]
+        found += [
+            Channel(f"{quantity}/{joint}", quantity, unit, first + int(dof), scale)
+            for joint, dof in zip(robot.joints, robot.joint_dofs, strict=True)
+        ]
+    return tuple(found)
 
 
-JOINT_SCALES = {"joint_pos": (0.1, "rad"), "joint_vel": (1.0, "rad/s")}
-"""Headline scales of a robot whose base is fixed: all that moves are its joints."""
+def logged_channels(jumps: Sequence[Jump], robot: Robot) -> tuple[Channel, ...]:
+    """Channels of the state that every log knows."""
+    return tuple(c for c in state_channels(robot) if all(is_logged(jump, c.name) for jump in jumps))
 
 
-def available(jumps: Sequence[Jump], robot: Robot) -> tuple[Channel, ...]:
-    """Channels that every log has: the base's headline channels, then joint positions and velocities."""
-    wanted = [Channel(name, unit, HEADLINE[name]) for name, unit in BASE_UNITS.items()] if robot.has_free_base else []
-    for quantity, (scale, unit) in JOINT_SCALES.items():
-        wanted += [Channel(f"{quantity}/{joint}", unit, scale) for joint in robot.joints]
-    return tuple(c for c in wanted if all(is_logged(jump, c.name) for jump in jumps))
+def scaled_channels(jumps: Sequence[Jump], robot: Robot) -> tuple[Channel, ...]:
+    """Those of them with a scale: the base's headline channels, then joint positions and velocities."""
+    return tuple(c for c in logged_channels(jumps, robot) if c.scale is not None)
 
 
 def is_logged(jump: Jump, channel: str) -> bool:
     """Whether a log has what a channel needs."""
-    return ("base_quat_w" if channel == "base_pitch" else channel) in jump
+    return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in jump
 
 
-def noise(jump: Jump, channel: str) -> float:
-    """Standard deviation of a channel's sensor noise, from its high-frequency part alone.
+def table(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
+    """Channels side by side, (rows, channels)."""
+    return np.stack([channel.values(motion, robot) for channel in channels], axis=1)
 
-    Second differences of a smooth motion at 1 kHz are tiny against those of white noise, which have variance 6 σ²;
-    the median absolute value keeps impacts out.
-    """
-    second = np.diff(measured(jump, channel), n=2)
-    return float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6))
+
+def logged(jump: Jump, channel: str) -> np.ndarray:
+    """One channel as logged, by its name, (rows,)."""
+    return jump.pitch if channel == "base_pitch" else jump[channel]
+
+
+def measured(jump: Jump, channels: Sequence[Channel]) -> np.ndarray:
+    """Channels as logged, (rows, channels)."""
+    return np.stack([logged(jump, channel.name) for channel in channels], axis=1)
+
+
+def noise(jump: Jump, channels: Sequence[Channel]) -> np.ndarray:
+    """Standard deviation of each channel's sensor noise, (channels,)."""
+    return noise_of(np.diff(measured(jump, channels), axis=0), jump.info.sample_period_s)

@@ -7,10 +7,11 @@ take logs cut to the rows that are judged.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.state import motion_of
+from leapgap.robot.kinematics import centre_of_mass, feet_positions
 from leapgap.robot.model import Robot
 
 GRAVITY = 9.81
@@ -160,7 +161,7 @@ def free_fall(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | 
         end = int(np.searchsorted(jump.time, schedule.landing_s - 0.05))
         if end - begin < jump.info.rows(SHORTEST_FALL_S):
             continue
-        height = centre_of_mass(jump, robot, slice(begin, end))[:, 2]
+        height = centre_of_mass(robot, motion_of(jump, robot, slice(begin, end)).qpos)[:, 2]
         time = jump.time[begin:end] - jump.time[begin]
         falls[jump.name] = float(-2 * np.polyfit(time, height, 2)[0] / GRAVITY)
     if not falls:
@@ -176,20 +177,6 @@ def free_fall(jumps: Sequence[Jump], robot: Robot, threshold: float) -> Check | 
     return Check("free_fall", passed, abs(statistic), threshold, says, falls)
 
 
-def centre_of_mass(jump: Jump, robot: Robot, rows: slice) -> np.ndarray:
-    """Of the whole robot by its model and the measured pose, m, world frame, (rows, 3)."""
-    position, quaternion = jump.stack(BASE_POSITION)[rows], jump.stack(BASE_QUATERNION)[rows]
-    joints = jump.per_joint("joint_pos", robot.joints)[rows]
-    data = mujoco.MjData(robot.model)
-    centre = np.empty((len(joints), 3))
-    for i in range(len(joints)):
-        data.qpos[:3], data.qpos[3:7], data.qpos[robot.joint_qpos] = position[i], quaternion[i], joints[i]
-        mujoco.mj_kinematics(robot.model, data)
-        mujoco.mj_comPos(robot.model, data)
-        centre[i] = data.subtree_com[robot.base_body]
-    return centre
-
-
 def planted_feet(jumps: Sequence[Jump], robot: Robot, threshold_m: float) -> Check | None:
     """Do feet that are planned to stand keep their place (forward kinematics of base pose and encoders)?"""
     if not robot.has_free_base or not robot.feet or any("base_pos_x" not in jump for jump in jumps):
@@ -198,11 +185,7 @@ def planted_feet(jumps: Sequence[Jump], robot: Robot, threshold_m: float) -> Che
     for jump in jumps:
         end = int(np.searchsorted(jump.time, 0.8 * jump.info.schedule.double_contact_s))
         rows = slice(0, end, jump.info.rows(PLANTED_EVERY_S))
-        feet = robot.feet_in_world(
-            jump.stack(BASE_POSITION)[rows],
-            jump.stack(BASE_QUATERNION)[rows],
-            jump.per_joint("joint_pos", robot.joints)[rows],
-        )
+        feet = feet_positions(robot, motion_of(jump, robot, rows).qpos)
         drift[jump.name] = float(np.linalg.norm(feet - feet[0], axis=2).max())
     statistic = float(np.median(list(drift.values())))
     says = f"planted feet wander by {1000 * statistic:.0f} mm (median over logs) while all four stand"

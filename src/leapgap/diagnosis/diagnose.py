@@ -33,7 +33,8 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, Trial
 
 TOLERANCES = {
     "armature.inertia": 0.05,

@@ -10,15 +10,20 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.channels import is_logged
-from leapgap.effects.base import Effect, Motion
+from leapgap.diagnosis.channels import Channel, logged_channels
+from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.recording.jump import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.noise import noise_of
+from leapgap.recording.state import motion_of
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
+from leapgap.robot.rotations import turn_between
 from leapgap.simulation.replay import Replayer, Starts, Trial
 
 Effects = tuple[Effect, ...]
@@ -44,96 +49,45 @@ SHARES = 3
 
 @dataclass(frozen=True)
 class State:
-    """Where each error channel stands in the tangent of the robot's state, and what logs know of it."""
+    """The channels of the robot's state that every log knows, and how they differ between two motions."""
 
     robot: Robot
-    dofs: np.ndarray
-    """Entries of the tangent (position 3, turn in base axes 3, joints; then velocities alike) that every log has."""
-    quantities: tuple[str, ...]
-    """What kind each channel is, (channels,)."""
-    names: tuple[str, ...]
+    channels: tuple[Channel, ...]
 
     @staticmethod
     def of(jumps: Sequence[Jump], robot: Robot) -> "State":
         """Channels that every log has."""
-        nv = robot.model.nv
-        channels: list[tuple[int, str, str, str]] = []  # entry of the tangent, quantity, column it needs, name
-        if robot.has_free_base:
-            turns = [("base_quat_w", name) for name in ("base_roll", "base_pitch", "base_yaw")]
-            channels += [(i, "base_pos", name, name) for i, name in enumerate(BASE_POSITION)]
-            channels += [(3 + i, "base_turn", *names) for i, names in enumerate(turns)]
-            channels += [(nv + i, "base_linvel", name, name) for i, name in enumerate(BASE_VELOCITY)]
-            channels += [(nv + 3 + i, "base_angvel", name, name) for i, name in enumerate(BASE_ANGULAR_VELOCITY)]
-        for at, quantity in ((0, "joint_pos"), (nv, "joint_vel")):
-            names_of = [f"{quantity}/{joint}" for joint in robot.joints]
-            channels += [
-                (at + int(d), quantity, name, name) for d, name in zip(robot.joint_dofs, names_of, strict=True)
-            ]
-        known = [channel for channel in channels if all(is_logged(jump, channel[2]) for jump in jumps)]
-        dofs, quantities, _, names = zip(*known, strict=True)
-        return State(robot, np.array(dofs), quantities, names)
+        return State(robot, logged_channels(jumps, robot))
 
-    def logged(self, jump: Jump) -> Motion:
-        """The log as a motion; what was not measured is at rest at the model's own pose."""
-        robot, rows = self.robot, len(jump)
-        qpos = np.tile(robot.model.qpos0, (rows, 1))
-        qvel = np.zeros((rows, robot.model.nv))
-        if robot.has_free_base:
-            qpos[:, :3], qpos[:, 3:7] = jump.stack(BASE_POSITION), jump.stack(BASE_QUATERNION)
-            for at, names in ((0, BASE_VELOCITY), (3, BASE_ANGULAR_VELOCITY)):
-                for axis, name in enumerate(names):
-                    if name in jump:
-                        qvel[:, at + axis] = jump[name]
-        qpos[:, robot.joint_qpos] = jump.per_joint("joint_pos", robot.joints)
-        if f"joint_vel/{robot.joints[0]}" in jump:
-            qvel[:, robot.joint_dofs] = jump.per_joint("joint_vel", robot.joints)
-        return Motion(qpos, qvel)
+    @cached_property
+    def entries(self) -> np.ndarray:
+        """Where the channels stand in the tangent of the state (2 nv,), (channels,)."""
+        return np.array([channel.entry for channel in self.channels])
 
     def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
         """Simulated − logged in the channels, (rows, channels)."""
         robot = self.robot
-        full = np.zeros((len(simulated.qpos), 2 * robot.model.nv))
+        full = np.zeros((len(simulated), 2 * robot.model.nv))
         if robot.has_free_base:
-            full[:, :3] = simulated.qpos[:, :3] - logged.qpos[:, :3]
-            full[:, 3:6] = turn_between(logged.qpos[:, 3:7], simulated.qpos[:, 3:7])
+            full[:, VELOCITY_SLICE] = simulated.base_position - logged.base_position
+            full[:, ANGULAR_VELOCITY_SLICE] = turn_between(logged.base_quaternion, simulated.base_quaternion)
         full[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - logged.qpos[:, robot.joint_qpos]
         full[:, robot.model.nv :] = simulated.qvel - logged.qvel
-        return full[:, self.dofs]
+        return full[:, self.entries]
 
     def moved(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
         """A state (nq + nv,) displaced in one channel."""
         nq, nv = self.robot.model.nq, self.robot.model.nv
         tangent = np.zeros(2 * nv)
-        tangent[self.dofs[channel]] = by
+        tangent[self.entries[channel]] = by
         qpos = state[:nq].copy()
         mujoco.mj_integratePos(self.robot.model, qpos, tangent[:nv], 1.0)
         return np.concatenate([qpos, state[nq:] + tangent[nv:]])
 
-    def noise(self, logged: Motion) -> np.ndarray:
-        """Standard deviation of each channel's sensor noise, from second differences alone, (channels,).
-
-        Those of a smooth motion at 1 kHz are tiny against those of white noise, which have variance 6 σ²; the median
-        keeps impacts out.
-        """
-        steps = self.differences(Motion(logged.qpos[1:], logged.qvel[1:]), Motion(logged.qpos[:-1], logged.qvel[:-1]))
-        found = np.median(np.abs(np.diff(steps, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
-        return np.maximum(found, [LEAST_NOISE[quantity] for quantity in self.quantities])
-
-
-def turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Rotation vectors, rad, in the axes of ``first``, that take quaternions w x y z (rows, 4) to ``second``."""
-    w1, x1, y1, z1 = first.T
-    w2, x2, y2, z2 = second.T
-    imaginary = np.stack(
-        [
-            w1 * x2 - x1 * w2 - y1 * z2 + z1 * y2,
-            w1 * y2 + x1 * z2 - y1 * w2 - z1 * x2,
-            w1 * z2 - x1 * y2 + y1 * x2 - z1 * w2,
-        ],
-        axis=1,
-    )
-    real = (first * second).sum(axis=1)
-    return 2 * imaginary * np.sign(real)[:, None]
+    def noise(self, logged: Motion, period_s: float) -> np.ndarray:
+        """Standard deviation of each channel's sensor noise, (channels,)."""
+        found = noise_of(self.differences(logged[1:], logged[:-1]), period_s)
+        return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
 
 
 def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
@@ -173,18 +127,23 @@ class Pieces:
     @staticmethod
     def of(jump: Jump, rows: Sequence[int], state: State) -> "Pieces":
         """Pieces that start at these rows."""
-        logged = state.logged(jump)
+        logged = motion_of(jump, state.robot)
         found = [smoothed(logged, row, len(jump), jump.info.rows(SMOOTHED_S)) for row in rows]
         states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
         if state.robot.has_free_base:
-            states[:, 3:7] /= np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
-        return Pieces(jump, logged, Starts(rows, states), state.noise(logged), np.array([kept for _, kept in found]))
+            states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
+        return Pieces(
+            jump,
+            logged,
+            Starts(rows, states),
+            state.noise(logged, jump.info.sample_period_s),
+            np.array([kept for _, kept in found]),
+        )
 
     def every(self, rows: int) -> "Pieces":
         """The same pieces of the log's every so many-th row; what is known of its noise stays."""
-        logged = Motion(self.logged.qpos[::rows], self.logged.qvel[::rows])
         starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
-        return replace(self, jump=self.jump.every(rows), logged=logged, starts=starts)
+        return replace(self, jump=self.jump.every(rows), logged=self.logged[::rows], starts=starts)
 
 
 @dataclass(frozen=True)
@@ -264,13 +223,11 @@ class Evidence:
             errors = [
                 self._difference(motion, logged, row).ravel() for motion, row in zip(of_trial, starts.rows, strict=True)
             ]
-            found.append(np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.dofs)))
+            found.append(np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.channels)))
         return found
 
     def _difference(self, motion: Motion, logged: Motion, row: int) -> np.ndarray:
-        at = row + self.ages
-        simulated = Motion(motion.qpos[self.ages], motion.qvel[self.ages])
-        return self.state.differences(simulated, Motion(logged.qpos[at], logged.qvel[at]))
+        return self.state.differences(motion[self.ages], logged[row + self.ages])
 
     def residuals(self, candidates: Sequence[Sequence[Effects]]) -> list[list[np.ndarray]]:
         """Whitened errors ``[candidate][log]``, (pieces, values), of effects ``candidates[candidate][log]``."""
@@ -294,7 +251,7 @@ class Evidence:
         errors = self.errors(trials)
         for own in self.pieces:
             base = next(errors)
-            growth = np.nan_to_num(np.stack([next(errors) - base for _ in self.state.dofs], axis=2))
+            growth = np.nan_to_num(np.stack([next(errors) - base for _ in self.state.channels], axis=2))
             white = np.tile(own.noise, len(self.ages)) ** 2  # growth: (pieces, values, channels)
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
@@ -302,7 +259,7 @@ class Evidence:
     def _displaced(self, own: Pieces) -> Iterator[Starts]:
         """The starts of a log, a standard deviation of their noise off in one channel after the other."""
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
-        for c in range(len(self.state.dofs)):
+        for c in range(len(self.state.channels)):
             by = sign * own.start_noise * own.noise[c]
             states = [self.state.moved(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
             yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

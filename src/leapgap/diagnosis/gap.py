@@ -1,16 +1,19 @@
 """How large the gap is: the headline figure and its noise floor."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.diagnosis.channels import BASE_UNITS, HEADLINE, Channel, available, measured, noise, simulated
+from leapgap.diagnosis.channels import HEADLINE, Channel, measured, noise, scaled_channels, state_channels, table
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.recording.jump import Jump
+from leapgap.recording.state import motion_of
+from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, Trial
 
 GAIN_CHANGE_MARGIN_S = 0.010
 """Before a change of gains this much is left out: the change reaches the motors at an unknown instant near its row."""
@@ -36,9 +39,7 @@ def touch_down_row(jump: Jump, robot: Robot) -> int:
     begin = int(np.searchsorted(jump.time, schedule.take_off_s + schedule.flight_s / 2))
     if begin >= len(jump):
         return len(jump)
-    position = jump.stack(("base_pos_x", "base_pos_y", "base_pos_z"))[begin:]
-    quaternion = jump.stack(("base_quat_w", "base_quat_x", "base_quat_y", "base_quat_z"))[begin:]
-    feet = robot.feet_in_world(position, quaternion, jump.per_joint("joint_pos", robot.joints)[begin:])
+    feet = feet_positions(robot, motion_of(jump, robot, slice(begin, None)).qpos)
     ground = np.zeros(feet.shape[:2])
     for box in jump.info.terrain:
         inside = (np.abs(feet[..., 0] - box.x_m) < box.size_m[0] / 2) & (
@@ -73,12 +74,12 @@ class Judged:
         """Fix rows and channels once, from the logs alone; every hypothesis is judged on the same."""
         if not jumps:
             raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
-        headline = tuple(c for c in available(jumps, robot) if c.name in HEADLINE or not robot.has_free_base)
+        headline = tuple(c for c in scaled_channels(jumps, robot) if c.name in HEADLINE or not robot.has_free_base)
         if not headline:
             raise InputError(
                 jumps[0].name,
                 "no base state in every log",
-                f"some of {', '.join(BASE_UNITS)}",
+                f"some of {', '.join(HEADLINE)}",
                 "log the base state",
             )
         return Judged(tuple(jump.first_rows(headline_rows(jump, robot)) for jump in jumps), headline)
@@ -91,7 +92,7 @@ class Judged:
     @property
     def scales(self) -> np.ndarray:
         """What counts as one of each channel, (channels,)."""
-        return np.array([c.scale for c in self.channels])
+        return np.array([c.scale for c in self.channels], dtype=float)
 
 
 def scaled_errors(
@@ -112,9 +113,7 @@ def scaled_errors(
         of_jumps = []
         for jump in judged.jumps:
             motion = next(motions)
-            difference = np.stack(
-                [simulated(motion, c.name, replayer.robot) - measured(jump, c.name) for c in judged.channels], axis=1
-            )
+            difference = table(motion, judged.channels, replayer.robot) - measured(jump, judged.channels)
             of_jumps.append(np.clip(np.nan_to_num(difference / judged.scales, nan=FALLEN), -FALLEN, FALLEN))
         errors.append(of_jumps)
     return errors
@@ -144,9 +143,9 @@ def noise_floor(judged: Judged, replayer: Replayer, draws: int, rng: np.random.G
     from its own noisy first row.
     """
     robot = replayer.robot
-    every = available(judged.jumps, robot)
+    every = scaled_channels(judged.jumps, robot)
     total = np.zeros(len(judged.jumps))
-    sigma = [{c.name: noise(jump, c.name) for c in every} for jump in judged.jumps]
+    sigma = [dict(zip((c.name for c in every), noise(jump, every), strict=True)) for jump in judged.jumps]
     true = replayer.motions([Trial(jump) for jump in judged.jumps])
     for _ in range(draws):
         trials = []
@@ -155,18 +154,21 @@ def noise_floor(judged: Judged, replayer: Replayer, draws: int, rng: np.random.G
             trials.append(Trial(jump, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
         for j, motion in enumerate(replayer.motions(trials)):
             for c in judged.channels:
-                seen = simulated(true[j], c.name, robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]
-                total[j] += float((((simulated(motion, c.name, robot) - seen) / c.scale) ** 2).sum())
+                seen = c.values(true[j], robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]
+                total[j] += float((((c.values(motion, robot) - seen) / c.scale) ** 2).sum())
     return total / draws
 
 
-def state_noise(sigma: dict[str, float], robot: Robot) -> np.ndarray:
-    """Noise of the first state, (nq + nv,), where it was measured; orientation only in pitch, about y."""
-    nq = robot.model.nq
-    noise_of = np.zeros(nq + robot.model.nv)
-    if robot.has_free_base:
-        noise_of[[0, 2, 5]] = [sigma.get("base_pos_x", 0), sigma.get("base_pos_z", 0), sigma.get("base_pitch", 0) / 2]
-        noise_of[[nq, nq + 2, nq + 4]] = [sigma.get(c, 0) for c in ("base_linvel_x", "base_linvel_z", "base_angvel_y")]
-    noise_of[robot.joint_qpos] = [sigma.get(f"joint_pos/{joint}", 0) for joint in robot.joints]
-    noise_of[nq + robot.joint_dofs] = [sigma.get(f"joint_vel/{joint}", 0) for joint in robot.joints]
-    return noise_of
+def state_noise(sigma: Mapping[str, float], robot: Robot) -> np.ndarray:
+    """Noise of the first state, (nq + nv,), where it was measured; orientation only in pitch, about y.
+
+    ``sigma`` is the noise of the headline's and the joints' channels by name.
+    """
+    noise_of = Motion(np.zeros((1, robot.model.nq)), np.zeros((1, robot.model.nv)))
+    for channel in state_channels(robot):
+        known = float(sigma.get(channel.name, 0.0))
+        if channel.name == "base_pitch":
+            noise_of.base_quaternion[0, 2] = known / 2
+        elif channel.quantity != "base_turn":
+            channel.values(noise_of, robot)[:] = known
+    return noise_of.first_state

@@ -105,13 +105,9 @@ def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:
         return {"all": ("all",)}
     single = robot.joints if of == "joints" else robot.feet
     at = robot.joints_at if of == "joints" else robot.feet_at
-    legs = tuple(dict.fromkeys(robot.leg_of(one) for one in single))
-    groups = [*robot.legs_of_pair, *(robot.joint_groups if of == "joints" else ()), *(legs if of == "joints" else ())]
+    groups = [*robot.limbs_of_pair, *((*robot.joint_groups, *robot.topology.limbs) if of == "joints" else ())]
     found: dict[str, tuple[str, ...]] = {}
     for location in ("all", *groups, *single):
-        legs_there = robot.legs_of_pair.get(location)
-        if legs_there is not None and not legs_there:
-            continue
         members = tuple(single[i] for i in at(location))
         if members not in found.values():
             found[location] = members

@@ -9,19 +9,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.channels import pitch_of
 from leapgap.diagnosis.where import PHASES, phase_of_rows
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.files import write_text
 from leapgap.recording import jump as jump_log
 from leapgap.recording.jump import Jump
+from leapgap.robot.kinematics import momenta
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.robot.motion import Motion
+from leapgap.robot.rotations import pitch_of
+from leapgap.simulation.replay import Replayer, Trial
 
 CHANNELS = {
     "com_acceleration_x": ("m/s²", 1.0),
@@ -143,7 +144,7 @@ def trace_of(reported: Motion, true: Motion, trial: Trial, robot: Robot) -> Trac
     seconds = (len(momentum) - 1) * trial.jump.info.sample_period_s
     return Trace(
         (momentum[-1] - momentum[0]) / seconds / np.array([robot.total_mass, robot.total_mass, 1.0]),
-        np.column_stack([pitch_of(reported.qpos[:, 3:7]), reported.qvel[:, [0, 2, 4]]])[half],
+        np.column_stack([pitch_of(reported.base_quaternion), reported.qvel[:, [0, 2, 4]]])[half],
         reported.qpos[half][:, robot.joint_qpos],
         reported.qvel[half][:, robot.joint_dofs],
     )
@@ -151,17 +152,8 @@ def trace_of(reported: Motion, true: Motion, trial: Trial, robot: Robot) -> Trac
 
 def momentum_of(motion: Motion, robot: Robot) -> np.ndarray:
     """Momentum x, z (kg·m/s) and angular momentum y about the centre of mass (kg·m²/s), (rows, 3)."""
-    data = mujoco.MjData(robot.model)
-    found = np.empty((len(motion.qpos), 3))
-    for row, (q, v) in enumerate(zip(motion.qpos, motion.qvel, strict=True)):
-        data.qpos[:], data.qvel[:] = q, v
-        mujoco.mj_kinematics(robot.model, data)
-        mujoco.mj_comPos(robot.model, data)
-        mujoco.mj_comVel(robot.model, data)
-        mujoco.mj_subtreeVel(robot.model, data)
-        linear = robot.total_mass * data.subtree_linvel[robot.base_body]
-        found[row] = linear[0], linear[2], data.subtree_angmom[robot.base_body, 1]
-    return found
+    linear, angular = momenta(robot, motion)
+    return np.stack([linear[:, 0], linear[:, 2], angular[:, 1]], axis=1)
 
 
 def distance(one: Trace, other: Trace) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.beliefs import Belief, Found
-from leapgap.diagnosis.channels import BASE_UNITS, is_logged
+from leapgap.diagnosis.channels import HEADLINE, is_logged
 from leapgap.diagnosis.closure import HeldOut, Interval, Yardstick, effects_on
 from leapgap.diagnosis.gap import Judged, squares
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -208,7 +208,7 @@ def next_experiment(answer: Answer, jumps: Sequence[Jump], robot: Robot) -> dict
 
 def not_judged(jumps: Sequence[Jump], robot: Robot) -> list[str]:
     """Columns some log lacks, and what cannot be said without them."""
-    wanted = [*BASE_UNITS, *(f"base_angvel_{axis}" for axis in "xz")] if robot.has_free_base else []
+    wanted = [*HEADLINE, *(f"base_angvel_{axis}" for axis in "xz")] if robot.has_free_base else []
     wanted += [f"{quantity}/{robot.joints[0]}" for quantity in ("joint_pos", "joint_vel", "tau")]
     wanted += ["imu_acc_z", "supply_voltage"]
     lacking = [name for name in wanted if not all(is_logged(jump, name) for jump in jumps)]

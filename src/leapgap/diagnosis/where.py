@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.channels import Channel, available, measured, noise, simulated
+from leapgap.diagnosis.channels import Channel, measured, noise, scaled_channels, table
 from leapgap.diagnosis.gap import Judged, state_noise
 from leapgap.recording.jump import Jump
-from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.simulation.replay import Replayer, Trial
 
 PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
 LIFT_OFF_WINDOW_S = 0.050
@@ -70,18 +69,15 @@ def where(judged: Judged, replayer: Replayer, horizon_s: float, draws: int, rng:
     Replays start anew from the log every ``horizon_s``, so that an error counts where it arises and not where it
     has grown to. What sensor noise leaves on average of ``draws`` is taken off the shares.
     """
-    robot, channels = replayer.robot, available(judged.jumps, replayer.robot)
-    sigma = {jump.name: np.array([noise(jump, c.name) for c in channels]) for jump in judged.jumps}
+    robot, channels = replayer.robot, scaled_channels(judged.jumps, replayer.robot)
+    sigma = {jump.name: noise(jump, channels) for jump in judged.jumps}
     pieces = [
         Piece(piece, phases, sigma[jump.name]) for jump in judged.jumps for piece, phases in pieces_of(jump, horizon_s)
     ]
     least = np.array([least_noise(c) for c in channels])
     motions = replayer.motions([Trial(piece.jump) for piece in pieces])
     simulated_there = [table(motion, channels, robot) for motion in motions]
-    errors = [
-        found - np.stack([measured(piece.jump, c.name) for c in channels], axis=1)
-        for piece, found in zip(pieces, simulated_there, strict=True)
-    ]
+    errors = [found - measured(piece.jump, channels) for piece, found in zip(pieces, simulated_there, strict=True)]
     of_noise = noise_alone(pieces, simulated_there, channels, replayer, draws, rng)
 
     def scaled(of: Sequence[np.ndarray]) -> np.ndarray:
@@ -128,11 +124,6 @@ def noise_alone(
         ]
         for _ in range(draws)
     ]
-
-
-def table(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
-    """A motion's channels, (rows, channels)."""
-    return np.stack([simulated(motion, c.name, robot) for c in channels], axis=1)
 
 
 def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -81,16 +82,6 @@ class Commands:
     """Set point of the joint PD, rad."""
     velocity: np.ndarray
     """Set point of the joint PD, rad/s."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """What the simulated robot did: rows at the log's times, SI units, world frame."""
-
-    qpos: np.ndarray
-    """(rows, nq): base position and quaternion w x y z (free base), joint positions."""
-    qvel: np.ndarray
-    """(rows, nv): base velocity in world, angular velocity in base axes (free base), joint velocities."""
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, Motion, parameter
+from leapgap.effects.base import Commands, Effect, parameter
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, Motion, parameter
+from leapgap.effects.base import Effect, parameter
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.recording.jump import Jump
+from leapgap.recording.state import commanded_torque
 from leapgap.robot.model import Robot
 from leapgap.robot.schedule import PAIRS
 from leapgap.simulation.closed_loop import Run
@@ -57,13 +57,6 @@ def pair_force(run: Run, robot: Robot) -> np.ndarray:
     """True ground force of each pair on the robot, front x z, rear x z, N, world axes, (rows, 4)."""
     pairs = [run.ground_force[:, robot.feet_at(pair)].sum(axis=1)[:, [0, 2]] for pair in PAIRS]
     return np.concatenate(pairs, axis=1)
-
-
-def commanded_torque(log: Jump) -> np.ndarray:
-    """Feed-forward and joint PD on what was measured, N·m, (rows, joints)."""
-    spring = log.per_joint("cmd_kp") * (log.per_joint("cmd_pos") - log.per_joint("joint_pos"))
-    damper = log.per_joint("cmd_kd") * (log.per_joint("cmd_vel") - log.per_joint("joint_vel"))
-    return log.per_joint("cmd_tau") + spring + damper
 
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:

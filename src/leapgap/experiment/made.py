@@ -18,17 +18,11 @@ from leapgap.experiment.trial import Outcome, World, attempt_task
 from leapgap.files import read_json, write_json
 from leapgap.keys import digest
 from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import (
-    BASE_POSITION,
-    BASE_QUATERNION,
-    BASE_VELOCITY,
-    PAIR_FORCE_AXES,
-    Jump,
-    pitch_of,
-    yaw_of,
-)
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.robot.rigid_body import GRAVITY
+from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.landing import Landing
 

@@ -11,8 +11,9 @@ from leapgap.control.tracking import JumpController
 from leapgap.effects.base import Effect
 from leapgap.experiment.conduct import Conduct, conduct
 from leapgap.experiment.tasks import Task
-from leapgap.recording.jump import Jump, yaw_of
+from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.rotations import yaw_of
 from leapgap.simulation.closed_loop import Run, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, prepare, terrain_slots
 from leapgap.simulation.landing import Landing, landing
@@ -102,6 +103,6 @@ def total_error_cm(run: Run, task: Task, starts: Sequence[int]) -> float | None:
     if len(starts) < task.jumps:
         return None
     end = min(len(run.log) - 1, starts[-1] + round(info.schedule.landing_s / info.sample_period_s))
-    yaw = yaw_of(run.truth.qpos[starts[0], 3:7])
+    yaw = yaw_of(run.truth.base_quaternion[starts[0]])
     way = (run.truth.qpos[end] - run.truth.qpos[starts[0]])[:2] @ np.array([np.cos(yaw), np.sin(yaw)])
     return float(100 * (task.jumps * task.x_m - way))

@@ -12,23 +12,20 @@ from scipy.stats import norm
 
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file
-from leapgap.learning import spread
-from leapgap.learning.experiment import FORECAST
+from leapgap.learning import uncertainty
 from leapgap.learning.kernel import KernelModel
 from leapgap.learning.model import Model, squared_errors
-from leapgap.learning.spread import LEVELS, Spread
+from leapgap.learning.registry import RECIPES, find_recipe
 from leapgap.learning.store import load
+from leapgap.learning.uncertainty import LEVELS, PredictionUncertainty
 from leapgap.recording.windows import Purpose, Windows
 from leapgap.robot.rigid_body import STATE
 
 MEASURED = "measured"
-LEARNED = ("networks", "kernel", "blend")
-WITHOUT_FUTURE = ("constant_velocity", "playback")
-"""Models that look at neither measured future feet nor forces, in both protocols then, as forecasts do in theirs."""
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutPredictions:
     """Predictions of every window by the models that did not see its jump."""
 
     windows: Windows
@@ -46,7 +43,7 @@ class HeldOut:
         return np.array([error[self.windows.jump == j].mean() for j in np.unique(self.windows.jump[known])])
 
 
-def held_out(windows: Windows, folder: Path, prefix: str) -> HeldOut | None:
+def predict_held_out(windows: Windows, folder: Path, prefix: str) -> HeldOutPredictions | None:
     """Predict each jump with the models of the split (of those named ``prefix``…) that held it out.
 
     ``None`` where there are no such splits. Models for another grid, schedule or robot are an ``InputError``.
@@ -67,6 +64,7 @@ def held_out(windows: Windows, folder: Path, prefix: str) -> HeldOut | None:
         which = np.isin(windows.jump, [windows.jumps.index(jump) for jump in split["held_out"]])
         mine = windows.of_jumps(split["held_out"])
         for model in states:
+            recipe = find_recipe(model, folder / "splits.json")
             stored = load(folder / name, model)
             stored.purpose.require(Purpose.of(windows), folder / name / f"{model}.json")
             if set(stored.trained_on) & set(split["held_out"]):
@@ -76,110 +74,109 @@ def held_out(windows: Windows, folder: Path, prefix: str) -> HeldOut | None:
                     "none",
                     "run stages.train anew",
                 )
-            inputs = mine.inputs.without_measured_future if is_forecast(model) else mine.inputs
+            inputs = mine.inputs.without_measured_future if recipe.is_forecast else mine.inputs
             states[model][which] = stored.model.predict(inputs)
             for jump in split["held_out"]:
                 models.setdefault(jump, {})[model] = stored.model
-            expected = spread_of(folder / name, model)
+            expected = read_uncertainty(folder / name, model)
             if expected is not None:
                 expecting = deviation.setdefault(model, np.full_like(windows.state[:, 1:], np.nan))
                 expecting[which] = expected.deviation(inputs)
-    return HeldOut(windows, states, deviation, models)
+    return HeldOutPredictions(windows, states, deviation, models)
 
 
-def spread_of(folder: Path, model: str) -> Spread | None:
-    """What is known of a model's errors: of the kernel of the same variant, fitted to the same jumps."""
-    family, _, variant = model.partition("_")
-    variant = f"_{variant}" if variant else ""
-    path = folder / f"spread{variant}.npz"
-    if family not in LEARNED or not path.is_file():
+def read_uncertainty(folder: Path, model: str) -> PredictionUncertainty | None:
+    """The expected errors of a model, learned from the kernel that its recipe names; ``None`` where there are none."""
+    source = RECIPES.get(RECIPES[model].uncertainty_from or "")
+    if source is None or not (folder / f"{source.uncertainty_file}.npz").is_file():
         return None
-    kernel = load(folder, f"kernel{variant}").model
+    kernel = load(folder, source.name).model
     assert isinstance(kernel, KernelModel)
-    return spread.load(path, kernel)
+    return uncertainty.load(folder / f"{source.uncertainty_file}.npz", kernel)
 
 
-def coverage(found: HeldOut) -> dict[str, dict[str, float]]:
+def coverage(found: HeldOutPredictions) -> dict[str, dict[str, float]]:
     """Share of held-out states inside their predicted intervals, by model and nominal level in per cent."""
     shares: dict[str, dict[str, float]] = {}
     for model in found.deviation:
-        shares[model] = {f"{100 * level:.0f}": rounded(inside(found, model, level).mean()) for level in LEVELS}
+        shares[model] = {
+            f"{100 * level:.0f}": round_figure(is_inside_interval(found, model, level).mean()) for level in LEVELS
+        }
     return shares
 
 
-def inside(found: HeldOut, model: str, level: float) -> np.ndarray:
+def is_inside_interval(found: HeldOutPredictions, model: str, level: float) -> np.ndarray:
     """Whether each held-out state lies in its predicted interval of a nominal level, bool, (W, K, 6)."""
     error = np.abs(found.states[model][:, 1:] - found.windows.state[:, 1:])
     return error <= norm.ppf(0.5 + level / 2) * found.deviation[model]
 
 
-def write_calibration(found: HeldOut, path: Path) -> None:
+def write_calibration(found: HeldOutPredictions, path: Path) -> None:
     """Coverage at many levels: model, component (and all), nominal, observed, as CSV."""
     with whole_file(path) as beside, beside.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["model", "component", "nominal", "observed"])
         for model in found.deviation:
             for level in np.arange(5, 100, 5) / 100:
-                held = inside(found, model, level)
+                held = is_inside_interval(found, model, level)
                 for component, part in {"all": held, **{name: held[..., i] for i, name in enumerate(STATE)}}.items():
                     writer.writerow([model, component, f"{level:.2f}", f"{part.mean():.6g}"])
 
 
-def metrics(folds: HeldOut | None, sessions: HeldOut | None, windows: Windows) -> dict[str, object]:
+def metrics(
+    folds: HeldOutPredictions | None, sessions: HeldOutPredictions | None, windows: Windows
+) -> dict[str, object]:
     """The figures of metrics/…/learning.json; errors are mean squares over mixed SI units, as published."""
     found: dict[str, object] = {"jumps": len(windows.jumps), "windows": len(windows)}
     if folds is not None:
         errors = {model: folds.error_by_jump(model) for model in folds.states}
-        shown = {model: error for model, error in errors.items() if not is_forecast(model)}
-        found["cv_mse"] = {model: rounded(error.mean()) for model, error in shown.items()}
-        found["cv_mse_se"] = {model: rounded(standard_error(error)) for model, error in shown.items()}
-        blind = {m.removesuffix(FORECAST): e for m, e in errors.items() if m in WITHOUT_FUTURE or is_forecast(m)}
+        shown = {model: error for model, error in errors.items() if not RECIPES[model].is_forecast}
+        found["cv_mse"] = {model: round_figure(error.mean()) for model, error in shown.items()}
+        found["cv_mse_se"] = {model: round_figure(standard_error(error)) for model, error in shown.items()}
+        blind = {name: error for model, error in errors.items() if (name := RECIPES[model].forecast_name)}
         found["coverage"] = coverage(folds)
-        found["forecast_cv_mse"] = {model: rounded(error.mean()) for model, error in blind.items()}
-        found["forecast_cv_mse_se"] = {model: rounded(standard_error(error)) for model, error in blind.items()}
+        found["forecast_cv_mse"] = {model: round_figure(error.mean()) for model, error in blind.items()}
+        found["forecast_cv_mse_se"] = {model: round_figure(standard_error(error)) for model, error in blind.items()}
     if sessions is not None:
         found["cv_mse_sessions"] = {
-            model: rounded(sessions.error_by_jump(model).mean()) for model in sessions.states if not is_forecast(model)
+            model: round_figure(sessions.error_by_jump(model).mean())
+            for model in sessions.states
+            if not RECIPES[model].is_forecast
         }
     return found
 
 
-def cv_figures(found: HeldOut) -> dict[str, float]:
+def cv_figures(found: HeldOutPredictions) -> dict[str, float]:
     """``<model>`` and ``<model>_se``: mean squared error on held-out jumps, and its standard error over jumps."""
     figures: dict[str, float] = {}
     for model in found.states:
         error = found.error_by_jump(model)
-        figures |= {model: rounded(error.mean()), f"{model}_se": rounded(standard_error(error))}
+        figures |= {model: round_figure(error.mean()), f"{model}_se": round_figure(standard_error(error))}
     return figures
 
 
-def of_unseen(windows: Windows, folder: Path, split: str = "all") -> dict[str, float]:
+def errors_on_other_jumps(windows: Windows, folder: Path, split: str = "all") -> dict[str, float]:
     """Mean square error of each model of a split on windows of other jumps, by the model's name."""
     found = {}
     for model in read_json(folder / "splits.json")[split]["models"]:
         stored = load(folder / split, model)
         stored.purpose.require(Purpose.of(windows), folder / split / f"{model}.json")
-        if not is_forecast(model):
-            found[model] = rounded(squared_errors(stored.model.predict(windows.inputs), windows).mean())
+        if not find_recipe(model, folder / "splits.json").is_forecast:
+            found[model] = round_figure(squared_errors(stored.model.predict(windows.inputs), windows).mean())
     return found
 
 
-def is_forecast(model: str) -> bool:
-    """Whether a model is judged without measured future feet and forces."""
-    return model.endswith(FORECAST)
-
-
 def standard_error(error: np.ndarray) -> float:
-    """Of the mean over jumps."""
+    """Standard error of the mean over jumps, from the errors of each (H,)."""
     return float(error.std(ddof=1) / np.sqrt(len(error)))
 
 
-def rounded(value: float) -> float:
-    """To six significant digits."""
+def round_figure(value: float) -> float:
+    """The value to six significant digits."""
     return float(f"{value:.6g}")
 
 
-def write_predictions(found: HeldOut, folder: Path) -> None:
+def write_predictions(found: HeldOutPredictions, folder: Path) -> None:
     """One Parquet file a jump, in long form, world values: model, window, step, time, and the six components."""
     windows = found.windows
     samples = windows.state.shape[1]
@@ -200,7 +197,7 @@ def write_predictions(found: HeldOut, folder: Path) -> None:
             pq.write_table(pa.table(columns), beside, compression="zstd")
 
 
-def write_error_by_step(found: HeldOut, path: Path) -> None:
+def write_error_by_step(found: HeldOutPredictions, path: Path) -> None:
     """Root mean square error over all windows: model, component, step, rms, as CSV."""
     with whole_file(path) as beside, beside.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

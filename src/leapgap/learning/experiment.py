@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -16,26 +16,21 @@ import numpy as np
 import leapgap
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
-from leapgap.learning import export, kernel, spread, untrained
-from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
-from leapgap.learning.blend import Blend
+from leapgap.learning import export, uncertainty
+from leapgap.learning.initialisation import NetworksConfig, PublishedRecipeConfig
 from leapgap.learning.kernel import KernelConfig, KernelModel
-from leapgap.learning.model import Model, Nominal, ResidualModel
-from leapgap.learning.network import NetworkForecast, NetworkModel
-from leapgap.learning.splits import Split, everything, folds, sessions
-from leapgap.learning.store import Stored, load, save, stored_key
-from leapgap.learning.untrained import Fitting, NetworksConfig, PublishedRecipeConfig
+from leapgap.learning.model import Model
+from leapgap.learning.recipe import FitTask, ModelRecipe, TrainingRun
+from leapgap.learning.registry import RECIPES
+from leapgap.learning.splits import Split, folds, sessions, train_on_all
+from leapgap.learning.store import StoredModel, load, save, stored_key
 from leapgap.recording.windows import ARRAYS, Purpose, Windows, read_npz
-from leapgap.robot.rigid_body import PUBLISHED, RigidBody
+from leapgap.robot.rigid_body import RigidBody
 
 CODE = ("learning", "recording/windows.py", "robot/rigid_body.py", "robot/schedule.py")
 """What a trained model depends on, in this package."""
-FORECAST = "_forecast"
-NO_PHASE = "_no_phase"
 EXPORTED = "exported"
 """Folder of the models fitted on all jumps as others read them: ``control.exported``, ONNX."""
-NOT_EXPORTED = (FORECAST, "constant_velocity", "playback")
-"""No models of how forces move the base."""
 
 
 MODELS = (
@@ -51,7 +46,7 @@ TRAINER = {"accelerator": "cpu", "devices": 1, "enable_progress_bar": True}
 
 @dataclass
 class TrainConfig:
-    """Section train."""
+    """The section ``train`` of the configuration: data, splits, models and their settings."""
 
     windows: str
     sessions: list[list[str]] | None
@@ -81,134 +76,32 @@ class TrainConfig:
     """What Lightning's Trainer is told."""
 
     def models_of(self, split: Split) -> list[str]:
-        """What is fitted on a split."""
+        """Names of the models that are fitted on a split."""
         skipped = self.not_in_sessions if split.name.startswith("session") else []
         judged = bool(split.held_out)  # forecasts are judged, never used
-        return [name for name in self.models if name not in skipped and (judged or not name.endswith(FORECAST))]
+        return [name for name in self.models if name not in skipped and (judged or not RECIPES[name].is_forecast)]
 
     @property
     def body(self) -> RigidBody:
-        """The nominal body."""
+        """The nominal body that residuals correct."""
         return RigidBody(self.mass_kg, self.pitch_inertia_kgm2)
 
 
-@dataclass(frozen=True)
-class Task:
-    """One model of one split."""
+def fit_task(
+    config: TrainConfig, split: Split, name: str, train: Windows, held_out: Windows, folder: Path, scratch: Path
+) -> FitTask:
+    """What a recipe is given for one model of one split; ``folder`` holds the models fitted on the split before."""
 
-    config: TrainConfig
-    split: Split
-    name: str
-    train: Windows
-    held_out: Windows
-    folder: Path
-    """Of the split's models; those fitted before are there."""
-    scratch: Path
+    def member(other: str) -> Model:
+        if other not in config.models_of(split) or stored_key(folder, other) is None:
+            raise InputError("train.models", f"{name} before {other}", f"{other} before it", "correct conf/train")
+        return load(folder, other).model
 
-    @property
-    def inputs(self) -> dict[str, dict[str, float]]:
-        """Inputs of the learned models, without the phase where the model's name says so."""
-        given = {"kernel": self.config.kernel.inputs, "networks": self.config.networks.inputs}
-        without = self.name.endswith(NO_PHASE)
-        return {
-            kind: {name: weight for name, weight in inputs.items() if not (without and name == "phase")}
-            for kind, inputs in given.items()
-        }
-
-
-BLENDED = ("networks", "kernel")
-Curve = list[list[float | None]]
-
-
-def fit_kernel(task: Task) -> tuple[Model, Curve]:
-    """Residual of the body with fitted gains."""
-    config = KernelConfig(**{**vars(task.config.kernel), "inputs": task.inputs["kernel"]})
-    return kernel.fit(task.train, fit_gains(task.train, task.config.body, task.config.curvature), config), []
-
-
-def fit_forecast(task: Task) -> tuple[Model, Curve]:
-    """What acts later is not known: no feet and forces among the inputs."""
-    return kernel.fit_forecast(task.train, task.config.kernel, task.config.curvature), []
-
-
-def fit_networks(task: Task) -> tuple[Model, Curve]:
-    """Ours: residual of the body with fitted gains."""
-    config = NetworksConfig(**{**vars(task.config.networks), "inputs": task.inputs["networks"]})
-    nominal = fit_gains(task.train, task.config.body, task.config.curvature)
-    start = untrained.networks(task.train, nominal, config, np.random.default_rng(task.config.seed))
-    return descend(start, task, config.fitting)
-
-
-def fit_networks_forecast(task: Task) -> tuple[Model, Curve]:
-    """What acts later is not known: whole accelerations of state and phase, no nominal body under them."""
-    inputs = {name: weight for name, weight in task.config.networks.inputs.items() if "foot" not in name}
-    config = NetworksConfig(**{**vars(task.config.networks), "inputs": inputs})
-    blind = replace(task, train=without_forces(task.train), held_out=without_forces(task.held_out))
-    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf), curvature=task.config.curvature)
-    start = untrained.networks(blind.train, nothing, config, np.random.default_rng(task.config.seed))
-    model, curve = descend(start, blind, config.fitting)
-    return NetworkForecast(**vars(model)), curve
-
-
-def without_forces(windows: Windows) -> Windows:
-    """The same motion, as if nothing pushed."""
-    return replace(windows, force=np.zeros_like(windows.force), foot=np.zeros_like(windows.foot))
-
-
-def fit_blend(task: Task) -> tuple[Model, Curve]:
-    """Mean of networks and kernel of the same split, with or without phase."""
-    members = []
-    for kind in BLENDED:
-        name = task.name.replace("blend", kind)
-        if name not in task.config.models_of(task.split) or stored_key(task.folder, name) is None:
-            raise InputError("train.models", f"{task.name} before {name}", f"{name} before it", "correct conf/train")
-        model = load(task.folder, name).model
-        assert isinstance(model, ResidualModel)
-        members.append(model)
-    return Blend(tuple(members)), []
-
-
-def fit_published(task: Task) -> tuple[Model, Curve]:
-    """The paper's."""
-    config = task.config.published_recipe
-    nominal = Nominal(RigidBody(config.mass_kg, config.pitch_inertia_kgm2))
-    start = untrained.published(task.train.grid, nominal, config, np.random.default_rng(task.config.seed))
-    return descend(start, task, config.fitting)
-
-
-def descend(start: NetworkModel, task: Task, fitting: Fitting) -> tuple[NetworkModel, Curve]:
-    """Train; torch and Lightning take seconds to import, so only here."""
-    from leapgap.learning import training
-
-    held_out = task.held_out if len(task.held_out) else None
-    run = training.Run(
-        task.config.seed,
-        task.config.threads,
-        task.config.trainer,
-        task.scratch,
-        f"{task.split.name} {task.name}",
-        task.config.steps_an_epoch,
+    run = TrainingRun(
+        config.seed, config.threads, config.trainer, scratch, f"{split.name} {name}", config.steps_an_epoch
     )
-    return training.fit(start, task.train, held_out, fitting, run)
-
-
-FITS: dict[str, Callable[[Task], tuple[Model, Curve]]] = {
-    "nominal": lambda task: (NominalModel(Nominal(task.config.body)), []),
-    "nominal_published": lambda task: (NominalModel(Nominal(PUBLISHED)), []),
-    "nominal_fitted": lambda task: (NominalModel(fit_gains(task.train, task.config.body, task.config.curvature)), []),
-    "constant_velocity": lambda task: (ConstantVelocity(), []),
-    "playback": lambda task: (Playback.fit(task.train), []),
-    "kernel": fit_kernel,
-    "kernel" + NO_PHASE: fit_kernel,
-    "kernel" + FORECAST: fit_forecast,
-    "networks": fit_networks,
-    "networks" + NO_PHASE: fit_networks,
-    "networks" + FORECAST: fit_networks_forecast,
-    "blend": fit_blend,
-    "blend" + NO_PHASE: fit_blend,
-    "published_recipe": fit_published,
-}
-"""Every model, by the name its figures go under."""
+    sections = (config.kernel, config.networks, config.published_recipe)
+    return FitTask(train, held_out, config.body, config.curvature, sections, run, member)
 
 
 def train(
@@ -219,9 +112,9 @@ def train(
     A model whose data, settings and code are unchanged is kept; files of models nobody asked for are removed.
     Beside them: ``splits.json``, and ``curves.csv`` of those that were trained in steps.
     """
-    unknown = [name for name in config.models if name not in FITS]
+    unknown = [name for name in config.models if name not in RECIPES]
     if unknown:
-        raise InputError("train.models", ", ".join(unknown), f"some of {', '.join(FITS)}", "correct conf/train")
+        raise InputError("train.models", ", ".join(unknown), f"some of {', '.join(RECIPES)}", "correct conf/train")
     out.mkdir(parents=True, exist_ok=True)
     if not len(windows):
         forget(out, set())
@@ -230,14 +123,16 @@ def train(
     splits = [
         *folds(windows.jumps, config.folds),
         *sessions(windows.jumps, config.sessions or []),
-        everything(windows.jumps),
+        train_on_all(windows.jumps),
     ]
-    used = [name for name in config.models_of(splits[-1]) if not name.endswith(NOT_EXPORTED)]
+    used = [name for name in config.models_of(splits[-1]) if RECIPES[name].can_be_exported]
     keys = {
         (split.name, name): key_of(windows, split, name, config) for split in splits for name in config.models_of(split)
     }
     wanted = {f"{split}/{name}" for split, name in keys} | {f"{EXPORTED}/{name}" for name in used}
-    wanted |= {spread_name(split, variant) for split in splits for variant in spread_variants(config, split)}
+    wanted |= {
+        f"{split.name}/{recipe.uncertainty_file}" for split in splits for recipe in uncertainty_recipes(config, split)
+    }
     forget(out, wanted, {f"{name}-{key[:12]}" for (_, name), key in keys.items()})
     jobs = [
         SplitJob(windows, config, split, {n: keys[split.name, n] for n in config.models_of(split)}, out)
@@ -269,7 +164,7 @@ class SplitJob:
     config: TrainConfig
     split: Split
     keys: dict[str, str]
-    """By model."""
+    """Keys of the models to have, by name."""
     out: Path
 
     def run(self) -> list[str]:
@@ -279,14 +174,15 @@ class SplitJob:
         for name, key in self.keys.items():
             if stored_key(folder, name) != key:
                 scratch = folder / f".{name}-{key[:12]}"
-                model, curve = FITS[name](Task(self.config, self.split, name, train_on, held_out, folder, scratch))
+                task = fit_task(self.config, self.split, name, train_on, held_out, folder, scratch)
+                model, curve = RECIPES[name].fit(task)
                 write_json(folder / f"{name}.curve.json", {"rows": curve})
-                save(Stored(model, Purpose.of(self.windows), self.split.train, key), folder, name)
+                save(StoredModel(model, Purpose.of(self.windows), self.split.train, key), folder, name)
                 fitted.append(f"{self.split.name}/{name}")
-        for variant in spread_variants(self.config, self.split):
-            path = self.out / f"{spread_name(self.split, variant)}.npz"
-            if not path.is_file() or f"{self.split.name}/kernel{variant}" in fitted:
-                fit_spread(train_on, self.config, variant, path)
+        for recipe in uncertainty_recipes(self.config, self.split):
+            path = folder / f"{recipe.uncertainty_file}.npz"
+            if not path.is_file() or f"{self.split.name}/{recipe.name}" in fitted:
+                fit_uncertainty(train_on, self.config, recipe, path)
         return fitted
 
 
@@ -299,36 +195,35 @@ def each(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
         yield from pool.map(SplitJob.run, jobs)
 
 
-def spread_variants(config: TrainConfig, split: Split) -> list[str]:
-    """Kernels whose errors are learned too; a whole session held out is another distribution, which none foresees."""
+def uncertainty_recipes(config: TrainConfig, split: Split) -> list[ModelRecipe]:
+    """Recipes whose errors on left-out training jumps are learned on a split.
+
+    A whole session held out is another distribution, which no training jump foresees.
+    """
     if split.name.startswith("session") or len(split.train) < 2:
         return []
-    return [variant for variant in ("", NO_PHASE, FORECAST) if f"kernel{variant}" in config.models_of(split)]
-
-
-def spread_name(split: Split, variant: str) -> str:
-    """``<split>/spread<variant>``."""
-    return f"{split.name}/spread{variant}"
+    names = config.models_of(split)
+    return [recipe for recipe in RECIPES.values() if recipe.uncertainty_file and recipe.name in names]
 
 
 def deviation_of(out: Path, split: Split, name: str) -> np.ndarray | None:
-    """Expected errors of a learned model in familiar situations, (starts, K, 6), where they were learned."""
-    family, _, variant = name.partition("_")
-    path = out / f"{spread_name(split, f'_{variant}' if variant else '')}.npz"
-    return np.sqrt(read_npz(path)["variance"]) if family in (*BLENDED, "blend") and path.is_file() else None
+    """Expected errors of a model in familiar situations, (starts, K, 6), where they were learned."""
+    source = RECIPES.get(RECIPES[name].uncertainty_from or "")
+    path = out / split.name / f"{source.uncertainty_file}.npz" if source else None
+    return np.sqrt(read_npz(path)["variance"]) if path and path.is_file() else None
 
 
-def fit_spread(windows: Windows, config: TrainConfig, variant: str, path: Path) -> None:
-    """By leaving out each training jump in turn."""
-    fit = FITS[f"kernel{variant}"]
+def fit_uncertainty(windows: Windows, config: TrainConfig, recipe: ModelRecipe, path: Path) -> None:
+    """Learn the errors of a kernel by leaving out each training jump in turn, and write them."""
 
     def fit_kernel(train: Windows) -> KernelModel:
         split = Split("", train.jumps, ())
-        model, _ = fit(Task(config, split, f"kernel{variant}", train, train.of_jumps([]), path.parent, path.parent))
+        task = fit_task(config, split, recipe.name, train, train.of_jumps([]), path.parent, path.parent)
+        model, _ = recipe.fit(task)
         assert isinstance(model, KernelModel)
         return model
 
-    spread.save(spread.fit(windows, fit_kernel, config.kernel), path)
+    uncertainty.save(uncertainty.fit(windows, fit_kernel, config.kernel), path)
 
 
 def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:
@@ -337,7 +232,7 @@ def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> st
     for place in ("windows", "out", "models", "not_in_sessions", "folds", "sessions", "processes"):
         settings.pop(place)
     for section in ("kernel", "networks", "published_recipe"):
-        if not name.startswith(section) and not (name.startswith("blend") and section in BLENDED):
+        if not isinstance(getattr(config, section), RECIPES[name].settings):
             settings.pop(section)
     settings["trainer"].pop("enable_progress_bar", None)
     digest = hashlib.sha256(json.dumps([name, settings, split.train, split.held_out], sort_keys=True).encode())

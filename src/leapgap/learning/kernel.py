@@ -5,10 +5,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.learning.features import Transitions, transitions
-from leapgap.learning.model import Nominal, ResidualModel
+from leapgap.learning.flat_model import Part
+from leapgap.learning.model import Model, Nominal, ResidualModel
+from leapgap.learning.nominal import fit_gains
+from leapgap.learning.recipe import FitTask, LearningCurve, ModelRecipe, configured_inputs
+from leapgap.learning.transitions import Transitions, extract_transitions
 from leapgap.recording.windows import RolloutInputs, Windows
-from leapgap.robot.prediction import Affine, Situation, check_names, columns
+from leapgap.robot.prediction import Affine, Situation, check_names, columns, selection
 from leapgap.robot.rigid_body import RigidBody
 
 PHASES = {"contact": True, "flight": False}
@@ -41,13 +44,13 @@ class KernelPart:
     """The fit of one phase: n training steps, f inputs."""
 
     input_mean: np.ndarray
-    """(f,)."""
+    """Mean of the raw training inputs, (f,)."""
     input_scale: np.ndarray
     """Divides the inputs: standard deviation over weight, length and √f, (f,)."""
     force_mean: np.ndarray
-    """(4,), N."""
+    """Mean of the training forces, (4,), N."""
     force_scale: np.ndarray
-    """(4,), N."""
+    """Divides the forces after their mean is taken off, (4,), N."""
     inputs: np.ndarray
     """Scaled training inputs, (n, f)."""
     forces: np.ndarray
@@ -95,6 +98,11 @@ class KernelModel(ResidualModel):
                 bias[mask], by_force[mask] = found.bias, found.by_force
         return Affine(bias, by_force)
 
+    def flat_residual(self, phase: str) -> tuple[np.ndarray, tuple[Part, ...]]:
+        """The mean training residual and one kernel; a phase that had no training step has none."""
+        part: KernelPart | None = getattr(self, phase)
+        return (np.zeros(3), ()) if part is None else (part.mean, (flatten_kernel(self.names, part),))
+
     def arrays(self) -> dict[str, np.ndarray]:
         """The parts' arrays, as ``contact/weights``."""
         parts = {"contact": self.contact, "flight": self.flight}
@@ -106,12 +114,27 @@ class KernelModel(ResidualModel):
 
     @classmethod
     def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "KernelModel":
-        """Read back."""
+        """The model of stored parts."""
         parts = {}
         for phase in PHASES:
             mine = {name.removeprefix(f"{phase}/"): a for name, a in arrays.items() if name.startswith(f"{phase}/")}
             parts[phase] = KernelPart(**mine) if mine else None
         return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), **parts)
+
+
+def flatten_kernel(names: tuple[str, ...], part: KernelPart) -> Part:
+    """h and G as coefficients of the same similarities."""
+    by_force = part.weights[:, :, None] * (part.forces / part.force_scale)[:, None, :]
+    bias = part.weights - by_force @ part.force_mean
+    return Part(
+        "kernel",
+        {
+            "select": selection(names) / part.input_scale,
+            "shift": part.input_mean / part.input_scale,
+            "centres": part.inputs,
+            "coefficients": np.concatenate([bias, by_force.reshape(len(bias), 12)], axis=1),
+        },
+    )
 
 
 @dataclass(frozen=True)
@@ -127,9 +150,9 @@ class KernelForecast(KernelModel):
 
 def fit_forecast(windows: Windows, config: KernelConfig, curvature: float = 0.0) -> KernelForecast:
     """Fit whole accelerations to state and phase: h alone, no G, no nominal body under it."""
-    kept = {name: weight for name, weight in config.inputs.items() if "foot" not in name}
+    kept = configured_inputs(config.inputs, uses_phase=True, uses_feet=False)
     nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf), curvature=curvature)
-    fitted = fit(windows, nothing, KernelConfig(**{**vars(config), "inputs": kept, "force_scale": np.inf}))
+    fitted = fit(windows, nothing, replace(config, inputs=kept, force_scale=np.inf))
     return KernelForecast(fitted.nominal, fitted.names, fitted.contact, fitted.flight)
 
 
@@ -137,7 +160,7 @@ def fit(windows: Windows, nominal: Nominal, config: KernelConfig) -> KernelModel
     """Fit the residual of the nominal body to the measured steps of some windows."""
     names = tuple(config.inputs)
     check_names(names, "train.kernel.inputs")
-    steps, parts = transitions(windows), {}
+    steps, parts = extract_transitions(windows), {}
     for phase, pushing in PHASES.items():
         mine = steps.at(steps.contact == pushing)
         parts[phase] = fit_part(mine, nominal, config, pushing) if len(mine.step) else None
@@ -160,3 +183,52 @@ def fit_part(steps: Transitions, nominal: Nominal, config: KernelConfig, pushing
     gram = gauss(inputs, inputs) * (1 + forces @ forces.T)
     weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), residual - mean)
     return KernelPart(input_mean, input_scale, force_mean, force_scale, inputs, forces, weights, mean)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KernelRecipe(ModelRecipe):
+    """Kernel ridge on the residual of the body with fitted gains."""
+
+    model: ClassVar[type[Model]] = KernelModel
+    settings: ClassVar[tuple[type, ...]] = (KernelConfig,)
+    uses_phase: bool = True
+    """Whether the phase of the jump stays among the configured inputs."""
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Solve for the weights of the training steps."""
+        config = task.settings(KernelConfig)
+        config = replace(config, inputs=configured_inputs(config.inputs, self.uses_phase))
+        return fit(task.train, fit_gains(task.train, task.body, task.curvature), config), []
+
+
+@dataclass(frozen=True, kw_only=True)
+class KernelForecastRecipe(ModelRecipe):
+    """Kernel ridge from the first state and the phase; what acts later is not known to it."""
+
+    model: ClassVar[type[Model]] = KernelForecast
+    settings: ClassVar[tuple[type, ...]] = (KernelConfig,)
+    is_forecast: ClassVar[bool] = True
+    can_be_exported: ClassVar[bool] = False
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Fit without feet and forces among the inputs."""
+        return fit_forecast(task.train, task.settings(KernelConfig), task.curvature), []
+
+
+RECIPES: tuple[ModelRecipe, ...] = (
+    KernelRecipe(name="kernel", colour="#14804a", uncertainty_from="kernel", uncertainty_file="spread"),
+    KernelRecipe(
+        name="kernel_no_phase",
+        uses_phase=False,
+        colour="#7fc4a0",
+        uncertainty_from="kernel_no_phase",
+        uncertainty_file="spread_no_phase",
+    ),
+    KernelForecastRecipe(
+        name="kernel_forecast",
+        colour="#b5dec7",
+        forecast_name="kernel",
+        uncertainty_from="kernel_forecast",
+        uncertainty_file="spread_forecast",
+    ),
+)

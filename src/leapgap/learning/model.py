@@ -6,6 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from leapgap.errors import InputError
+from leapgap.learning.flat_model import PHASES, FlatPhase, Part
 from leapgap.recording.windows import RolloutInputs, Windows
 from leapgap.robot.prediction import Affine, PredictionModel, Situation
 from leapgap.robot.rigid_body import GRAVITY, RigidBody, advance
@@ -21,12 +23,16 @@ class Model(ABC):
         """States at the K + 1 samples of each window, the first as given, shape (W, K + 1, 6)."""
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What was fitted, by name."""
+        """The fitted arrays by name, as they are stored."""
         return {}
 
     def settings(self) -> dict[str, Any]:
         """What else ``from_parts`` needs, as JSON."""
         return {}
+
+    def flatten(self) -> dict[str, FlatPhase]:
+        """Its flat form by phase, for export; ``InputError`` where it does not say how forces move the base."""
+        raise InputError("export", self.kind, "a residual model", "export networks, kernels or nominal bodies")
 
     @classmethod
     @abstractmethod
@@ -45,12 +51,22 @@ class Nominal:
     """Of a step's positions, as in ``rigid_body.advance``."""
 
     def at(self, foot: np.ndarray) -> Affine:
-        """Of feet (n, 4)."""
+        """Its accelerations, affine in the force, with feet (n, 4)."""
         bias = np.tile([0.0, -GRAVITY, 0.0], (len(foot), 1))
         return Affine(bias, self.body.force_rows(foot) * np.asarray(self.gains)[:, None])
 
+    def flatten(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its constant (15,) and what it takes of each foot coordinate (4, 15): B(r) is linear in r."""
+
+        def outputs(foot: np.ndarray) -> np.ndarray:
+            terms = self.at(foot[None])
+            return np.concatenate([terms.bias[0], terms.by_force[0].ravel()])
+
+        constant = outputs(np.zeros(4))
+        return constant, np.stack([outputs(unit) - constant for unit in np.eye(4)])
+
     def to_json(self) -> dict[str, Any]:
-        """As stored in a model's settings."""
+        """Its numbers as they are stored in a model's settings."""
         return {
             "inverse_mass_per_kg": 1 / self.body.mass_kg,  # JSON has no infinity
             "inverse_pitch_inertia_per_kgm2": 1 / self.body.pitch_inertia_kgm2,
@@ -60,7 +76,7 @@ class Nominal:
 
     @staticmethod
     def from_json(raw: dict[str, Any]) -> "Nominal":
-        """Read it back."""
+        """The body of which ``to_json`` gave the numbers."""
         mass, inertia = (
             1 / raw[key] if raw[key] else np.inf for key in ("inverse_mass_per_kg", "inverse_pitch_inertia_per_kgm2")
         )
@@ -78,7 +94,7 @@ class ResidualModel(Model, PredictionModel):
 
     @property
     def curvature(self) -> float:  # type: ignore[override]
-        """That of the nominal body."""
+        """The curvature of the nominal body."""
         return self.nominal.curvature
 
     @abstractmethod
@@ -89,6 +105,22 @@ class ResidualModel(Model, PredictionModel):
         """Nominal and residual together, n moments in one batch: what the roll-out and the MPC use."""
         nominal, residual = self.nominal.at(situation.foot), self.residual(situation, contact)
         return Affine(nominal.bias + residual.bias, nominal.by_force + residual.by_force)
+
+    def flatten(self) -> dict[str, FlatPhase]:
+        """The flat form of nominal body and residual, by phase."""
+        flat = {}
+        for phase in PHASES:
+            constant, feet = self.nominal.flatten()
+            mean, parts = self.flat_residual(phase)
+            constant[:3] += mean
+            flat[phase] = FlatPhase(constant, feet, parts)
+        return flat
+
+    def flat_residual(self, phase: str) -> tuple[np.ndarray, tuple[Part, ...]]:
+        """The residual's constant acceleration (3,) and its parts in one phase, for export."""
+        raise InputError(
+            "export", self.kind, "networks, kernels or nominal bodies", "give its class a method flat_residual"
+        )
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
         """Roll the K steps out from the measured first state."""
@@ -101,7 +133,7 @@ class ResidualModel(Model, PredictionModel):
 
 
 def squared_errors(predicted: np.ndarray, windows: Windows) -> np.ndarray:
-    """Of every window, step 1…K and state component, shape (W, K, 6).
+    """Squared error of every window, step 1…K and state component, shape (W, K, 6).
 
     x counts from the window's start on both sides, and z starts alike, so offsets cancel.
     """

@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from leapgap.learning.flat_model import OUTPUTS, Part
 from leapgap.learning.model import Nominal, ResidualModel
 from leapgap.recording.windows import RolloutInputs
-from leapgap.robot.prediction import Affine, Situation, columns
+from leapgap.robot.prediction import Affine, Situation, columns, selection
 
 NETWORKS = ("contact/h", "contact/G", "flight/h")
 """h1, G1 and h2 of the paper."""
@@ -37,9 +38,9 @@ class Scaling:
     """Units of a phase's networks: what their inputs are divided by, their outputs multiplied with."""
 
     input_mean: np.ndarray
-    """(f,)."""
+    """Taken off the raw inputs, (f,)."""
     input_scale: np.ndarray
-    """(f,)."""
+    """Divides the inputs after their mean is taken off, (f,)."""
     force_mean: np.ndarray
     """(4,), N: the force at which h alone acts."""
     force_scale: np.ndarray
@@ -82,6 +83,11 @@ class NetworkModel(ResidualModel):
         by_force = raw.reshape(*raw.shape[:-1], 3, 4) * scaling.scale[:, None] / scaling.force_scale
         return Affine(bias - by_force @ scaling.force_mean, by_force)
 
+    def flat_residual(self, phase: str) -> tuple[np.ndarray, tuple[Part, ...]]:
+        """The mean residual, and the perceptrons with all scalings folded into their weights."""
+        scaling = getattr(self, phase)
+        return scaling.mean, flatten_networks(self, phase, scaling)
+
     def arrays(self) -> dict[str, np.ndarray]:
         """Scalings and weights, as ``contact/input_mean`` and ``contact/G/weight_0``."""
         found = {
@@ -100,7 +106,7 @@ class NetworkModel(ResidualModel):
 
     @classmethod
     def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "NetworkModel":
-        """Read back."""
+        """The model of stored scalings and weights."""
         contact, flight = (
             Scaling(**{name: arrays[f"{phase}/{name}"] for name in Scaling.__dataclass_fields__})
             for phase in ("contact", "flight")
@@ -123,6 +129,55 @@ class NetworkForecast(NetworkModel):
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
         """Roll out without forces."""
         return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
+
+
+def flatten_networks(model: NetworkModel, phase: str, scaling: Scaling) -> tuple[Part, ...]:
+    """h and G of every member; those of one hidden layer side by side as one."""
+    blocks = []
+    for head, outputs in output_heads(scaling, phase):
+        network = model.networks[f"{phase}/{head}"]
+        members = len(network.weights[0])
+        for s in range(members):
+            weights = [np.asarray(w[s], float) for w in network.weights]
+            biases = [np.asarray(b[s, 0], float) for b in network.biases]
+            biases[0] = biases[0] - scaling.input_mean / scaling.input_scale @ weights[0]
+            weights[0] = selection(model.names) / scaling.input_scale @ weights[0]
+            weights[-1], biases[-1] = weights[-1] @ outputs / members, biases[-1] @ outputs / members
+            blocks.append((weights, biases))
+    if len(blocks[0][0]) == 2:
+        blocks = [join_side_by_side(blocks)]
+    return tuple(
+        Part(
+            "perceptron",
+            {f"weight_{i}": w.astype(np.float32) for i, w in enumerate(weights)}
+            | {f"bias_{i}": b.astype(np.float32) for i, b in enumerate(biases)},
+        )
+        for weights, biases in blocks
+    )
+
+
+def output_heads(scaling: Scaling, phase: str) -> list[tuple[str, np.ndarray]]:
+    """h (3) and, in contact, G (12), each with the matrix from its raw outputs to the fifteen numbers."""
+    h = np.zeros((3, OUTPUTS))
+    h[np.arange(3), np.arange(3)] = scaling.scale
+    if phase == "flight":
+        return [("h", h)]
+    g = np.zeros((3, 4, OUTPUTS))
+    for i in range(3):
+        for j in range(4):
+            slope = scaling.scale[i] / scaling.force_scale[j]
+            g[i, j, 3 + 4 * i + j], g[i, j, i] = slope, -slope * scaling.force_mean[j]
+    return [("h", h), ("G", g.reshape(12, OUTPUTS))]
+
+
+Layers = tuple[list[np.ndarray], list[np.ndarray]]
+
+
+def join_side_by_side(blocks: Sequence[Layers]) -> Layers:
+    """Networks of one hidden layer as one wide one, whose output is their sum."""
+    first, last = (np.concatenate([weights[i] for weights, _ in blocks], axis=1 - i) for i in (0, 1))
+    bias = np.concatenate([biases[0] for _, biases in blocks])
+    return [first, last], [bias, np.sum([biases[1] for _, biases in blocks], axis=0)]
 
 
 def random_mlp(

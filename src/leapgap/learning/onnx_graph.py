@@ -6,14 +6,13 @@ run in single precision, kernels in double. What the model is for stands in the 
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-if TYPE_CHECKING:
-    from leapgap.learning.export import FlatPhase, Part
+from leapgap.learning.flat_model import FlatPhase, Part
 
 OPSET = 18
 IR_VERSION = 10
@@ -28,19 +27,19 @@ class Graph:
         self.constants: list[onnx.TensorProto] = []
 
     def constant(self, value: np.ndarray) -> str:
-        """A constant's name."""
+        """Add a constant; its name in the graph."""
         name = f"constant_{len(self.constants)}"
         self.constants.append(numpy_helper.from_array(np.ascontiguousarray(value), name))
         return name
 
     def node(self, kind: str, *inputs: str, out: str | None = None, **attributes: Any) -> str:
-        """The name of a node's output."""
+        """Add a node; the name of its output."""
         out = out or f"value_{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, list(inputs), [out], **attributes))
         return out
 
 
-def serialised(phases: Mapping[str, "FlatPhase"], about: Mapping[str, object], known_size: int) -> bytes:
+def serialise(phases: Mapping[str, FlatPhase], about: Mapping[str, object], known_size: int) -> bytes:
     """The model's bytes; the same model gives the same."""
     graph = Graph()
     time = graph.node("Unsqueeze", "time_s", graph.constant(np.array([1])))
@@ -49,7 +48,7 @@ def serialised(phases: Mapping[str, "FlatPhase"], about: Mapping[str, object], k
     relative[6, 0], relative[6, 6] = -1.0, 0.0
     known = graph.node("MatMul", raw, graph.constant(relative))
     feet = graph.node("Identity", "foot")
-    by_phase = [of_phase(graph, phases[phase], known, feet) for phase in ("contact", "flight")]
+    by_phase = [add_phase(graph, phases[phase], known, feet) for phase in ("contact", "flight")]
     contact = graph.node("Unsqueeze", "contact", graph.constant(np.array([1])))
     both = graph.node("Where", contact, *by_phase)
     bounds = [graph.constant(np.array([value])) for value in (0, 3, 15, 1)]
@@ -76,16 +75,17 @@ def serialised(phases: Mapping[str, "FlatPhase"], about: Mapping[str, object], k
     return model.SerializeToString(deterministic=True)
 
 
-def of_phase(graph: Graph, phase: "FlatPhase", known: str, feet: str) -> str:
-    """constant + feet · foot + Σ parts, (n, 15)."""
-    found = graph.node("Add", graph.node("MatMul", feet, graph.constant(phase.feet)), graph.constant(phase.constant))
+def add_phase(graph: Graph, phase: FlatPhase, known: str, feet: str) -> str:
+    """Add one phase to the graph: constant + feet · foot + Σ parts, (n, 15)."""
+    add = {"perceptron": add_perceptron, "kernel": add_kernel}
+    total = graph.node("Add", graph.node("MatMul", feet, graph.constant(phase.feet)), graph.constant(phase.constant))
     for part in phase.parts:
-        found = graph.node("Add", found, {"perceptron": perceptron, "kernel": kernel}[part.kind](graph, part, known))
-    return found
+        total = graph.node("Add", total, add[part.kind](graph, part, known))
+    return total
 
 
-def perceptron(graph: Graph, part: "Part", known: str) -> str:
-    """tanh between the layers."""
+def add_perceptron(graph: Graph, part: Part, known: str) -> str:
+    """Add a perceptron with tanh between its layers, (n, 15); ``known`` is (n, inputs)."""
     hidden, layers = graph.node("Cast", known, to=TensorProto.FLOAT), len(part.arrays) // 2
     for i in range(layers):
         weight, bias = (graph.constant(part.arrays[f"{kind}_{i}"]) for kind in ("weight", "bias"))
@@ -95,8 +95,8 @@ def perceptron(graph: Graph, part: "Part", known: str) -> str:
     return graph.node("Cast", hidden, to=TensorProto.DOUBLE)
 
 
-def kernel(graph: Graph, part: "Part", known: str) -> str:
-    """Σ exp(−‖s − c‖²/2) coefficients = exp(s·c − ‖s‖²/2 − ‖c‖²/2) coefficients."""
+def add_kernel(graph: Graph, part: Part, known: str) -> str:
+    """Add a kernel, (n, 15): Σ exp(−‖s − c‖²/2) coefficients = exp(s·c − ‖s‖²/2 − ‖c‖²/2) coefficients."""
     select, shift, centres = (part.arrays[name] for name in ("select", "shift", "centres"))
     at = graph.node("Sub", graph.node("MatMul", known, graph.constant(select)), graph.constant(shift))
     mine = graph.node("ReduceSumSquare", at, graph.constant(np.array([1])), keepdims=1)

@@ -19,7 +19,7 @@ class Split:
 def folds(jumps: Sequence[str], number: int) -> list[Split]:
     """Fold f holds out every ``number``-th jump from the f-th on, in the order given; fewer with fewer jumps."""
     number = min(number, len(jumps))
-    return [without(f"fold_{f}", jumps, jumps[f::number]) for f in range(number)] if number > 1 else []
+    return [hold_out(f"fold_{f}", jumps, jumps[f::number]) for f in range(number)] if number > 1 else []
 
 
 def sessions(jumps: Sequence[str], groups: Sequence[Sequence[str]]) -> list[Split]:
@@ -39,14 +39,14 @@ def sessions(jumps: Sequence[str], groups: Sequence[Sequence[str]]) -> list[Spli
         )
     if sum(bool(group) for group in members) < 2 or sum(map(len, members)) < len(jumps):
         return []
-    return [without(f"session_{i}", jumps, group) for i, group in enumerate(members) if group]
+    return [hold_out(f"session_{i}", jumps, group) for i, group in enumerate(members) if group]
 
 
-def everything(jumps: Sequence[str]) -> Split:
-    """Train on all: the models that are used, judged on other jumps only."""
+def train_on_all(jumps: Sequence[str]) -> Split:
+    """The split that trains on all jumps: its models are used, and judged on other jumps only."""
     return Split("all", tuple(jumps), ())
 
 
-def without(name: str, jumps: Sequence[str], held_out: Sequence[str]) -> Split:
-    """Hold some jumps out."""
+def hold_out(name: str, jumps: Sequence[str], held_out: Sequence[str]) -> Split:
+    """The split that holds some jumps out and trains on the others."""
     return Split(name, tuple(jump for jump in jumps if jump not in held_out), tuple(held_out))

@@ -6,32 +6,16 @@ from typing import Any
 
 from leapgap.errors import InputError
 from leapgap.files import read_json, whole_file, write_json
-from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback
-from leapgap.learning.blend import Blend
-from leapgap.learning.kernel import KernelForecast, KernelModel
 from leapgap.learning.model import Model
-from leapgap.learning.network import NetworkForecast, NetworkModel
+from leapgap.learning.registry import model_class
 from leapgap.recording.windows import Purpose, read_npz, write_npz
 
 FORMAT_VERSION = 1
-KINDS: dict[str, type[Model]] = {
-    kind.kind: kind
-    for kind in (
-        NominalModel,
-        ConstantVelocity,
-        Playback,
-        KernelModel,
-        KernelForecast,
-        NetworkModel,
-        NetworkForecast,
-        Blend,
-    )
-}
 
 
 @dataclass(frozen=True)
-class Stored:
-    """A model with its record."""
+class StoredModel:
+    """A model with the record of what it was made of and what it is for."""
 
     model: Model
     purpose: Purpose
@@ -40,7 +24,7 @@ class Stored:
     """Hash of everything the model was made of."""
 
 
-def save(stored: Stored, folder: Path, name: str) -> None:
+def save(stored: StoredModel, folder: Path, name: str) -> None:
     """Write both files; the JSON last, so that a model without it was never finished."""
     folder.mkdir(parents=True, exist_ok=True)
     with whole_file(folder / f"{name}.npz") as beside:
@@ -58,7 +42,7 @@ def save(stored: Stored, folder: Path, name: str) -> None:
     )
 
 
-def load(folder: Path, name: str) -> Stored:
+def load(folder: Path, name: str) -> StoredModel:
     """Read a model; ``InputError`` where it is absent, broken or of another version."""
     path = folder / f"{name}.json"
     about = read_json(path)
@@ -69,8 +53,8 @@ def load(folder: Path, name: str) -> Stored:
     arrays = read_npz(folder / f"{name}.npz")
     try:
         settings: dict[str, Any] = about["settings"]
-        return Stored(
-            KINDS[about["kind"]].from_parts(arrays, settings),
+        return StoredModel(
+            model_class(about["kind"]).from_parts(arrays, settings),
             Purpose.from_json(about),
             tuple(about["trained_on"]),
             about["key"],

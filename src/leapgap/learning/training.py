@@ -1,6 +1,7 @@
-"""Training of residual networks with Lightning: full batch, loss over the rolled-out horizon (paper, training).
+"""Training of residual networks with Lightning: the optimiser, the callbacks and the fit (paper, training).
 
-The only module that imports torch. It moves the weights of a ``NetworkModel`` and hands back another one.
+It moves the weights of a ``NetworkModel`` in full batches and hands back another one. The loss is over the horizon
+that ``torch_rollout`` rolls out.
 """
 
 import logging
@@ -8,166 +9,30 @@ import shutil
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import lightning
-import numpy as np
 import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
 
 from leapgap.errors import InputError
-from leapgap.learning.network import NETWORKS, Mlp, NetworkModel, Scaling
-from leapgap.learning.untrained import Fitting
+from leapgap.learning.initialisation import Fitting
+from leapgap.learning.network import NetworkModel
+from leapgap.learning.recipe import LearningCurve, TrainingRun
+from leapgap.learning.torch_rollout import Batch, ResidualModule
 from leapgap.recording.windows import Windows
-from leapgap.robot.prediction import Situation, selection
-from leapgap.robot.rigid_body import GRAVITY
 
 HELD_OUT, STOPPING = "held_out", "stopping"
 """Windows that are looked at besides those trained on: for the curve, and to stop by."""
 CURVE = ("step", "train_loss", "validation_loss")
 
 
-@dataclass(frozen=True)
-class Batch:
-    """All windows as tensors, sorted by their start, so that at each step those in contact come first."""
-
-    state: torch.Tensor
-    force: torch.Tensor
-    foot: torch.Tensor
-    time_s: torch.Tensor
-    step_s: torch.Tensor
-    in_contact: list[int]
-    """How many windows begin step k before take-off, for each k."""
-
-    @staticmethod
-    def of(windows: Windows, device: torch.device, part: slice = slice(None)) -> "Batch":
-        """Windows on a device in single precision; of several devices each takes its ``part``."""
-        inputs, order = windows.inputs, np.argsort(windows.start, kind="stable")[part]
-
-        def tensor(array: np.ndarray) -> torch.Tensor:
-            return torch.tensor(array[order], dtype=torch.float32, device=device)
-
-        return Batch(
-            tensor(windows.state),
-            tensor(inputs.force),
-            tensor(inputs.foot),
-            tensor(inputs.time_s),
-            tensor(inputs.step_s),
-            inputs.contact[order].sum(axis=0).tolist(),
-        )
-
-
-class Residual(torch.nn.Module):
-    """The trainable twin of ``NetworkModel``: S members side by side, single precision."""
-
-    def __init__(self, model: NetworkModel, dropout: float) -> None:
-        super().__init__()
-        self.dropout = dropout
-        self.networks = torch.nn.ModuleDict()
-        for name in NETWORKS:
-            layers = zip(model.networks[name].weights, model.networks[name].biases, strict=True)
-            pairs = [torch.nn.ParameterList([torch.nn.Parameter(torch.tensor(a)) for a in layer]) for layer in layers]
-            self.networks[name] = torch.nn.ModuleList(pairs)
-        for phase, part in (("contact", model.contact), ("flight", model.flight)):
-            for name in Scaling.__dataclass_fields__:
-                self.register_buffer(f"{phase}_{name}", torch.tensor(getattr(part, name), dtype=torch.float32))
-            scaled = selection(model.names) / part.input_scale
-            self.register_buffer(f"{phase}_select", torch.tensor(scaled, dtype=torch.float32))
-            shift = torch.tensor(part.input_mean / part.input_scale, dtype=torch.float32)
-            self.register_buffer(f"{phase}_shift", shift)
-        self.curvature = model.nominal.curvature
-        body = model.nominal.body
-        by_force = np.asarray(model.nominal.gains) / [body.mass_kg, body.mass_kg, body.pitch_inertia_kgm2]
-        self.by_force: torch.Tensor
-        self.gravity: torch.Tensor
-        self.register_buffer("by_force", torch.tensor(by_force, dtype=torch.float32))
-        self.register_buffer("gravity", torch.tensor([0.0, -GRAVITY, 0.0]))
-
-    def nominal(self, foot: torch.Tensor, force: torch.Tensor) -> torch.Tensor:
-        """Accelerations of the nominal body with its gains, (n, 3)."""
-        pushed = torch.stack(
-            [
-                force[:, 0] + force[:, 2],
-                force[:, 1] + force[:, 3],
-                foot[:, 1] * force[:, 0]
-                - foot[:, 0] * force[:, 1]
-                + foot[:, 3] * force[:, 2]
-                - foot[:, 2] * force[:, 3],
-            ],
-            dim=-1,
-        )
-        return pushed * self.by_force + self.gravity
-
-    def forward(self, situation: Situation, force: torch.Tensor, pushing: bool) -> tuple[torch.Tensor, torch.Tensor]:
-        """Accelerations (S, n, 3) in one phase, and the summed mean absolute outputs for the penalty.
-
-        The situation's state and start are (S, n, 6), its foot and the force (n, 4): measured, the same for all.
-        """
-        phase = "contact" if pushing else "flight"
-        members = situation.state.shape[0]
-        measured = torch.cat([situation.foot, situation.time_s[:, None]], dim=-1).expand(members, -1, -1)
-        known = torch.cat([situation.state, situation.start, measured], dim=-1)
-        inputs = known @ self.of(phase, "select") - self.of(phase, "shift")
-        raw = self.mlp(f"{phase}/h", inputs)
-        penalty = raw.abs().mean(dim=(1, 2)).sum()
-        if pushing:
-            raw_g = self.mlp("contact/G", inputs)
-            penalty = penalty + raw_g.abs().mean(dim=(1, 2)).sum()
-            scaled = (force - self.of(phase, "force_mean")) / self.of(phase, "force_scale")
-            raw = raw + (raw_g.unflatten(-1, (3, 4)) * scaled[:, None, :]).sum(dim=-1)
-        residual = raw * self.of(phase, "scale") + self.of(phase, "mean")
-        return residual + self.nominal(situation.foot, force), penalty
-
-    def of(self, phase: str, name: str) -> torch.Tensor:
-        """A scaling of a phase."""
-        return getattr(self, f"{phase}_{name}")
-
-    def mlp(self, name: str, hidden: torch.Tensor) -> torch.Tensor:
-        """One network, (S, n, f) → (S, n, outputs)."""
-        layers: Any = self.networks[name]
-        for weight, bias in layers[:-1]:
-            hidden = torch.tanh(torch.baddbmm(bias, hidden, weight))
-            if self.dropout and self.training:
-                hidden = torch.nn.functional.dropout(hidden, self.dropout)
-        weight, bias = layers[-1]
-        return torch.baddbmm(bias, hidden, weight)
-
-    def roll_out(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
-        """Each member's states after each step, (S, W, K, 6), and the penalty, mean over the steps."""
-        members = len(self.networks["contact/h"][0][0])  # type: ignore[index]
-        start = batch.state[:, 0].expand(members, -1, -1)
-        state, states, penalty = start, [], torch.zeros((), device=start.device)
-        for k, contact in enumerate(batch.in_contact):
-            accelerations = []
-            for pushing, part in ((True, slice(0, contact)), (False, slice(contact, None))):
-                if state[0, part].shape[0]:
-                    situation = Situation(state[:, part], batch.foot[part, k], batch.time_s[part, k], start[:, part])
-                    found, outputs = self(situation, batch.force[part, k], pushing)
-                    accelerations.append(found)
-                    penalty = penalty + outputs * (state[0, part].shape[0] / len(batch.state))
-            dt = batch.step_s[:, k, None]
-            velocity, gained = state[..., 3:], dt * torch.cat(accelerations, dim=1)
-            state = torch.cat([state[..., :3] + dt * (velocity + self.curvature * gained), velocity + gained], dim=-1)
-            states.append(state)
-        return torch.stack(states, dim=2), penalty / len(batch.in_contact)
-
-    def trained(self, model: NetworkModel) -> NetworkModel:
-        """The model with these weights."""
-        networks = {}
-        for name in NETWORKS:
-            layers: Any = self.networks[name]
-            networks[name] = Mlp(*(tuple(layer[i].detach().cpu().numpy().copy() for layer in layers) for i in (0, 1)))
-        return replace(model, networks=networks)
-
-
 class Learner(lightning.LightningModule):
     """The residual, its loss and its optimiser, as Lightning drives them."""
 
     def __init__(
-        self, residual: Residual, train: Windows, others: Mapping[str, Windows], fitting: Fitting, seed: int
+        self, residual: ResidualModule, train: Windows, others: Mapping[str, Windows], fitting: Fitting, seed: int
     ) -> None:
         super().__init__()
         self.residual, self.fitting, self.seed = residual, fitting, seed
@@ -206,7 +71,7 @@ class Learner(lightning.LightningModule):
         return float(((states.mean(dim=0) - batch.state[:, 1:]) ** 2).mean())
 
     def configure_optimizers(self) -> Any:
-        """AdamW, maybe along a cosine."""
+        """AdamW, with the learning rate along a cosine where that is configured."""
         optimiser = torch.optim.AdamW(
             self.parameters(), lr=self.fitting.learning_rate, weight_decay=self.fitting.weight_decay
         )
@@ -216,7 +81,7 @@ class Learner(lightning.LightningModule):
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
 
-class Ticks(torch.utils.data.IterableDataset):
+class EmptySteps(torch.utils.data.IterableDataset):
     """One empty item a step: the data are in memory already."""
 
     def __init__(self, steps: int) -> None:
@@ -229,12 +94,12 @@ class Ticks(torch.utils.data.IterableDataset):
         return self.steps
 
 
-class Curve(Callback):
+class LossCurve(Callback):
     """Losses along the training, in the checkpoint too."""
 
     def __init__(self, every: int) -> None:
         self.every = every
-        self.rows: list[list[float | None]] = []
+        self.rows: LearningCurve = []
 
     def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
         """Note the losses, before the checkpoint of the same step is written."""
@@ -244,15 +109,15 @@ class Curve(Callback):
             self.rows.append([trainer.global_step, train_loss, pl_module.error_on(HELD_OUT)])
 
     def state_dict(self) -> dict[str, Any]:
-        """For the checkpoint."""
+        """The rows so far, for the checkpoint."""
         return {"rows": self.rows}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """From the checkpoint."""
+        """Take the rows from the checkpoint."""
         self.rows = list(state_dict["rows"])
 
 
-class Patience(Callback):
+class EarlyStopping(Callback):
     """Ends training when the error on the stopping jumps has not fallen for a while, and keeps the best weights.
 
     Lightning's own looks at the ends of epochs; this one is in the checkpoint of the same step, so that a resumed
@@ -265,7 +130,7 @@ class Patience(Callback):
         self.best: dict[str, torch.Tensor] = {}
 
     def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
-        """Look, and stop."""
+        """Stop when the error on the stopping jumps has not fallen for ``patience`` looks; keep the best weights."""
         if trainer.global_step % self.every:
             return
         assert isinstance(pl_module, Learner)
@@ -279,21 +144,21 @@ class Patience(Callback):
         trainer.should_stop = self.waited >= self.patience
 
     def on_train_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
-        """Hand the best weights over."""
+        """Put the best weights back into the networks."""
         assert isinstance(pl_module, Learner)
         if self.best:
             pl_module.residual.load_state_dict(self.best)
 
     def state_dict(self) -> dict[str, Any]:
-        """For the checkpoint."""
+        """The best weights so far and how long they have been the best, for the checkpoint."""
         return {"least": self.least, "waited": self.waited, "best": self.best}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """From the checkpoint."""
+        """Take the best weights so far from the checkpoint."""
         self.least, self.waited, self.best = state_dict["least"], state_dict["waited"], dict(state_dict["best"])
 
 
-class Bar(TQDMProgressBar):
+class TitledProgressBar(TQDMProgressBar):
     """A bar that says which model of which split is trained."""
 
     def __init__(self, title: str) -> None:
@@ -301,7 +166,7 @@ class Bar(TQDMProgressBar):
         self.title = title
 
     def init_train_tqdm(self) -> Any:
-        """With the title in front."""
+        """The bar with the title in front."""
         bar = super().init_train_tqdm()
         bar.set_description(self.title)
         return bar
@@ -312,24 +177,9 @@ class Bar(TQDMProgressBar):
         self.train_progress_bar.set_description(f"{self.title}, {trainer.global_step}/{trainer.max_steps}")
 
 
-@dataclass(frozen=True)
-class Run:
-    """How, not what, is trained."""
-
-    seed: int
-    threads: int
-    trainer: dict[str, Any]
-    """Passed to Lightning's Trainer: accelerator, devices, …"""
-    scratch: Path
-    """Folder of the checkpoints, removed at the end."""
-    title: str
-    steps_an_epoch: int
-    """Steps between checkpoints, and between points of the curve."""
-
-
 def fit(
-    model: NetworkModel, train: Windows, held_out: Windows | None, fitting: Fitting, run: Run
-) -> tuple[NetworkModel, list[list[float | None]]]:
+    model: NetworkModel, train: Windows, held_out: Windows | None, fitting: Fitting, run: TrainingRun
+) -> tuple[NetworkModel, LearningCurve]:
     """Train from a model's weights; the trained one and its curve (rows of ``CURVE``).
 
     A killed run goes on from its last checkpoint. Held-out windows are looked at for the curve, and nothing is
@@ -337,21 +187,21 @@ def fit(
     """
     if fitting.loss not in ("mean", "sum"):
         raise InputError("train, fitting.loss", fitting.loss, "mean or sum", "correct it in conf/train")
-    quiet()
+    silence_advice()
     torch.set_num_threads(run.threads)
     lightning.seed_everything(run.seed, verbose=False)
     others = {} if held_out is None else {HELD_OUT: held_out}
     if fitting.patience:
         train, others[STOPPING] = stopping_split(train, fitting.stopping_jumps)
-    learner = Learner(Residual(model, fitting.dropout), train, others, fitting, run.seed)
+    learner = Learner(ResidualModule(model, fitting.dropout), train, others, fitting, run.seed)
     every = min(run.steps_an_epoch, fitting.steps)
-    curve = Curve(every)
-    driver = trainer_of(fitting, run, every, curve)
+    curve = LossCurve(every)
+    driver = make_trainer(fitting, run, every, curve)
     last = run.scratch / "last.ckpt"
-    ticks = torch.utils.data.DataLoader(Ticks(every), batch_size=None)
-    driver.fit(learner, ticks, ckpt_path=str(last) if last.exists() else None, weights_only=True)
+    steps = torch.utils.data.DataLoader(EmptySteps(every), batch_size=None)
+    driver.fit(learner, steps, ckpt_path=str(last) if last.exists() else None, weights_only=True)
     shutil.rmtree(run.scratch, ignore_errors=True)
-    return learner.residual.trained(model), curve.rows
+    return learner.residual.to_model(model), curve.rows
 
 
 def stopping_split(windows: Windows, jumps: int) -> tuple[Windows, Windows]:
@@ -366,13 +216,13 @@ def stopping_split(windows: Windows, jumps: int) -> tuple[Windows, Windows]:
     return windows.of_jumps(windows.jumps[:-jumps]), windows.of_jumps(windows.jumps[-jumps:])
 
 
-def trainer_of(fitting: Fitting, run: Run, every: int, curve: Curve) -> lightning.Trainer:
+def make_trainer(fitting: Fitting, run: TrainingRun, every: int, curve: LossCurve) -> lightning.Trainer:
     """Lightning's trainer with the configured options; ``InputError`` where it refuses them."""
     options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
     shown = options.get("enable_progress_bar", True) and sys.stderr.isatty()  # a log file wants no bars
     options["enable_progress_bar"] = shown
-    bars = [Bar(run.title)] if shown else []
-    stops = [Patience(every, fitting.patience)] if fitting.patience else []
+    bars = [TitledProgressBar(run.title)] if shown else []
+    stops = [EarlyStopping(every, fitting.patience)] if fitting.patience else []
     checkpoint = ModelCheckpoint(run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)
     try:
         return lightning.Trainer(
@@ -392,7 +242,7 @@ def trainer_of(fitting: Fitting, run: Run, every: int, curve: Curve) -> lightnin
         ) from None
 
 
-def quiet() -> None:
+def silence_advice() -> None:
     """Silence advice of Lightning that does not fit full batches in memory."""
     logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
     for about in (

@@ -18,18 +18,13 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
 from leapgap.files import whole_file
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
+from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 
 FORMAT_VERSION = 1
 METADATA_KEY = b"leapgap"
-
-BASE_POSITION = ("base_pos_x", "base_pos_y", "base_pos_z")
-BASE_QUATERNION = ("base_quat_w", "base_quat_x", "base_quat_y", "base_quat_z")
-BASE_VELOCITY = ("base_linvel_x", "base_linvel_y", "base_linvel_z")
-BASE_ANGULAR_VELOCITY = ("base_angvel_x", "base_angvel_y", "base_angvel_z")
-COMMANDS = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
-PAIR_FORCE_AXES = ("front_x", "front_z", "rear_x", "rear_z")
 
 
 @dataclass(frozen=True)
@@ -236,18 +231,6 @@ def check(jump: Jump) -> None:
                 "unit quaternions w x y z",
                 "normalise them, and check their order",
             )
-
-
-def pitch_of(quaternion: np.ndarray) -> np.ndarray:
-    """Pitch of quaternions w x y z (…, 4), rad, nose-down (about y of the roll-pitch-yaw angles), (…,)."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))  # controllers ask for one at a time: no detours
-    return np.arcsin(np.maximum(-1.0, np.minimum(1.0, 2 * (w * y - z * x))))
-
-
-def yaw_of(quaternion: np.ndarray) -> np.ndarray:
-    """Heading of quaternions w x y z (…, 4) in the world, rad, positive to the left, (…,)."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))
-    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def write(jump: Jump, path: Path) -> None:

@@ -1,7 +1,7 @@
 """The MuJoCo model of a robot, and the names and indices others need of it."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.robot.motors import MotorConstants
 from leapgap.robot.terrain import Box
+from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 ROOTED_M = 0.5
@@ -24,18 +25,21 @@ PARKED_BELOW_FLOOR_M = 50.0
 class Robot:
     """A robot as a MuJoCo model file describes it: joints with one actuator each, sphere feet, maybe a free base.
 
-    Knows no robot by name. Joints are named ``<leg>_<group>`` (``FR_calf``, ``FR_calf_joint``) where locations such as
-    ``front`` or ``calf`` are to be used; feet are the named spheres that may touch the ground.
+    Knows no robot by name: limbs, groups and feet come from the tree of its bodies, or from the user's ``names``.
     """
 
     path: Path
+    names: PartNames | None = field(default=None, compare=False)
+    """What the user calls its parts; None: by the tree of its bodies."""
     motors: MotorConstants = field(default_factory=MotorConstants)
     """What the model file does not state of the motors."""
 
     @staticmethod
-    def load(path: Path | str = DEFAULT_MODEL, motors: MotorConstants | None = None) -> "Robot":
+    def load(
+        path: Path | str = DEFAULT_MODEL, names: PartNames | None = None, motors: MotorConstants | None = None
+    ) -> "Robot":
         """Read and compile a model file; ``InputError`` where it is none, or lacks what a replay needs."""
-        robot = Robot(Path(path), motors or MotorConstants())
+        robot = Robot(Path(path), names, motors or MotorConstants())
         if not robot.path.is_file():
             raise InputError(path, "no such file", "a MuJoCo model (XML)", "name the robot's model file")
         try:
@@ -109,15 +113,15 @@ class Robot:
         return np.array([of_joint[int(joint)] for joint in self._joint_ids], dtype=int)
 
     @cached_property
+    def topology(self) -> Topology:
+        """Limbs, groups, feet and pairs."""
+        joints = dict(zip(self.joints, self._joint_ids.tolist(), strict=True))
+        return topology_of(self.model, joints, self.base_body, self.has_free_base, self.names)
+
+    @property
     def feet(self) -> tuple[str, ...]:
-        """Names of the feet: named spheres that may touch the ground, in the order of the model."""
-        return tuple(
-            self.model.geom(g).name
-            for g in range(self.model.ngeom)
-            if self.model.geom_type[g] == int(mujoco.mjtGeom.mjGEOM_SPHERE)
-            and self.model.geom_conaffinity[g] | self.model.geom_contype[g]
-            and self.model.geom(g).name
-        )
+        """Names of the feet, in the order of the model: what the user named, else spheres that may touch the ground."""
+        return self.topology.feet
 
     @cached_property
     def foot_geoms(self) -> np.ndarray:
@@ -139,57 +143,31 @@ class Robot:
         """Of the whole robot, kg."""
         return float(self.model.body_subtreemass[self.base_body])
 
-    def leg_of(self, joint_or_foot: str) -> str:
-        """The leg a joint or foot belongs to, by name: ``FR_calf`` and ``FR`` are of ``FR``."""
-        return joint_or_foot.split("_", 1)[0]
+    def limb_of(self, joint_or_foot: str) -> str:
+        """The limb a joint or foot belongs to."""
+        return self.topology.limb_of(joint_or_foot)
 
-    @cached_property
-    def legs_of_pair(self) -> dict[str, tuple[str, ...]]:
-        """Legs of the ``front`` and the ``rear`` pair, by where the first joint of the leg sits along x."""
-        data = mujoco.MjData(self.model)
-        mujoco.mj_kinematics(self.model, data)
-        x_of_leg: dict[str, float] = {}
-        for name, joint in zip(self.joints, self._joint_ids, strict=True):
-            x_of_leg.setdefault(self.leg_of(name), data.xanchor[joint, 0] - data.xpos[self.base_body, 0])
-        return {
-            "front": tuple(leg for leg, x in x_of_leg.items() if x > 0),
-            "rear": tuple(leg for leg, x in x_of_leg.items() if x <= 0),
-        }
+    @property
+    def limbs_of_pair(self) -> Mapping[str, tuple[str, ...]]:
+        """Limbs of the ``front`` and the ``rear`` pair; nothing for a robot without them."""
+        return self.topology.pairs
 
     def feet_of_pair(self, pair: str) -> tuple[str, ...]:
         """Feet of the ``front`` or ``rear`` pair."""
-        return tuple(foot for foot in self.feet if self.leg_of(foot) in self.legs_of_pair[pair])
+        return self.topology.feet_of_pair(pair)
 
     def joints_at(self, location: str) -> np.ndarray:
-        """Indices, among the joints, of a location: all, front, rear, a joint group, a leg or a joint."""
-        legs = self.legs_of_pair.get(location, (location,))
-        found = [
-            i
-            for i, joint in enumerate(self.joints)
-            if location in ("all", joint, group_of(joint)) or self.leg_of(joint) in legs
-        ]
-        return self._known(location, found, (*self.joints, *self.joint_groups))
+        """Indices, among the joints, of a location: all, front, rear, a joint group, a limb or a joint."""
+        return indices(self.topology.joints_at(location), self.joints)
 
     def feet_at(self, location: str) -> np.ndarray:
-        """Indices, among the feet, of a location: all, front, rear or a foot."""
-        legs = self.legs_of_pair.get(location, (location,))
-        found = [i for i, foot in enumerate(self.feet) if location == "all" or self.leg_of(foot) in legs]
-        return self._known(location, found, self.feet)
+        """Indices, among the feet, of a location: all, front, rear, a limb or a foot."""
+        return indices(self.topology.feet_at(location), self.feet)
 
-    @cached_property
+    @property
     def joint_groups(self) -> tuple[str, ...]:
-        """``hip``, ``thigh``, ``calf``: what follows the leg in the joints' names."""
-        return tuple(dict.fromkeys(group_of(joint) for joint in self.joints))
-
-    def _known(self, location: str, found: list[int], names: Sequence[str]) -> np.ndarray:
-        if not found:
-            raise InputError(
-                "location",
-                location,
-                f"all, front, rear or one of {', '.join(names)}",
-                "name a place this robot has and the effect can act at",
-            )
-        return np.array(found, dtype=int)
+        """``hip``, ``thigh``, ``calf``: joints that are alike in several limbs."""
+        return tuple(self.topology.groups)
 
     def on_terrain(self, boxes: Sequence[Box], slots: int | None = None) -> mujoco.MjModel:
         """A fresh model with boxes on the floor, as ``spec_on_terrain`` describes it."""
@@ -219,56 +197,9 @@ class Robot:
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
         return spec
 
-    def feet_in_world(
-        self, base_position: np.ndarray, base_quaternion: np.ndarray, joint_pos: np.ndarray
-    ) -> np.ndarray:
-        """Centres of the feet, m, world frame, shape (rows, feet, 3).
-
-        Forward kinematics of measured poses: ``base_position`` (rows, 3) m, ``base_quaternion`` (rows, 4) w x y z,
-        ``joint_pos`` (rows, joints) rad in the order of ``joints``.
-        """
-        data = mujoco.MjData(self.model)
-        feet = np.empty((len(joint_pos), len(self.feet), 3))
-        for row in range(len(joint_pos)):
-            data.qpos[:3], data.qpos[3:7] = base_position[row], base_quaternion[row]
-            data.qpos[self.joint_qpos] = joint_pos[row]
-            mujoco.mj_kinematics(self.model, data)
-            feet[row] = data.geom_xpos[self.foot_geoms]
-        return feet
-
-    def joint_torque_to_foot_force(
-        self, base_quaternion: np.ndarray, joint_pos: np.ndarray, torque: np.ndarray
-    ) -> np.ndarray:
-        """Ground forces on the robot that joint torques stand for when the legs are massless, N, (rows, feet, 3).
-
-        u = −(J(q)ᵀ)⁻¹ τ a leg, J the derivative of the foot's position in world axes by the leg's joints
-        (paper, data collection; minus because u acts on the robot). ``torque`` is (rows, joints) in N·m.
-        """
-        data = mujoco.MjData(self.model)
-        jacobian = np.empty((3, self.model.nv))
-        of_leg = np.array(
-            [[i for i, j in enumerate(self.joints) if self.leg_of(j) == self.leg_of(f)] for f in self.feet]
-        )
-        of_rows = np.empty((len(joint_pos), len(self.feet), 3, 3))
-        for row in range(len(joint_pos)):
-            data.qpos[:3], data.qpos[3:7] = 0.0, base_quaternion[row]
-            data.qpos[self.joint_qpos] = joint_pos[row]
-            mujoco.mj_kinematics(self.model, data)
-            mujoco.mj_comPos(self.model, data)
-            for foot, (geom, joints) in enumerate(zip(self.foot_geoms, of_leg, strict=True)):
-                body = self.model.geom_bodyid[geom]
-                mujoco.mj_jac(self.model, data, jacobian, None, data.geom_xpos[geom], body)
-                of_rows[row, foot] = jacobian[:, self.joint_dofs[joints]].T
-        return -np.linalg.solve(of_rows, torque[:, of_leg, None])[..., 0]
-
     def per_pair(self, of_feet: np.ndarray) -> np.ndarray:
         """Sum over the feet of each pair, in the planar axes: (rows, feet, 3) → front x z, rear x z (rows, 4)."""
         sums = [
             of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1) for pair in ("front", "rear")
         ]
         return np.concatenate([s[:, [0, 2]] for s in sums], axis=1)
-
-
-def group_of(joint: str) -> str:
-    """``hip``, ``thigh`` or ``calf``: the last word of a joint's name, but for the word joint itself."""
-    return joint.removesuffix("_joint").rsplit("_", 1)[-1]

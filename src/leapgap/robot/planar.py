@@ -141,7 +141,7 @@ def planar_robot(robot: Robot, model: mujoco.MjModel | None = None) -> PlanarRob
     Needs a free base and four legs with an abduction joint along x, then thigh and calf joints along y, mirrored left
     and right. The motors' voltage law is no part of such models and stays that of the A1.
     """
-    found = " and ".join(f"{len(robot.legs_of_pair[pair])} legs {pair}" for pair in PAIRS)
+    found = " and ".join(f"{len(robot.limbs_of_pair.get(pair, ()))} legs {pair}" for pair in PAIRS)
     if not robot.has_free_base or found != "2 legs front and 2 legs rear":
         base = "a free base" if robot.has_free_base else "no free base"
         raise InputError(robot.path, f"{base}, {found}", "a free base, two legs front and two rear", "plan by hand")
@@ -162,7 +162,7 @@ class PlanarReader:
     def planar(self) -> PlanarRobot:
         """All of it."""
         robot = self.robot
-        maps = tuple(self.joint_map(leg) for pair in PAIRS for leg in robot.legs_of_pair[pair])
+        maps = tuple(self.joint_map(leg) for pair in PAIRS for leg in robot.limbs_of_pair[pair])
         jointed = {joint: self.model.jnt_bodyid[self.model.joint(joint).id] for m in maps for joint in m.pitch}
         carrier = self.carriers(set(jointed.values()))
         trunk_mass, trunk_com, trunk_inertia = self.lumped(np.flatnonzero(carrier == robot.base_body))
@@ -213,10 +213,10 @@ class PlanarReader:
     def joint_map(self, leg: str) -> JointMap:
         """Names, signs and zeros of a leg's joints, told by how its links hang."""
         robot, model = self.robot, self.model
-        names = [joint for joint in robot.joints if robot.leg_of(joint) == leg]
+        names = [joint for joint in robot.joints if robot.limb_of(joint) == leg]
         axes = {name: self.data.xaxis[model.joint(name).id] for name in names}
         pitch = [name for name in names if abs(axes[name][1]) > 0.9]
-        feet = [foot for foot in robot.feet if robot.leg_of(foot) == leg]
+        feet = [foot for foot in robot.feet if robot.limb_of(foot) == leg]
         if len(pitch) != 2 or len(feet) != 1:
             raise InputError(
                 robot.path,
@@ -232,7 +232,7 @@ class PlanarReader:
         zeros = (thigh_angle, calf_angle - thigh_angle)
         return JointMap(
             leg,
-            next(pair for pair in PAIRS if leg in robot.legs_of_pair[pair]),
+            next(pair for pair in PAIRS if leg in robot.limbs_of_pair[pair]),
             tuple(name for name in names if name not in pitch),
             (pitch[0], pitch[1]),
             (-turns[0], -turns[1]),

@@ -7,6 +7,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from leapgap.robot.kinematics import configurations, each_pose
 from leapgap.robot.model import Robot
 
 SHOWN_GROUPS = 3
@@ -106,12 +107,6 @@ def _shape(model: mujoco.MjModel, geom: int, body: str) -> Shape:
     )
 
 
-def rest_pose(robot: Robot) -> np.ndarray:
-    """``qpos`` of the model's first keyframe, or of the model itself where it has none, shape (nq,)."""
-    model = robot.model
-    return (model.key_qpos[0] if model.nkey else model.qpos0).copy()
-
-
 def body_poses(
     robot: Robot,
     joint_pos: np.ndarray,
@@ -124,21 +119,12 @@ def body_poses(
     ``joint_pos`` is (rows, joints) in rad (m for slides), in the order of ``joints`` or of ``robot.joints``;
     ``base_position`` (rows, 3) m and ``base_quaternion`` (rows, 4) w x y z are used by a free base alone.
     """
-    model, data, rows = robot.model, mujoco.MjData(robot.model), len(joint_pos)
-    named = robot.joints if joints is None else tuple(joints)
-    columns = robot.joint_qpos[[robot.joints.index(name) for name in named]]
-    data.qpos[:] = rest_pose(robot)
-    moving = slice(robot.base_body, model.nbody)
-    count = model.nbody - robot.base_body
-    positions, quaternions = np.empty((rows, count, 3)), np.empty((rows, count, 4))
-    feet = np.empty((rows, len(robot.feet), 3))
-    for row in range(rows):
-        if robot.has_free_base and base_position is not None:
-            data.qpos[:3] = base_position[row]
-        if robot.has_free_base and base_quaternion is not None:
-            data.qpos[3:7] = base_quaternion[row]
-        data.qpos[columns] = joint_pos[row]
-        mujoco.mj_kinematics(model, data)
+    qpos = configurations(robot, joint_pos, base_position, base_quaternion, joints)
+    moving = slice(robot.base_body, robot.model.nbody)
+    count = robot.model.nbody - robot.base_body
+    positions, quaternions = np.empty((len(qpos), count, 3)), np.empty((len(qpos), count, 4))
+    feet = np.empty((len(qpos), len(robot.feet), 3))
+    for row, data in enumerate(each_pose(robot, qpos)):
         positions[row], quaternions[row] = data.xpos[moving], data.xquat[moving]
         feet[row] = data.geom_xpos[robot.foot_geoms]
     return Poses(bodies(robot), positions, quaternions, feet)

@@ -12,9 +12,11 @@ import mujoco
 import numpy as np
 
 from leapgap.control.controller import Command, Controller, Estimate
-from leapgap.effects.base import Commands, Effect, Motion
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.effects.base import Commands, Effect
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.hardware import NoiseRows, Prepared, SensorNoise, logged
 from leapgap.simulation.replay import Replayer, Trial
 
@@ -173,10 +175,10 @@ def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.nda
     """What the controller is told, of one measured row for the base and one for the joints."""
     return Estimate(
         time_s,
-        of_base.qpos[0, :3],
-        of_base.qpos[0, 3:7],
-        of_base.qvel[0, :3],
-        of_base.qvel[0, 3:6],
+        of_base.base_position[0],
+        of_base.base_quaternion[0],
+        of_base.base_velocity[0],
+        of_base.base_angular_velocity[0],
         of_joints.qpos[0, robot.joint_qpos],
         of_joints.qvel[0, robot.joint_dofs],
         touching,

@@ -12,17 +12,15 @@ import numpy as np
 
 from leapgap.control.pair_forces import pd_pair_force
 from leapgap.effects.base import Effect
-from leapgap.recording.jump import (
-    BASE_ANGULAR_VELOCITY,
-    BASE_POSITION,
-    BASE_QUATERNION,
-    BASE_VELOCITY,
-    PAIR_FORCE_AXES,
-    Jump,
-)
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.recording.state import columns_of, motion_of, pd_torques
+from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, Motion
+from leapgap.robot.rotations import turned
 from leapgap.robot.terrain import Box
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.simulation.replay import Replayer, Trial
 
 LARGEST_DEPTH_M = 0.002
 """A foot this deep in the ground at the start comes out by itself; a deeper one would throw the robot."""
@@ -72,15 +70,16 @@ class NoiseRows:
 
     def added_to(self, motion: Motion, robot: Robot, first: int = 0) -> Motion:
         """What is measured of a motion whose first row is tick ``first``."""
-        rows = slice(first, first + len(motion.qpos))
-        qpos, qvel = motion.qpos.copy(), motion.qvel.copy()
-        qpos[:, :3] += self.position[rows]
-        qpos[:, 3:7] = turned(motion.qpos[:, 3:7], self.angle[rows])
-        qpos[:, robot.joint_qpos] += self.joint_pos[rows]
-        qvel[:, :3] += self.linvel[rows]
-        qvel[:, 3:6] += self.angvel[rows]
-        qvel[:, robot.joint_dofs] += self.joint_vel[rows]
-        return Motion(qpos, qvel)
+        rows = slice(first, first + len(motion))
+        measured = motion.copy()
+        if robot.has_free_base:
+            measured.base_position[:] += self.position[rows]
+            measured.base_quaternion[:] = turned(motion.base_quaternion, self.angle[rows])
+            measured.base_velocity[:] += self.linvel[rows]
+            measured.base_angular_velocity[:] += self.angvel[rows]
+        measured.qpos[:, robot.joint_qpos] += self.joint_pos[rows]
+        measured.qvel[:, robot.joint_dofs] += self.joint_vel[rows]
+        return measured
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ def prepare(plans: Sequence[Plan], replayer: Replayer, effects: tuple[Effect, ..
         replace(trial, first_state=out_of_the_ground(trial, state, replayer))
         for trial, state in zip(settling, standing, strict=True)
     ]
-    starts = [np.concatenate([m.qpos[-1], m.qvel[-1]]) for m in replayer.true_motions(settling)]
+    starts = [motion.last_state for motion in replayer.true_motions(settling)]
     return [Prepared(*each) for each in zip(plans, commanded, starts, strict=True)]
 
 
@@ -178,9 +177,7 @@ def with_block(jump: Jump, plan: Plan, robot: Robot, course: Course) -> Jump:
     """The reference with the plan's block under its front feet, if it has one."""
     if plan.block_height_m <= 0:
         return jump
-    feet = robot.feet_in_world(
-        jump.stack(BASE_POSITION)[:1], jump.stack(BASE_QUATERNION)[:1], jump.per_joint("joint_pos", robot.joints)[:1]
-    )[0]
+    feet = feet_positions(robot, motion_of(jump, robot, slice(1)).qpos)[0]
     x, y = feet[[robot.feet.index(foot) for foot in robot.feet_of_pair("front")], :2].mean(axis=0)
     size = (course.block_length_m, course.block_width_m, plan.block_height_m)
     box = Box(round(float(x), 4), round(float(y), 4), size, plan.block_height_m)
@@ -204,48 +201,31 @@ def raised_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray
     state = state.copy()
     if height_m == 0:
         return state
-    feet = robot.feet_in_world(state[None, :3], state[None, 3:7], state[None, robot.joint_qpos])[0]
+    feet = feet_positions(robot, state[None, : robot.model.nq])[0]
     front, rear = (
         feet[[robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]].mean(axis=0) for pair in ("front", "rear")
     )
     pitch = -np.arcsin(height_m / (front[0] - rear[0]))  # nose up is negative
     c, s = np.cos(pitch), np.sin(pitch)
-    arm = state[:3] - rear
+    arm = state[POSITION_SLICE] - rear
     state[0], state[2] = rear[0] + c * arm[0] + s * arm[2], rear[2] - s * arm[0] + c * arm[2]
-    level = state[3:7].copy()
-    mujoco.mju_mulQuat(state[3:7], np.array([np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]), level)
+    level = state[QUATERNION_SLICE].copy()
+    mujoco.mju_mulQuat(state[QUATERNION_SLICE], np.array([np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]), level)
     return state
 
 
 def logged(name: str, commanded: Jump, measured: Motion, robot: Robot) -> Jump:
     """The log of a measured motion and its commands, with planned forces and those that the joint PD stands for."""
     joint_pos, joint_vel = measured.qpos[:, robot.joint_qpos], measured.qvel[:, robot.joint_dofs]
-    columns = {"time": commanded.time}
-    columns |= dict(zip(BASE_POSITION, measured.qpos[:, :3].T, strict=True))
-    columns |= dict(zip(BASE_QUATERNION, measured.qpos[:, 3:7].T, strict=True))
-    columns |= dict(zip(BASE_VELOCITY, measured.qvel[:, :3].T, strict=True))
-    columns |= dict(zip(BASE_ANGULAR_VELOCITY, measured.qvel[:, 3:6].T, strict=True))
-    for i, joint in enumerate(robot.joints):
-        columns[f"joint_pos/{joint}"], columns[f"joint_vel/{joint}"] = joint_pos[:, i], joint_vel[:, i]
+    columns = {"time": commanded.time} | columns_of(measured, robot)
     columns |= {key: values for key, values in commanded.columns.items() if key.startswith(("cmd_", "mpc_force/"))}
-    torque = commanded.per_joint("cmd_kp", robot.joints) * (
-        commanded.per_joint("cmd_pos", robot.joints) - joint_pos
-    ) + commanded.per_joint("cmd_kd", robot.joints) * (commanded.per_joint("cmd_vel", robot.joints) - joint_vel)
-    pd_force = pd_pair_force(robot, commanded.info.schedule, commanded.time, measured.qpos[:, 3:7], joint_pos, torque)
+    spring, damper = pd_torques(commanded, robot.joints, joint_pos, joint_vel)
+    pd_force = pd_pair_force(
+        robot, commanded.info.schedule, commanded.time, measured.base_quaternion, joint_pos, spring + damper
+    )
     columns |= {f"pd_force/{axis}": pd_force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
     info = replace(commanded.info, robot=robot.name, source="simulated hardware")
     return Jump(name, {key: np.ascontiguousarray(values) for key, values in columns.items()}, info)
-
-
-def turned(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Quaternions w x y z (rows, 4), turned about the body's axes by small angles, rad, (rows, 3)."""
-    w, x, y, z = quaternion.T
-    a, b, c = (angles / 2).T
-    small = np.stack(
-        [w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a],
-        axis=1,
-    )
-    return small / np.linalg.norm(small, axis=1, keepdims=True)
 
 
 def landing_error_cm(jump: Jump) -> float:

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.base import Motion
-from leapgap.recording.jump import Jump, pitch_of, yaw_of
+from leapgap.recording.jump import Jump
+from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from leapgap.robot.rotations import pitch_of, upright_cosine, yaw_of
 from leapgap.simulation.closed_loop import Run
 
 LARGEST_PITCH_RAD = np.deg2rad(15)
@@ -43,13 +45,13 @@ def landing(run: Run, robot: Robot, first: int = 0, target_x_m: float | None = N
         min(len(jump) - 1, first + round(seconds / period)) for seconds in (schedule.landing_s, schedule.take_off_s)
     )
     end = min(len(jump) - 1, row + round(STANDS_AFTER_S / period))
-    position = truth.qpos[:, :3]
-    yaw = yaw_of(truth.qpos[first, 3:7])
+    position = truth.base_position
+    yaw = yaw_of(truth.base_quaternion[first])
     forward = (position - position[first])[:, :2] @ np.array([np.cos(yaw), np.sin(yaw)])
     airborne = np.flatnonzero(~run.touching[take_off:row].any(axis=1))
     left = take_off + airborne[0] if len(airborne) else row
     touched = np.flatnonzero(run.touching[left:].any(axis=1))
-    pitch = float(pitch_of(truth.qpos[row, 3:7]))
+    pitch = float(pitch_of(truth.base_quaternion[row]))
     return Landing(
         error_cm=float(100 * (target_x - forward[row])),
         contact_error_cm=float(100 * (target_x - forward[left + touched[0]])) if len(touched) else None,
@@ -61,13 +63,11 @@ def landing(run: Run, robot: Robot, first: int = 0, target_x_m: float | None = N
 
 def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Jump) -> bool:
     """Whether at a row the base is upright and all feet are on the target surface: on the box, where there is one."""
-    pose = truth.qpos[row : row + 1]
-    feet = robot.feet_in_world(pose[:, :3], pose[:, 3:7], pose[:, robot.joint_qpos])[0]
+    feet = feet_positions(robot, truth.qpos[row : row + 1])[0]
     height = feet[:, 2] - robot.foot_radius - surface_z_m
     highest = max((box.top_m - surface_z_m for box in jump.info.terrain), default=0.0)
     on_surface = (height > -FOOT_ABOVE_SURFACE_M) & (height < max(highest, 0.0) + FOOT_ABOVE_SURFACE_M)
     for box in jump.info.terrain:
         if surface_z_m > 0 and box.top_m == surface_z_m:
             on_surface &= np.abs(feet[:, 0] - box.x_m) < box.size_m[0] / 2
-    _, x, y, _ = pose[0, 3:7]
-    return bool(on_surface.all() and 1 - 2 * (x**2 + y**2) > UPRIGHT_COSINE)
+    return bool(on_surface.all() and upright_cosine(truth.base_quaternion[row]) > UPRIGHT_COSINE)

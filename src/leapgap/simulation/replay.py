@@ -15,17 +15,13 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, Motion
+from leapgap.effects.base import Commands, Effect
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
-from leapgap.recording.jump import (
-    BASE_ANGULAR_VELOCITY,
-    BASE_POSITION,
-    BASE_QUATERNION,
-    BASE_VELOCITY,
-    Jump,
-)
+from leapgap.recording.jump import Jump
+from leapgap.recording.state import columns_of, motion_of
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 
 LARGEST_STEP_S = 0.0011
 """Of the simulation."""
@@ -64,6 +60,11 @@ def held(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.nda
         row = np.repeat(np.arange(len(number)), number)
         steps.append(control[np.concatenate([row, np.full(longest - len(row), row[-1])])])
     return np.stack(steps)
+
+
+def joint_gains(jump: Jump, robot: Robot) -> np.ndarray:
+    """Gains of the joint PD in every row, (rows, 2 joints): N·m/rad of all joints, then N·m·s/rad."""
+    return np.concatenate([jump.per_joint(gain, robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ class Replayer:
         """Model, full first state, controls and steps of the rows of each piece of one trial."""
         self.check_joints(trial.jump)
         control = self._controls(trial, starts.rows[-1] + rows - 1 if len(starts.rows) else 0)
-        gains = np.concatenate([trial.jump.per_joint(gain, self.robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
+        gains = joint_gains(trial.jump, self.robot)
         of_gains: dict[bytes, mujoco.MjModel] = {}
         models, states, controls, counts = [], [], [], []
         steps = self.row_steps(trial)
@@ -187,20 +188,11 @@ class Replayer:
         start = Motion(state[None, :nq].copy(), state[None, nq:].copy())
         for effect in reversed(effects):
             start = effect.true_start(start, self.robot)
-        return np.concatenate([start.qpos[0], start.qvel[0]])
+        return start.first_state
 
     def _same_kind(self, trials: Sequence[Trial], rows: int, substeps: int) -> list[Motion]:
         """Replay trials of one structure, equally many rows and steps a row, batch by batch of constant gains."""
-        gains = [
-            np.concatenate(
-                [
-                    t.jump.per_joint("cmd_kp", self.robot.joints)[:rows],
-                    t.jump.per_joint("cmd_kd", self.robot.joints)[:rows],
-                ],
-                axis=1,
-            )
-            for t in trials
-        ]
+        gains = [joint_gains(t.jump, self.robot)[:rows] for t in trials]
         # Rows 0 … rows−2 are each held for one period; the last row's command is not needed.
         switches = sorted(
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
@@ -256,16 +248,7 @@ class Replayer:
 
         Velocities that were not logged start at zero; a robot whose base pose was not logged cannot be replayed.
         """
-        jump, robot = trial.jump, self.robot
-        qpos, qvel = self.bare.qpos0.copy(), np.zeros(self.bare.nv)
-        if robot.has_free_base:
-            qpos[:3], qpos[3:7] = jump.stack(BASE_POSITION)[0], jump.stack(BASE_QUATERNION)[0]
-            for at, names in ((0, BASE_VELOCITY), (3, BASE_ANGULAR_VELOCITY)):
-                qvel[at : at + 3] = [jump[name][0] if name in jump else 0.0 for name in names]
-        qpos[robot.joint_qpos] = jump.per_joint("joint_pos", robot.joints)[0]
-        if f"joint_vel/{robot.joints[0]}" in jump:
-            qvel[robot.joint_dofs] = jump.per_joint("joint_vel", robot.joints)[0]
-        return self.true_state(trial.effects, np.concatenate([qpos, qvel]))
+        return self.true_state(trial.effects, motion_of(trial.jump, self.robot, slice(1)).first_state)
 
     def foot_depths(self, trial: Trial) -> np.ndarray:
         """How deep each foot is in its ground at the start, m, (feet,); 0 above it."""
@@ -365,19 +348,10 @@ class Replayer:
 
     def as_jump(self, motion: Motion, jump: Jump) -> Jump:
         """The motion as a jump log with the commands it was made with: measured columns are the simulation's."""
-        robot, rows = self.robot, len(motion.qpos)
         columns = {
-            name: values[:rows].copy()
+            name: values[: len(motion)].copy()
             for name, values in jump.columns.items()
             if name == "time" or name.startswith("cmd_")
         }
-        if robot.has_free_base:
-            columns |= dict(zip(BASE_POSITION, motion.qpos[:, :3].T, strict=True))
-            columns |= dict(zip(BASE_QUATERNION, motion.qpos[:, 3:7].T, strict=True))
-            columns |= dict(zip(BASE_VELOCITY, motion.qvel[:, :3].T, strict=True))
-            columns |= dict(zip(BASE_ANGULAR_VELOCITY, motion.qvel[:, 3:6].T, strict=True))
-        for joint, at, dof in zip(robot.joints, robot.joint_qpos, robot.joint_dofs, strict=True):
-            columns[f"joint_pos/{joint}"] = motion.qpos[:, at]
-            columns[f"joint_vel/{joint}"] = motion.qvel[:, dof]
         info = replace(jump.info, source=f"replay of {jump.name}")
-        return Jump(jump.name, {name: np.ascontiguousarray(values) for name, values in columns.items()}, info)
+        return Jump(jump.name, columns | columns_of(motion, self.robot), info)

@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.model import Robot
 from leapgap.robot.shapes import Poses, body_poses
 from leapgap.view.recorder import every

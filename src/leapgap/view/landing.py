@@ -10,6 +10,7 @@ from plotly.subplots import make_subplots
 
 from leapgap.files import read_json
 from leapgap.recording.jump import Jump, read
+from leapgap.recording.state import commanded_torque
 from leapgap.robot.schedule import PAIRS
 from leapgap.view.page import rendered
 
@@ -290,7 +291,7 @@ def joints(logs: Mapping[tuple[str, str], Jump]) -> go.Figure:
     for (task, method), log in logs.items():
         astray = log.per_joint("cmd_pos") - log.per_joint("joint_pos")
         rms = np.sqrt(averaged(np.mean(astray**2, axis=1)[:, None], log)[:, 0])
-        torque = averaged(np.abs(commanded(log)).max(axis=1)[:, None], log)[:, 0]
+        torque = averaged(np.abs(commanded_torque(log)).max(axis=1)[:, None], log)[:, 0]
         for col, values, digits in ((1, rms, 4), (2, torque, 1)):
             curve = go.Scatter(
                 x=times(log, len(values)),
@@ -307,13 +308,6 @@ def joints(logs: Mapping[tuple[str, str], Jump]) -> go.Figure:
     figure.add_hline(33.5, row=1, col=2, line=line, annotation_text="limit of the motors", annotation_font_size=11)
     figure.update_xaxes(title_text="s")
     return chosen(figure, tasks, owners, 560)
-
-
-def commanded(log: Jump) -> np.ndarray:
-    """Feed-forward and joint PD, N·m, (rows, joints)."""
-    spring = log.per_joint("cmd_kp") * (log.per_joint("cmd_pos") - log.per_joint("joint_pos"))
-    damper = log.per_joint("cmd_kd") * (log.per_joint("cmd_vel") - log.per_joint("joint_vel"))
-    return log.per_joint("cmd_tau") + spring + damper
 
 
 def chosen(figure: go.Figure, items: Any, owners: Sequence[int], height: int) -> go.Figure:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from leapgap.recording.jump import PAIR_FORCE_AXES
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.view.actor import Actor
 from leapgap.view.plots import COMPONENTS, FORCE_COLOURS, components, has_pair_force, switched_pairs
 from leapgap.view.recorder import TIMELINE
@@ -116,12 +116,12 @@ def base_plots(actors: Sequence[Actor]) -> rrb.Container:
 
 def legs(actor: Actor) -> tuple[str, ...]:
     """Legs of the robot in the order of their joints."""
-    return tuple(dict.fromkeys(actor.robot.leg_of(joint) for joint in actor.robot.joints))
+    return tuple(dict.fromkeys(actor.robot.limb_of(joint) for joint in actor.robot.joints))
 
 
 def leg(actor: Actor, name: str) -> rrb.Container:
     """Position, velocity and torque of a leg's joints, a column each."""
-    joints = [joint for joint in actor.robot.joints if actor.robot.leg_of(joint) == name]
+    joints = [joint for joint in actor.robot.joints if actor.robot.limb_of(joint) == name]
     rows = (("joint_pos", "position [rad]"), ("joint_vel", "velocity [rad/s]"), ("torque", "torque [N·m]"))
     views = [
         plot(

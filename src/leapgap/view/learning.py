@@ -9,7 +9,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from leapgap.learning.frequency import RollOut
+from leapgap.learning.evaluation import MEASURED
+from leapgap.learning.registry import find_recipe
+from leapgap.learning.time_grid_comparison import RollOut
 from leapgap.view.page import rendered
 
 COMPONENTS = {
@@ -20,23 +22,7 @@ COMPONENTS = {
     "vz": "vertical velocity, m/s",
     "pitch_rate": "pitch rate, rad/s",
 }
-COLOURS = {
-    "measured": "#111827",
-    "networks": "#2563c9",
-    "networks_no_phase": "#7ba7ea",
-    "networks_forecast": "#b3cdf3",
-    "kernel": "#14804a",
-    "kernel_no_phase": "#7fc4a0",
-    "kernel_forecast": "#b5dec7",
-    "blend": "#7c3aed",
-    "blend_no_phase": "#bb9bf3",
-    "playback": "#d19a1b",
-    "constant_velocity": "#8a93a3",
-    "nominal_fitted": "#e2542f",
-    "published_recipe": "#a3476b",
-}
-WITHOUT_MODEL = ("nominal", "nominal_published", "published_recipe", "nominal_fitted", "constant_velocity")
-"""Left out of the figure of errors by step, whose scale they would spoil."""
+MEASURED_COLOUR = "#111827"
 Points = Sequence[float] | np.ndarray
 DASHES = {"variable": "solid", "fixed": "dash"}
 
@@ -63,11 +49,14 @@ def html(
     if roll_outs:
         drawn["roll_outs"] = roll_out(roll_outs, about["jumps"])
     names = sorted(figures["cv_mse"], key=lambda name: -figures["cv_mse"][name])
+    labels = {name: find_recipe(name, "metrics, cv_mse").label for name in names}
     return rendered(
         "learning.html",
         drawn,
         metrics=figures,
         models=names,
+        labels=labels,
+        best=find_recipe(names[-1], "metrics, cv_mse"),
         seconds=seconds,
         about=about,
         components=COMPONENTS,
@@ -78,6 +67,11 @@ def table(path: Path) -> list[dict[str, str]]:
     """Rows of a CSV."""
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+def colour_of(model: str) -> str:
+    """The colour of a model in all figures, or of what was measured."""
+    return MEASURED_COLOUR if model == MEASURED else find_recipe(model, "figures of learned models").colour
 
 
 def six_panels(vertical_spacing: float = 0.14) -> go.Figure:
@@ -95,8 +89,7 @@ def add(
     figure: go.Figure, panel: int, x: Sequence | np.ndarray, y: Sequence | np.ndarray, name: str, **style: Any
 ) -> None:
     """A line in a panel; its legend stands once."""
-    model = name.split("/")[0]
-    style.setdefault("line", {"color": COLOURS.get(model, "#555555"), "width": 2})
+    style.setdefault("line", {"color": colour_of(name.split("/")[0]), "width": 2})
     figure.add_trace(
         go.Scatter(
             x=x, y=y, name=name.replace("_", " "), legendgroup=name, showlegend=panel == 0, mode="lines", **style
@@ -109,7 +102,9 @@ def add(
 def errors_by_step(rows: Sequence[Mapping[str, str]]) -> go.Figure:
     """Root mean square error on held-out jumps over the steps of the horizon."""
     figure = six_panels()
-    models = [m for m in dict.fromkeys(row["model"] for row in rows) if m not in WITHOUT_MODEL]
+    models = [
+        m for m in dict.fromkeys(row["model"] for row in rows) if find_recipe(m, "error_by_step.csv").shown_by_step
+    ]
     for panel, component in enumerate(COMPONENTS):
         for model in models:
             mine = [row for row in rows if row["model"] == model and row["component"] == component]
@@ -134,8 +129,8 @@ def learning_curves(rows: Sequence[Mapping[str, str]]) -> go.Figure:
                 go.Scatter(
                     x=list(by_step),
                     y=[float(np.mean(values)) for values in by_step.values()],
-                    name=f"{model.replace('_', ' ')}, {label}",
-                    line={"color": COLOURS.get(model, "#555555"), "dash": dash, "width": 2},
+                    name=f"{find_recipe(model, 'curves.csv').label}, {label}",
+                    line={"color": colour_of(model), "dash": dash, "width": 2},
                     mode="lines+markers",
                 )
             )
@@ -157,8 +152,8 @@ def calibration(rows: Sequence[Mapping[str, str]]) -> go.Figure:
             go.Scatter(
                 x=[100 * float(row["nominal"]) for row in mine],
                 y=[100 * float(row["observed"]) for row in mine],
-                name=model.replace("_", " "),
-                line={"color": COLOURS.get(model, "#555555"), "width": 2},
+                name=find_recipe(model, "calibration.csv").label,
+                line={"color": colour_of(model), "width": 2},
                 mode="lines",
             )
         )
@@ -175,7 +170,7 @@ def roll_out(found: Mapping[str, RollOut], jumps: Sequence[str]) -> go.Figure:
         for panel in range(len(COMPONENTS)):
             for name, one in found.items():
                 model, _, steps = name.partition("/")
-                line = {"color": COLOURS.get(model, "#555555"), "width": 2, "dash": DASHES.get(steps, "dot")}
+                line = {"color": colour_of(model), "width": 2, "dash": DASHES.get(steps, "dot")}
                 if name == "measured":
                     line |= {"width": 3, "dash": "solid"}
                 values = np.round(one.states[number, :, panel], 4)

@@ -7,7 +7,9 @@ from types import MappingProxyType
 import numpy as np
 import rerun as rr
 
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.recording import state
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.robot.schedule import PAIRS
 from leapgap.view.actor import Actor, Colour
 from leapgap.view.recorder import Recorder, every
@@ -119,7 +121,7 @@ def log_joints(to: Recorder, actors: Sequence[Actor]) -> None:
     rows = every(main.jump.time, JOINT_PERIOD_S)
     time = main.jump.time[rows]
     for joint in main.robot.joints:
-        entity = f"joints/{main.robot.leg_of(joint)}/{joint}"
+        entity = f"joints/{main.robot.limb_of(joint)}/{joint}"
         for quantity, command in (("joint_pos", "cmd_pos"), ("joint_vel", "cmd_vel")):
             name, commanded = f"{quantity}/{joint}", f"{command}/{joint}"
             curves = [Curve(a.label, a.colour, on_clock(time, a.jump, a.jump[name])) for a in actors if name in a.jump]
@@ -139,9 +141,7 @@ def commanded_torque(jump: Jump, joint: str) -> np.ndarray | None:
     """Feed-forward and joint PD of the log, N·m, (rows,); None where the joint was not measured."""
     if not all(f"{name}/{joint}" in jump for name in ("cmd_tau", "joint_pos", "joint_vel")):
         return None
-    spring = jump[f"cmd_kp/{joint}"] * (jump[f"cmd_pos/{joint}"] - jump[f"joint_pos/{joint}"])
-    damper = jump[f"cmd_kd/{joint}"] * (jump[f"cmd_vel/{joint}"] - jump[f"joint_vel/{joint}"])
-    return jump[f"cmd_tau/{joint}"] + spring + damper
+    return state.commanded_torque(jump, (joint,))[:, 0]
 
 
 def log_ground_forces(to: Recorder, actor: Actor) -> None:

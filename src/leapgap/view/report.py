@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from leapgap.diagnosis.channels import BASE_UNITS, HEADLINE, is_logged, measured
+from leapgap.diagnosis.channels import HEADLINE, is_logged, logged
 from leapgap.diagnosis.report import Report
 from leapgap.diagnosis.where import PHASES
 from leapgap.recording.jump import Jump
-from leapgap.robot.model import Robot, group_of
+from leapgap.robot.model import Robot
 from leapgap.view.page import rendered
 
 REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
@@ -22,6 +22,7 @@ LABELS = {
     "base_linvel_z": "vertical velocity",
     "base_angvel_y": "pitch rate",
 }
+UNITS = dict(zip(HEADLINE, ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True))
 HALF_OF_CHI2_95 = 1.92
 """Log likelihood that a number may lose within its 95 % interval, were there nothing but noise."""
 SHOWN_EVERY_S = 0.004
@@ -91,11 +92,12 @@ def row_of(channel: str, robot: Robot) -> str:
         return LABELS[channel]
     quantity, _, joint = channel.partition("/")
     what = {"joint_pos": "position", "joint_vel": "velocity"}[quantity]
-    if "_" not in joint:
+    group = next((name for name, alike in robot.topology.groups.items() if joint in alike), None)
+    if group is None:
         return f"{joint} {what}"
-    leg, pairs = robot.leg_of(joint), robot.legs_of_pair
-    pair = next((name for name, legs in pairs.items() if leg in legs), leg) if all(pairs.values()) else leg
-    return f"{pair} {group_of(joint)} {what}"
+    limb = robot.limb_of(joint)
+    pair = next((name for name, limbs in robot.limbs_of_pair.items() if limb in limbs), limb)
+    return f"{pair} {group} {what}"
 
 
 def overlay(
@@ -108,7 +110,7 @@ def overlay(
     figure = make_subplots(
         rows=2,
         cols=3,
-        subplot_titles=[f"{LABELS[c]}, {BASE_UNITS[c]}" for c in channels],
+        subplot_titles=[f"{LABELS[c]}, {UNITS[c]}" for c in channels],
         horizontal_spacing=0.06,
         vertical_spacing=0.14,
     )
@@ -124,7 +126,7 @@ def overlay(
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(source.time[shown], 3),
-                        y=np.round(measured(source, channel)[shown], 4),
+                        y=np.round(logged(source, channel)[shown], 4),
                         name=name,
                         legendgroup=name,
                         showlegend=c == 0,

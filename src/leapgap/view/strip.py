@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.model import Robot
 from leapgap.robot.shapes import Poses, body_poses
 from leapgap.robot.terrain import Box

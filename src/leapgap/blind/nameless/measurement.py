@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 
 from leapgap.blind.nameless.base import Nameless
-from leapgap.effects.base import Commands, Motion, parameter
+from leapgap.effects.base import Commands, parameter
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 
 LOSSES_SEED = 20_240_229
 BURST_S = 0.012

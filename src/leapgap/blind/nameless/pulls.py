@@ -8,7 +8,8 @@ import numpy as np
 from leapgap.blind.nameless.base import Nameless, Process
 from leapgap.effects.base import parameter
 from leapgap.effects.contact import foot_geoms
-from leapgap.recording.jump import BASE_POSITION, Jump
+from leapgap.recording.jump import Jump
+from leapgap.recording.schema import BASE_POSITION
 from leapgap.robot.model import Robot
 
 ANCHOR_M = np.array([-1.0, 0.0, 0.4])

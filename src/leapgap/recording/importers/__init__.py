@@ -1,23 +1,24 @@
-"""Foreign logs to jump logs: one module a format, found by its file name.
+"""Foreign logs to logs of ours: one file a format, found by its class."""
 
-A format is a module with a dataclass ``Options`` and two functions: ``find(source)`` lists the jumps of a folder as
-``{name: path}``, ``read(path, name, robot, options)`` turns one into a ``Jump``. Adding a format is adding a file.
-"""
-
-import pkgutil
-from importlib import import_module
-from types import ModuleType
+import sys
+from functools import cache
 
 from leapgap.errors import InputError
+from leapgap.recording.importers.base import LogFormat
+from leapgap.registry import classes_by_name
+
+ENTRY_POINTS = "leapgap.log_formats"
+"""Group under which other packages offer formats."""
 
 
-def formats() -> tuple[str, ...]:
-    """Names of the known formats."""
-    return tuple(sorted(module.name for module in pkgutil.iter_modules(__path__)))
+@cache
+def formats() -> dict[str, type[LogFormat]]:
+    """The known formats by name."""
+    return classes_by_name(sys.modules[__name__], LogFormat, ENTRY_POINTS)  # type: ignore[type-abstract]
 
 
-def importer(name: str) -> ModuleType:
-    """The importer of a format; an unknown name is an ``InputError``."""
+def log_format(name: str) -> LogFormat:
+    """A format by name; an unknown one is an ``InputError``."""
     if name not in formats():
         raise InputError("import_logs.format", name, f"one of {', '.join(formats())}", "choose a known format")
-    return import_module(f"{__name__}.{name}")
+    return formats()[name]()

@@ -9,13 +9,15 @@ import pyarrow as pa
 import pyarrow.csv
 
 from leapgap.errors import InputError
-from leapgap.recording.jump import COMMANDS, Jump, JumpInfo, Target
+from leapgap.recording.importers.base import LogFormat
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.recording.schema import COMMANDS, quantity_of
 from leapgap.robot.model import Robot
 from leapgap.robot.schedule import ContactSchedule
 
 
 @dataclass(frozen=True)
-class Options:
+class CsvOptions:
     """How the columns of a CSV become those of a jump log; ``*`` in a key stands for every joint of the robot."""
 
     columns: dict[str, str] = field(default_factory=dict)
@@ -29,12 +31,27 @@ class Options:
     target_z_m: float = 0.0
 
 
-def find(source: Path) -> dict[str, Path]:
+class Csv(LogFormat):
+    """Comma-separated tables with a header, one a log."""
+
+    name = "csv"
+    Options = CsvOptions
+
+    def find(self, source: Path) -> dict[str, Path]:
+        """The CSV files of a folder, by name."""
+        return find_logs(source)
+
+    def read(self, path: Path, name: str, robot: Robot, options: CsvOptions) -> Jump:
+        """One CSV as a log; ``InputError`` names what is missing or cannot be read."""
+        return read_log(path, name, robot, options)
+
+
+def find_logs(source: Path) -> dict[str, Path]:
     """The CSV files of a folder, by name."""
     return {path.stem: path for path in sorted(source.glob("*.csv"))}
 
 
-def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
+def read_log(path: Path, name: str, robot: Robot, options: CsvOptions) -> Jump:
     """One CSV as a jump log; ``InputError`` names what is missing or cannot be read."""
     try:
         table = pa.csv.read_csv(path)
@@ -46,22 +63,8 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
         if column not in table.column_names:
             raise InputError(path, f"no column {column}", f"it, as {ours}", "correct import_logs.csv.columns")
         columns[ours] = numbers(table, column, path)
-    ours_already = {"time", *(f"{quantity}/{joint}" for quantity in COMMANDS for joint in robot.joints)}
-    prefixes = (
-        "base_",
-        "joint_pos/",
-        "joint_vel/",
-        "tau/",
-        "foot_force/",
-        "contact/",
-        "imu_",
-        "supply_",
-        "mpc_force/",
-        "pd_force/",
-        "train_force/",
-    )
     for column in table.column_names:
-        if column not in columns and (column in ours_already or column.startswith(prefixes)):
+        if column not in columns and is_ours(column, robot):
             columns[column] = numbers(table, column, path)
     for ours, factor in per_joint(options.factors, robot).items():
         if ours not in columns:
@@ -85,6 +88,14 @@ def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
             source=f"CSV {path.name}",
         ),
     )
+
+
+def is_ours(column: str, robot: Robot) -> bool:
+    """Whether a column that is not mapped is taken under its own name: time, a known quantity, a command of a joint."""
+    quantity, of = quantity_of(column), column.partition("/")[2]
+    if quantity is None:
+        return column == "time"
+    return quantity.name not in COMMANDS or of in robot.joints
 
 
 def per_joint(mapping: dict, robot: Robot) -> dict:

@@ -11,15 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from leapgap.errors import InputError
-from leapgap.recording.jump import (
-    BASE_POSITION,
-    BASE_QUATERNION,
-    BASE_VELOCITY,
-    PAIR_FORCE_AXES,
-    Jump,
-    JumpInfo,
-    Target,
-)
+from leapgap.recording.importers.base import LogFormat
+from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
+from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
@@ -50,7 +45,7 @@ FRONT_THIGH_AT_ROW_790 = {  # commanded, rad; grows with the distance: tells the
 
 
 @dataclass(frozen=True)
-class Options:
+class PublishedOptions:
     """What the published files do not say themselves."""
 
     sample_period_s: float = 0.001
@@ -67,7 +62,22 @@ class Options:
     """Front feet this much above the rear ones at the start stand on a block."""
 
 
-def find(source: Path) -> dict[str, Path]:
+class PublishedA1(LogFormat):
+    """The published jumps, a folder of text files each."""
+
+    name = "published"
+    Options = PublishedOptions
+
+    def find(self, source: Path) -> dict[str, Path]:
+        """Folders below ``source`` that hold a jump, by name: ``jump_07`` for ``…/7``."""
+        return find_logs(source)
+
+    def read(self, path: Path, name: str, robot: Robot, options: PublishedOptions) -> Jump:
+        """One published jump; ``InputError`` names the file and what is wrong with it."""
+        return read_log(path, name, robot, options)
+
+
+def find_logs(source: Path) -> dict[str, Path]:
     """Folders below ``source`` that hold a jump, by name: ``jump_07`` for ``…/7``."""
     folders = sorted(
         {path.parent for path in source.rglob("joint_act.txt")} | {path.parent for path in source.rglob("pos.txt")}
@@ -82,7 +92,7 @@ def find(source: Path) -> dict[str, Path]:
     return dict(sorted(named.items()))
 
 
-def read(path: Path, name: str, robot: Robot, options: Options) -> Jump:
+def read_log(path: Path, name: str, robot: Robot, options: PublishedOptions) -> Jump:
     """One published jump as a jump log; ``InputError`` names the file and what is wrong with it."""
     files = {stem: read_table(path / f"{stem}.txt", *shape) for stem, shape in COLUMNS_OF_FILE.items()}
     rows = len(files["pos"])
@@ -122,7 +132,7 @@ def named(names: list[str] | tuple[str, ...], values: np.ndarray) -> dict[str, n
     return {name: values[:, i] for i, name in enumerate(names)}
 
 
-def joint_columns(files: dict[str, np.ndarray], options: Options) -> dict[str, np.ndarray]:
+def joint_columns(files: dict[str, np.ndarray], options: PublishedOptions) -> dict[str, np.ndarray]:
     """Measured and commanded joint columns, in the order of the legs, with the gains of every row."""
     rows = len(files["joint_act"])
     landing = np.arange(rows) >= options.landing_row
@@ -150,12 +160,12 @@ def commanded_distance(joint_commands: np.ndarray) -> float:
     return round(float(np.interp(joint_commands[row, JOINT_COLUMNS.index("FR_thigh")], angles, distances)), 2)
 
 
-def block_under_front_feet(columns: dict[str, np.ndarray], robot: Robot, options: Options) -> tuple[Box, ...]:
+def block_under_front_feet(columns: dict[str, np.ndarray], robot: Robot, options: PublishedOptions) -> tuple[Box, ...]:
     """The block the front feet stand on at the start, its height inferred from the pose; empty on flat ground."""
     position = np.stack([columns[key][:1] for key in BASE_POSITION], axis=-1)
     quaternion = np.stack([columns[key][:1] for key in BASE_QUATERNION], axis=-1)
     joints = np.stack([columns[f"joint_pos/{joint}"][:1] for joint in robot.joints], axis=-1)
-    feet = robot.feet_in_world(position, quaternion, joints)[0]
+    feet = feet_in_world(robot, position, quaternion, joints)[0]
     soles = feet[:, 2] - robot.foot_radius
     front = [robot.feet.index(foot) for foot in robot.feet_of_pair("front")]
     rear = [robot.feet.index(foot) for foot in robot.feet_of_pair("rear")]

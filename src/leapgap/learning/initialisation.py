@@ -4,9 +4,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from leapgap.learning.features import Transitions, transitions
 from leapgap.learning.model import Nominal
 from leapgap.learning.network import NetworkModel, Scaling, orthogonal_mlp, random_mlp
+from leapgap.learning.transitions import Transitions, extract_transitions
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.prediction import check_names, columns
 
@@ -24,7 +24,7 @@ PUBLISHED_INPUTS = (
 
 @dataclass
 class Fitting:
-    """How weights are moved."""
+    """How the optimiser moves the weights."""
 
     steps: int = 120
     """Full-batch steps of the optimiser."""
@@ -85,14 +85,16 @@ class PublishedRecipeConfig:
     fitting: Fitting = field(default_factory=lambda: replace(PUBLISHED_FITTING))
 
 
-def networks(windows: Windows, nominal: Nominal, config: NetworksConfig, random: np.random.Generator) -> NetworkModel:
-    """Ours: inputs and outputs scaled by the spread of the training steps."""
+def initial_networks(
+    windows: Windows, nominal: Nominal, config: NetworksConfig, random: np.random.Generator
+) -> NetworkModel:
+    """Our networks before training: inputs and outputs scaled by the spread of the training steps."""
     names = tuple(config.inputs)
     check_names(names, "train.networks.inputs")
-    steps = transitions(windows)
+    steps = extract_transitions(windows)
     weight = np.array(list(config.inputs.values()))
-    contact = scaling(steps.at(steps.contact), names, weight, nominal, config.force_scale)
-    flight = scaling(steps.at(~steps.contact), names, weight, nominal, config.force_scale)
+    contact = fit_scaling(steps.at(steps.contact), names, weight, nominal, config.force_scale)
+    flight = fit_scaling(steps.at(~steps.contact), names, weight, nominal, config.force_scale)
     outputs = {"contact/h": 3, "contact/G": 12, "flight/h": 3}
     found = {
         name: random_mlp(
@@ -103,12 +105,12 @@ def networks(windows: Windows, nominal: Nominal, config: NetworksConfig, random:
     return NetworkModel(nominal, names, contact, flight, found)
 
 
-def scaling(
+def fit_scaling(
     steps: Transitions, names: tuple[str, ...], weight: np.ndarray, nominal: Nominal, force_scale: float
 ) -> Scaling:
     """Means and spreads of the steps of one phase; units where it has no step."""
     if not len(steps.step):
-        return unscaled(len(names), 1.0)
+        return unit_scaling(len(names), 1.0)
     raw = np.stack(columns(names, steps.situation), axis=-1)
     residual = steps.acceleration - nominal.at(steps.situation.foot).acceleration(steps.force)
     return Scaling(
@@ -121,15 +123,18 @@ def scaling(
     )
 
 
-def unscaled(inputs: int, output: float) -> Scaling:
-    """Raw inputs and forces."""
+def unit_scaling(inputs: int, output: float) -> Scaling:
+    """The scaling that leaves inputs and forces raw; ``output`` is the unit of h and G."""
     return Scaling(np.zeros(inputs), np.ones(inputs), np.zeros(4), np.ones(4), np.zeros(3), np.full(3, output))
 
 
-def published(
+def initial_published_networks(
     grid: TimeGrid, nominal: Nominal, config: PublishedRecipeConfig, random: np.random.Generator
 ) -> NetworkModel:
-    """The paper's: raw inputs; outputs are velocity changes a step (the released code's Δt-free residual)."""
+    """The paper's networks before training, with raw inputs.
+
+    Their outputs are velocity changes a step, as in the residual of the released code, which has no Δt.
+    """
     sizes = {
         "contact/h": [7, *config.hidden_h, 3],
         "contact/G": [7, *config.hidden_G, 12],
@@ -138,7 +143,7 @@ def published(
     return NetworkModel(
         nominal,
         PUBLISHED_INPUTS,
-        unscaled(7, 1 / grid.contact_step_s),
-        unscaled(7, 1 / grid.flight_step_s),
+        unit_scaling(7, 1 / grid.contact_step_s),
+        unit_scaling(7, 1 / grid.flight_step_s),
         {name: orthogonal_mlp(size, config.orthogonal_gain, random) for name, size in sizes.items()},
     )

@@ -7,9 +7,9 @@ import pytest
 from omegaconf import OmegaConf
 from scipy.stats import norm
 
-from leapgap.learning import kernel, spread
-from leapgap.learning.baselines import fit_gains
+from leapgap.learning import kernel, uncertainty
 from leapgap.learning.kernel import KernelConfig, KernelModel
+from leapgap.learning.nominal import fit_gains
 from leapgap.learning.splits import folds
 from leapgap.recording.windows import Windows
 from leapgap.robot.prediction import FEATURES
@@ -29,7 +29,7 @@ def test_the_posterior_is_that_of_a_gaussian_process(windows: Windows):
     model = fit_kernel(windows)
     part = model.contact
     assert part is not None
-    mine = spread.of_kernel(model, CONFIG)
+    mine = uncertainty.kernel_posterior(model, CONFIG)
     gram = kernel.gauss(part.inputs, part.inputs) * (1 + part.forces @ part.forces.T)
     values, vectors = np.linalg.eigh(gram)
     ridge = CONFIG.ridge_contact
@@ -43,19 +43,19 @@ def test_the_posterior_is_that_of_a_gaussian_process(windows: Windows):
     which = [
         int(np.argmin(((part.inputs - row) ** 2).sum(axis=1))) for row in (at - part.input_mean) / part.input_scale
     ]
-    found = spread.posterior(mine, "contact", part, situation, windows.force[first, 0])
+    found = uncertainty.posterior_variance(mine, "contact", part, situation, windows.force[first, 0])
     np.testing.assert_allclose(found, ridge + ridge * smooth[which], atol=1e-9)
 
     far = replace(situation, state=situation.state + 1e3)
     u = (windows.force[first, 0] - part.force_mean) / part.force_scale
-    found = spread.posterior(mine, "contact", part, far, windows.force[first, 0])
+    found = uncertainty.posterior_variance(mine, "contact", part, far, windows.force[first, 0])
     np.testing.assert_allclose(found, 1 + (u**2).sum(axis=1) + ridge)
 
 
 def test_unfamiliar_windows_are_expected_to_err_more(windows: Windows, tmp_path):
-    found = spread.fit(windows, fit_kernel, CONFIG)
-    spread.save(found, tmp_path / "spread.npz")
-    back = spread.load(tmp_path / "spread.npz", found.kernel)
+    found = uncertainty.fit(windows, fit_kernel, CONFIG)
+    uncertainty.save(found, tmp_path / "spread.npz")
+    back = uncertainty.load(tmp_path / "spread.npz", found.kernel)
     inputs = windows.inputs
     usual = found.deviation(inputs)
     assert usual.shape == (len(windows), 10, 6) and (usual > 0).all()
@@ -71,7 +71,7 @@ def test_intervals_on_real_jumps_hold_what_they_say(real_windows: Windows):
     off = []
     for split in folds(real_windows.jumps, 4):
         mine, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
-        found = spread.fit(mine, lambda windows: fit_kernel(windows, config), config)
+        found = uncertainty.fit(mine, lambda windows: fit_kernel(windows, config), config)
         error = found.kernel.predict(held_out.inputs)[:, 1:] - held_out.state[:, 1:]
         off.append(np.abs(error) / found.deviation(held_out.inputs))
     for level in (0.5, 0.8, 0.95):
@@ -82,5 +82,5 @@ def test_few_jumps_need_wider_intervals():
     """Normal errors: variances of three jumps are so uncertain that intervals must widen; of many, hardly."""
     random = np.random.default_rng(0)
     unfamiliar = np.ones((60, 8, 5))
-    few, many = (spread.widening(random.normal(size=(n, 8, 5, 6)) ** 2, unfamiliar[:n]) for n in (3, 60))
+    few, many = (uncertainty.widening_factor(random.normal(size=(n, 8, 5, 6)) ** 2, unfamiliar[:n]) for n in (3, 60))
     assert many == pytest.approx(1.0, abs=0.03) and 1.1 < few < 2.0

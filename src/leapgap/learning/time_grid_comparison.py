@@ -9,12 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.learning.evaluation import HeldOut
+from leapgap.learning.evaluation import HeldOutPredictions
 from leapgap.recording.windows import RolloutInputs, Windows
 from leapgap.robot.rigid_body import GRAVITY, POSITION, STATE, VELOCITY
 
 START_S = 0.65
-SHOWN = ("networks", "kernel", "nominal_fitted")
+COMPARED = ("networks", "kernel", "nominal_fitted")
+"""Names of the models compared, in the order of the figures."""
 
 
 @dataclass(frozen=True)
@@ -22,23 +23,23 @@ class RollOut:
     """Predictions of H jumps from ``START_S`` on."""
 
     time_s: np.ndarray
-    """(n,)."""
+    """Times since the start of the jump, (n,)."""
     states: np.ndarray
     """x from the start of the roll-out, (H, n, 6)."""
 
 
-def compare(variable: HeldOut, fixed: HeldOut) -> dict[str, RollOut]:
+def compare(variable: HeldOutPredictions, fixed: HeldOutPredictions) -> dict[str, RollOut]:
     """Measured, and each model's, by name: ``measured``, ``<model>/variable``, ``…/fixed``, ``…/fixed_k22``.
 
     The predictions are those of the models that did not see the jump.
     """
-    found = {"measured": measured(fixed.windows)}
-    for model in SHOWN:
+    found = {"measured": measured_roll_out(fixed.windows)}
+    for model in COMPARED:
         for name, held_out in (("variable", variable), ("fixed", fixed)):
             if model in held_out.states:
-                found[f"{model}/{name}"] = from_start(held_out, model)
+                found[f"{model}/{name}"] = predict_k_steps(held_out, model)
         if model in fixed.states:
-            longer = onward(fixed, model)
+            longer = predict_to_landing(fixed, model)
             found[f"{model}/fixed_k{len(longer.time_s) - 1}"] = longer
     return found
 
@@ -48,15 +49,15 @@ def first_steps(windows: Windows) -> np.ndarray:
     return np.flatnonzero(np.isclose(windows.time_s[:, 0], START_S))
 
 
-def measured(windows: Windows) -> RollOut:
-    """What the jumps did, on the fine steps."""
+def measured_roll_out(windows: Windows) -> RollOut:
+    """The measured motion of the jumps, on the fine steps."""
     at = first_steps(windows)
     whole = [jump_inputs(windows, int(windows.jump[i]), int(windows.start[i])) for i in at]
     return RollOut(whole[0][1], np.stack([states for _, _, states in whole]))
 
 
-def from_start(held_out: HeldOut, model: str) -> RollOut:
-    """K steps; those that end before the landing go on without forces."""
+def predict_k_steps(held_out: HeldOutPredictions, model: str) -> RollOut:
+    """Predictions of K steps; those that end before the landing go on without forces."""
     windows = held_out.windows
     at = first_steps(windows)
     assert windows.schedule is not None
@@ -69,7 +70,7 @@ def from_start(held_out: HeldOut, model: str) -> RollOut:
 
 
 def ballistic(state: np.ndarray, time_s: float) -> np.ndarray:
-    """States (n, 6) after free fall."""
+    """States (n, 6) after free fall from ``state`` for ``time_s`` seconds."""
     gained = np.array([0.0, -GRAVITY * time_s, 0.0])
     after = state.copy()
     after[:, POSITION] += state[:, VELOCITY] * time_s + gained * time_s / 2
@@ -77,8 +78,8 @@ def ballistic(state: np.ndarray, time_s: float) -> np.ndarray:
     return after
 
 
-def onward(held_out: HeldOut, model: str) -> RollOut:
-    """As many steps as it takes to the landing."""
+def predict_to_landing(held_out: HeldOutPredictions, model: str) -> RollOut:
+    """Predictions of as many steps as it takes to the landing."""
     windows, states = held_out.windows, []
     for i in first_steps(windows):
         inputs, times, _ = jump_inputs(windows, int(windows.jump[i]), int(windows.start[i]))

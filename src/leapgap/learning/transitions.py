@@ -14,11 +14,11 @@ class Transitions:
 
     situation: Situation
     force: np.ndarray
-    """(n, 4), N."""
+    """Ground forces on the robot, as in ``RolloutInputs``, (n, 4), N."""
     contact: np.ndarray
-    """(n,), bool."""
+    """Whether each step begins before take-off, bool, (n,)."""
     step_s: np.ndarray
-    """(n,)."""
+    """Length of each step, (n,)."""
     step: np.ndarray
     """Number of the step in its jump, (n,)."""
     increment: np.ndarray
@@ -41,7 +41,7 @@ class Transitions:
         )
 
 
-def transitions(windows: Windows) -> Transitions:
+def extract_transitions(windows: Windows) -> Transitions:
     """The steps of some windows: the first of each window, and all of a jump's last window."""
     inputs = windows.inputs
     last = np.array([windows.start[windows.jump == j].max() for j in windows.jump], dtype=int)

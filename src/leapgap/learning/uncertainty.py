@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from leapgap.files import whole_file
 from leapgap.learning.kernel import KernelConfig, KernelModel, KernelPart, gauss
-from leapgap.learning.splits import without
+from leapgap.learning.splits import hold_out
 from leapgap.recording.windows import RolloutInputs, Windows, read_npz, write_npz
 from leapgap.robot.prediction import Situation, columns
 
@@ -27,7 +27,7 @@ SMOOTHING_STEPS = 1.0
 
 
 @dataclass(frozen=True)
-class Spread:
+class PredictionUncertainty:
     """Deviations of the predictions of one kernel, and of models like it."""
 
     kernel: KernelModel
@@ -41,57 +41,59 @@ class Spread:
 
     def deviation(self, inputs: RolloutInputs) -> np.ndarray:
         """Standard deviation of each predicted state after the first, (W, K, 6), in the state's units."""
-        unfamiliar = accumulated(self, inputs) / self.familiar[inputs.start]
+        unfamiliar = accumulate_variance(self, inputs) / self.familiar[inputs.start]
         return np.sqrt(self.variance[inputs.start] * unfamiliar[..., None])
 
 
-def of_kernel(model: KernelModel, config: KernelConfig) -> Spread:
+def kernel_posterior(model: KernelModel, config: KernelConfig) -> PredictionUncertainty:
     """A kernel's posterior, without any errors yet."""
     inverse, ridge = {}, {"contact": config.ridge_contact, "flight": config.ridge_flight}
     for phase, part in (("contact", model.contact), ("flight", model.flight)):
         if part is not None:
             gram = gauss(part.inputs, part.inputs) * (1 + part.forces @ part.forces.T)
             inverse[phase] = np.linalg.inv(gram + ridge[phase] * np.eye(len(gram)))
-    return Spread(model, inverse, ridge, np.zeros(0), np.zeros(0))
+    return PredictionUncertainty(model, inverse, ridge, np.zeros(0), np.zeros(0))
 
 
-def accumulated(spread: Spread, inputs: RolloutInputs) -> np.ndarray:
+def accumulate_variance(uncertainty: PredictionUncertainty, inputs: RolloutInputs) -> np.ndarray:
     """Posterior variance of the accelerations, noise included, summed along the kernel's own roll-out, (W, K)."""
-    states = spread.kernel.predict(inputs)
+    states = uncertainty.kernel.predict(inputs)
     steps = inputs.contact.shape[1]
     found = np.zeros((len(inputs), steps))
     for k in range(steps):
         situation = Situation(states[:, k], np.nan_to_num(inputs.foot[:, k]), inputs.time_s[:, k], inputs.state)
         for phase, mask in (("contact", inputs.contact[:, k]), ("flight", ~inputs.contact[:, k])):
-            part = getattr(spread.kernel, phase)
+            part = getattr(uncertainty.kernel, phase)
             if part is not None and mask.any():
                 force = np.nan_to_num(inputs.force[mask, k])
-                found[mask, k] = posterior(spread, phase, part, situation.at(mask), force)
+                found[mask, k] = posterior_variance(uncertainty, phase, part, situation.at(mask), force)
     return np.cumsum(found, axis=1)
 
 
-def posterior(spread: Spread, phase: str, part: KernelPart, situation: Situation, force: np.ndarray) -> np.ndarray:
+def posterior_variance(
+    uncertainty: PredictionUncertainty, phase: str, part: KernelPart, situation: Situation, force: np.ndarray
+) -> np.ndarray:
     """k(x, x) − kᵀ (K + λ I)⁻¹ k + λ at n moments, (n,), in units of the signal's variance."""
-    inputs = (np.stack(columns(spread.kernel.names, situation), axis=-1) - part.input_mean) / part.input_scale
+    inputs = (np.stack(columns(uncertainty.kernel.names, situation), axis=-1) - part.input_mean) / part.input_scale
     scaled = (force - part.force_mean) / part.force_scale
     similar = gauss(inputs, part.inputs) * (1 + scaled @ part.forces.T)
-    explained = np.einsum("ij,ij->i", similar @ spread.inverse[phase], similar)
-    return np.maximum(1 + (scaled**2).sum(axis=1) - explained, 0) + spread.ridge[phase]
+    explained = np.einsum("ij,ij->i", similar @ uncertainty.inverse[phase], similar)
+    return np.maximum(1 + (scaled**2).sum(axis=1) - explained, 0) + uncertainty.ridge[phase]
 
 
-def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: KernelConfig) -> Spread:
+def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: KernelConfig) -> PredictionUncertainty:
     """Leave each training jump out in turn; the jumps must be two or more."""
     squared, unfamiliar = [], []
     for jump in windows.jumps:
-        split = without("", windows.jumps, [jump])
+        split = hold_out("", windows.jumps, [jump])
         train, left_out = windows.of_jumps(split.train), windows.of_jumps(split.held_out)
-        one = of_kernel(fit_kernel(train), config)
+        one = kernel_posterior(fit_kernel(train), config)
         squared.append((one.kernel.predict(left_out.inputs) - left_out.state)[:, 1:] ** 2)
-        unfamiliar.append(accumulated(one, left_out.inputs))
+        unfamiliar.append(accumulate_variance(one, left_out.inputs))
     variance, familiar = np.array(squared), np.array(unfamiliar)
-    whole = of_kernel(fit_kernel(windows), config)
-    widened = smooth_mean(variance) * widening(variance, familiar) ** 2
-    return Spread(whole.kernel, whole.inverse, whole.ridge, widened, familiar.mean(axis=0))
+    whole = kernel_posterior(fit_kernel(windows), config)
+    widened = smooth_mean(variance) * widening_factor(variance, familiar) ** 2
+    return PredictionUncertainty(whole.kernel, whole.inverse, whole.ridge, widened, familiar.mean(axis=0))
 
 
 def smooth_mean(squared: np.ndarray) -> np.ndarray:
@@ -99,7 +101,7 @@ def smooth_mean(squared: np.ndarray) -> np.ndarray:
     return gaussian_filter1d(squared.mean(axis=0), SMOOTHING_STEPS, axis=0, mode="nearest")
 
 
-def widening(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
+def widening_factor(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
     """By how much intervals must be wider than normal ones, since a mean over few jumps is itself uncertain.
 
     Each training jump is judged by the deviations learned from the others; the factor is what makes the quantiles of
@@ -117,16 +119,16 @@ def widening(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
     return float(np.mean(found / norm.ppf(0.5 + np.array(LEVELS) / 2)))
 
 
-def save(spread: Spread, path: Path) -> None:
+def save(uncertainty: PredictionUncertainty, path: Path) -> None:
     """Write the deviations, not the kernel: that is stored as a model."""
-    ridge = np.array([spread.ridge["contact"], spread.ridge["flight"]])
+    ridge = np.array([uncertainty.ridge["contact"], uncertainty.ridge["flight"]])
     with whole_file(path) as beside:
-        write_npz(beside, {"variance": spread.variance, "familiar": spread.familiar, "ridge": ridge})
+        write_npz(beside, {"variance": uncertainty.variance, "familiar": uncertainty.familiar, "ridge": ridge})
 
 
-def load(path: Path, kernel: KernelModel) -> Spread:
+def load(path: Path, kernel: KernelModel) -> PredictionUncertainty:
     """Read back, beside the kernel it is of."""
     arrays = read_npz(path)
     config = KernelConfig(ridge_contact=float(arrays["ridge"][0]), ridge_flight=float(arrays["ridge"][1]))
-    bare = of_kernel(kernel, config)
-    return Spread(kernel, bare.inverse, bare.ridge, arrays["variance"], arrays["familiar"])
+    bare = kernel_posterior(kernel, config)
+    return PredictionUncertainty(kernel, bare.inverse, bare.ridge, arrays["variance"], arrays["familiar"])

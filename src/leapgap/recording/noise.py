@@ -1,0 +1,27 @@
+"""Sensor noise of a logged channel, from its high-frequency part alone and never from a fit."""
+
+from math import comb
+
+import numpy as np
+
+NORMAL_MEDIAN = 0.6745
+"""Median absolute value of a standard normal number."""
+SMOOTH_PERIOD_S = 0.002
+"""Up to this sample period the second differences of a robot's motion are tiny against those of noise."""
+HIGHER_ORDERS = (2, 4, 6)
+"""Differences that are tried at longer periods: a smooth motion's shrink with the order, those of noise do not."""
+
+
+def noise_of(steps: np.ndarray, period_s: float) -> np.ndarray:
+    """Standard deviation of white noise in channels of which the first differences (rows, channels) are given.
+
+    Differences of order n of white noise have variance C(2n, n) σ²; the median absolute value keeps impacts out. What
+    the motion itself leaves in them only adds, hence at long periods the least over several orders.
+    """
+    orders = (2,) if period_s <= SMOOTH_PERIOD_S else HIGHER_ORDERS
+    found = [
+        np.median(np.abs(np.diff(steps, n=order - 1, axis=0)), axis=0) / NORMAL_MEDIAN / np.sqrt(comb(2 * order, order))
+        for order in orders
+        if len(steps) >= 2 * order
+    ]
+    return np.min(found, axis=0) if found else np.zeros(steps.shape[1:])

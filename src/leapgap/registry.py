@@ -1,0 +1,43 @@
+"""Classes of one kind by name: those in the files of a package of ours, and those that other packages offer."""
+
+import pkgutil
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import ModuleType
+from typing import TypeVar
+
+from leapgap.errors import InputError
+
+Kind = TypeVar("Kind")
+
+
+def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[str, type[Kind]]:
+    """Subclasses of ``base`` by their ``name``, in alphabetical order.
+
+    Every file of ``package`` is looked at, so that adding one is adding a file. Other installed packages offer theirs
+    under the entry point group ``group``; one that cannot be loaded is an ``InputError`` that names it.
+    """
+    for module in pkgutil.iter_modules(package.__path__):
+        import_module(f"{package.__name__}.{module.name}")
+    found = [kind for kind in subclasses(base) if kind.__module__.startswith(f"{package.__name__}.")]
+    for point in entry_points(group=group):
+        try:
+            kind = point.load()
+        except (ImportError, AttributeError) as error:
+            expected = f"a class, offered as {group}"
+            raise InputError(point.value, f"nothing to import ({error})", expected, "repair or remove it") from None
+        if not (isinstance(kind, type) and issubclass(kind, base)):
+            raise InputError(point.value, repr(kind), f"a subclass of {base.__name__}", "correct its entry point")
+        found.append(kind)
+    by_name = {kind.name: kind for kind in found}  # type: ignore[attr-defined]
+    return dict(sorted(by_name.items()))
+
+
+def subclasses(base: type[Kind]) -> list[type[Kind]]:
+    """All classes below ``base`` that can be instantiated, in the order of their definition."""
+    found = []
+    for kind in base.__subclasses__():
+        if not getattr(kind, "__abstractmethods__", None):
+            found.append(kind)
+        found += subclasses(kind)
+    return found

@@ -1,0 +1,124 @@
+"""Forward kinematics of whole motions: where feet, bodies and the centre of mass are in each row.
+
+Everything that goes through the poses of a motion one by one goes through ``each_pose``.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import mujoco
+import numpy as np
+
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, Motion
+
+
+def rest_pose(robot: Robot) -> np.ndarray:
+    """``qpos`` of the model's first keyframe, or of the model itself where it has none, shape (nq,)."""
+    model = robot.model
+    return (model.key_qpos[0] if model.nkey else model.qpos0).copy()
+
+
+def configurations(
+    robot: Robot,
+    joint_pos: np.ndarray,
+    base_position: np.ndarray | None = None,
+    base_quaternion: np.ndarray | None = None,
+    joints: Sequence[str] | None = None,
+) -> np.ndarray:
+    """``qpos`` of each row, (rows, nq); what is not given stays in the model's rest pose.
+
+    ``joint_pos`` is (rows, joints) in rad (m for slides), in the order of ``joints`` or of ``robot.joints``;
+    ``base_position`` (rows, 3) m and ``base_quaternion`` (rows, 4) w x y z are used for a free base alone.
+    """
+    qpos = np.tile(rest_pose(robot), (len(joint_pos), 1))
+    if robot.has_free_base and base_position is not None:
+        qpos[:, POSITION_SLICE] = base_position
+    if robot.has_free_base and base_quaternion is not None:
+        qpos[:, QUATERNION_SLICE] = base_quaternion
+    named = robot.joints if joints is None else tuple(joints)
+    qpos[:, robot.joint_qpos[[robot.joints.index(name) for name in named]]] = joint_pos
+    return qpos
+
+
+def each_pose(
+    robot: Robot, qpos: np.ndarray, qvel: np.ndarray | None = None, com: bool = False
+) -> Iterator[mujoco.MjData]:
+    """MuJoCo's data with the kinematics of each row; one object for all rows, so copy what is kept.
+
+    ``qpos`` is (rows, nq). ``com`` adds centres of mass (needed by ``mj_jac``), ``qvel`` (rows, nv) adds those of the
+    subtrees' momenta too.
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    for row in range(len(qpos)):
+        data.qpos[:] = qpos[row]
+        mujoco.mj_kinematics(model, data)
+        if com or qvel is not None:
+            mujoco.mj_comPos(model, data)
+        if qvel is not None:
+            data.qvel[:] = qvel[row]
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_subtreeVel(model, data)
+        yield data
+
+
+def gather(rows: int, values: Iterator[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """Arrays of one shape, copied row by row into one, (rows, *shape)."""
+    result = np.empty((rows, *shape))
+    for row, value in enumerate(values):
+        result[row] = value
+    return result
+
+
+def feet_in_world(
+    robot: Robot, base_position: np.ndarray, base_quaternion: np.ndarray, joint_pos: np.ndarray
+) -> np.ndarray:
+    """Centres of the feet, m, world frame, shape (rows, feet, 3).
+
+    Of measured poses: ``base_position`` (rows, 3) m, ``base_quaternion`` (rows, 4) w x y z, ``joint_pos``
+    (rows, joints) rad in the order of ``robot.joints``.
+    """
+    return feet_positions(robot, configurations(robot, joint_pos, base_position, base_quaternion))
+
+
+def feet_positions(robot: Robot, qpos: np.ndarray) -> np.ndarray:
+    """Centres of the feet, m, world frame, (rows, feet, 3), of configurations (rows, nq)."""
+    positions = (data.geom_xpos[robot.foot_geoms] for data in each_pose(robot, qpos))
+    return gather(len(qpos), positions, (len(robot.feet), 3))
+
+
+def centre_of_mass(robot: Robot, qpos: np.ndarray) -> np.ndarray:
+    """Of the whole robot by its model, m, world frame, (rows, 3); ``qpos`` is (rows, nq)."""
+    centres = (data.subtree_com[robot.base_body] for data in each_pose(robot, qpos, com=True))
+    return gather(len(qpos), centres, (3,))
+
+
+def momenta(robot: Robot, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Linear momentum, kg·m/s, and angular momentum about the centre of mass, kg·m²/s, world axes, (rows, 3) each."""
+    linear, angular = np.empty((len(motion), 3)), np.empty((len(motion), 3))
+    for row, data in enumerate(each_pose(robot, motion.qpos, motion.qvel)):
+        linear[row] = robot.total_mass * data.subtree_linvel[robot.base_body]
+        angular[row] = data.subtree_angmom[robot.base_body]
+    return linear, angular
+
+
+def joint_torque_to_foot_force(
+    robot: Robot, base_quaternion: np.ndarray, joint_pos: np.ndarray, torque: np.ndarray
+) -> np.ndarray:
+    """Ground forces on the robot that joint torques stand for when the legs are massless, N, (rows, feet, 3).
+
+    u = −(J(q)ᵀ)⁻¹ τ a leg, J the derivative of the foot's position in world axes by the leg's joints
+    (paper, data collection; minus because u acts on the robot). ``torque`` is (rows, joints) in N·m.
+    """
+    model = robot.model
+    jacobian = np.empty((3, model.nv))
+    of_leg = np.array(
+        [[i for i, j in enumerate(robot.joints) if robot.limb_of(j) == robot.limb_of(f)] for f in robot.feet]
+    )
+    of_rows = np.empty((len(joint_pos), len(robot.feet), 3, 3))
+    qpos = configurations(robot, joint_pos, np.zeros((len(joint_pos), 3)), base_quaternion)
+    for row, data in enumerate(each_pose(robot, qpos, com=True)):
+        for foot, (geom, joints) in enumerate(zip(robot.foot_geoms, of_leg, strict=True)):
+            body = model.geom_bodyid[geom]
+            mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], body)
+            of_rows[row, foot] = jacobian[:, robot.joint_dofs[joints]].T
+    return -np.linalg.solve(of_rows, torque[:, of_leg, None])[..., 0]

@@ -1,0 +1,68 @@
+"""The motion of a robot as MuJoCo has it, and the only place that knows where a free base stands in it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+POSITION_SLICE, QUATERNION_SLICE = slice(0, 3), slice(3, 7)
+"""A free base in ``qpos``: origin in the world, m; base to world, w x y z."""
+VELOCITY_SLICE, ANGULAR_VELOCITY_SLICE = slice(0, 3), slice(3, 6)
+"""A free base in ``qvel``: of its origin in the world, m/s; in base axes, as a gyro reads it, rad/s."""
+POSE_SLICE, TWIST_SLICE = slice(0, 7), slice(0, 6)
+"""All of a free base in ``qpos`` and in ``qvel``."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions and velocities of a robot over time, SI units; the base parts exist for a free base only."""
+
+    qpos: np.ndarray
+    """(rows, nq): position and quaternion w x y z of a free base, then joints, in MuJoCo's order."""
+    qvel: np.ndarray
+    """(rows, nv): velocity of a free base in the world, its angular velocity in base axes, then joints."""
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+    def __getitem__(self, rows: slice | np.ndarray) -> "Motion":
+        """Some of the rows."""
+        return Motion(self.qpos[rows], self.qvel[rows])
+
+    def __iter__(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Positions and velocities row by row."""
+        return zip(self.qpos, self.qvel, strict=True)
+
+    @property
+    def base_position(self) -> np.ndarray:
+        """(rows, 3), m, origin of the base in the world."""
+        return self.qpos[:, POSITION_SLICE]
+
+    @property
+    def base_quaternion(self) -> np.ndarray:
+        """(rows, 4), w x y z, base to world."""
+        return self.qpos[:, QUATERNION_SLICE]
+
+    @property
+    def base_velocity(self) -> np.ndarray:
+        """(rows, 3), m/s, of the origin of the base in the world."""
+        return self.qvel[:, VELOCITY_SLICE]
+
+    @property
+    def base_angular_velocity(self) -> np.ndarray:
+        """(rows, 3), rad/s, in base axes."""
+        return self.qvel[:, ANGULAR_VELOCITY_SLICE]
+
+    def copy(self) -> "Motion":
+        """The same in arrays of its own."""
+        return Motion(self.qpos.copy(), self.qvel.copy())
+
+    @property
+    def first_state(self) -> np.ndarray:
+        """Positions and velocities of the first row, (nq + nv,)."""
+        return np.concatenate([self.qpos[0], self.qvel[0]])
+
+    @property
+    def last_state(self) -> np.ndarray:
+        """Positions and velocities of the last row, (nq + nv,)."""
+        return np.concatenate([self.qpos[-1], self.qvel[-1]])

@@ -1,0 +1,147 @@
+"""Blocks of code in Markdown pages: found, and run as a reader would run them.
+
+Python blocks of one page share a namespace. Shell blocks stop at their first command that fails. A fence without a
+language is a shell block if its first word is a known command. A block is left out only by a comment before it that
+says why::
+
+    <!-- not run: needs network -->
+"""
+
+import contextlib
+import io
+import re
+import subprocess
+import traceback
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+PYTHON = ("python", "py")
+SHELL = ("bash", "sh", "shell", "console")
+COMMANDS = ("dvc", "git", "leapgap", "make", "mkdocs", "pip", "pytest", "python", "python3", "rerun")
+FENCE = re.compile(r"(?P<indent>[ \t]*)(?P<fence>`{3,}|~{3,})\s*(?P<language>[\w+-]*)")
+NOT_RUN = re.compile(r"\s*<!--\s*not run:(?P<reason>.*?)-->\s*")
+SECONDS = 300
+"""A block that takes longer than a reader would wait has failed."""
+
+
+class BlockError(Exception):
+    """A block that failed, with its place and what it printed."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block; ``language`` is ``python``, ``shell`` or, for what is no code to run, empty."""
+
+    page: str
+    line: int
+    """Of the opening fence, from 1."""
+    language: str
+    code: str
+    not_run: str | None = None
+    """Why the block is left out."""
+
+    @property
+    def place(self) -> str:
+        """Page and line, as editors open them."""
+        return f"{self.page}:{self.line}"
+
+
+def language_of(tag: str, code: str) -> str:
+    """The language of a fence with this tag: ``python``, ``shell`` or empty."""
+    if tag.lower() in PYTHON:
+        return "python"
+    words = code.split()
+    if tag.lower() in SHELL or (not tag and words and words[0] in COMMANDS):
+        return "shell"
+    return ""
+
+
+def blocks(page: str, text: str) -> Iterator[Block]:
+    """Blocks of a page in order, those of no language that runs left out.
+
+    Raises:
+        BlockError: a fence that is not closed, or a mark ``not run`` without a reason or without a block.
+    """
+    opening: Block | None = None
+    indent, fence, tag = "", "", ""
+    code: list[str] = []
+    mark: tuple[int, str] | None = None
+    for number, line in enumerate(text.splitlines(), 1):
+        matched = FENCE.match(line)
+        if opening is not None:
+            closing = matched and matched["fence"].startswith(fence) and not line.strip().strip(fence[0])
+            if not closing:
+                code.append(line.removeprefix(indent))
+                continue
+            body = "\n".join(code) + "\n"
+            complete = replace(opening, code=body, language=language_of(tag, body))
+            opening = None
+            if complete.language:
+                yield complete
+            elif complete.not_run:
+                raise BlockError(f"{complete.place}: marked 'not run', but no block of Python or shell")
+        elif matched:
+            indent, fence, tag = matched["indent"], matched["fence"], matched["language"]
+            opening, code = Block(page, number, "", "", mark[1] if mark else None), []
+            mark = None
+        elif found := NOT_RUN.fullmatch(line):
+            if not found["reason"].strip():
+                raise BlockError(f"{page}:{number}: 'not run' says no reason")
+            mark = number, found["reason"].strip()
+        elif line.strip() and mark:
+            raise BlockError(f"{page}:{mark[0]}: 'not run' stands before no block")
+    if opening is not None:
+        raise BlockError(f"{opening.place}: fence is not closed")
+    if mark:
+        raise BlockError(f"{page}:{mark[0]}: 'not run' stands before no block")
+
+
+def run_page(page: str, text: str, folder: Path, environment: dict[str, str]) -> list[Block]:
+    """Run the blocks of a page in order in ``folder``; returns those that ran.
+
+    Raises:
+        BlockError: the first block that fails, with its place and its output.
+    """
+    names: dict[str, Any] = {"__name__": "__main__"}
+    ran = []
+    for block in blocks(page, text):
+        if block.not_run:
+            continue
+        if block.language == "python":
+            run_python(block, names, folder)
+        else:
+            run_shell(block, folder, environment)
+        ran.append(block)
+    return ran
+
+
+def run_python(block: Block, names: dict[str, Any], folder: Path) -> None:
+    """Run in this process; lines of a traceback are those of the page."""
+    padded = "\n" * block.line + block.code
+    printed = io.StringIO()
+    try:
+        with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+            exec(compile(padded, block.page, "exec"), names)
+    except Exception:
+        raise BlockError(f"{block.place}: python block failed\n{printed.getvalue()}{traceback.format_exc()}") from None
+
+
+def run_shell(block: Block, folder: Path, environment: dict[str, str]) -> None:
+    """Run by bash, stopping at the first command that fails."""
+    try:
+        done = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", block.code],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=SECONDS,
+        )
+    except subprocess.TimeoutExpired:
+        raise BlockError(f"{block.place}: shell block ran longer than {SECONDS} s") from None
+    if done.returncode != 0:
+        output = (done.stdout + done.stderr)[-4000:]
+        raise BlockError(f"{block.place}: shell block ended with code {done.returncode}\n{output}")

@@ -1,0 +1,104 @@
+"""The runner of blocks: what it finds, and that a block which fails is seen."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.docs.blocks import BlockError, blocks, run_page
+
+PAGE = """# A page
+
+```python
+steps = 3
+```
+
+Text, and a diagram:
+
+```
+data ── stage ── result
+```
+
+```bash
+echo $((2 + 1)) > steps.txt
+```
+
+1. in a list
+
+   ```py
+   assert int(open("steps.txt").read()) == steps
+   ```
+
+<!-- not run: needs network -->
+
+```
+pip install something
+```
+
+```json
+{"no": "code"}
+```
+"""
+
+
+def fenced(language: str, code: str) -> str:
+    return f"```{language}\n{code}\n```\n"
+
+
+def test_blocks_of_a_page_in_order_with_their_lines() -> None:
+    found = [(block.line, block.language, block.not_run) for block in blocks("page.md", PAGE)]
+    assert found == [
+        (3, "python", None),
+        (13, "shell", None),
+        (19, "python", None),
+        (25, "shell", "needs network"),
+    ]
+
+
+def test_blocks_share_names_and_folder_and_the_marked_one_stays_out(tmp_path: Path) -> None:
+    ran = run_page("page.md", PAGE, tmp_path, dict(os.environ))
+    assert [block.line for block in ran] == [3, 13, 19]
+    assert (tmp_path / "steps.txt").read_text() == "3\n"
+
+
+def test_a_python_block_that_fails_is_named_by_page_and_line(tmp_path: Path) -> None:
+    page = "text\n\n" + fenced("python", "a = 1\n\nassert a == 2, 'unequal'")
+    with pytest.raises(BlockError, match=r"(?s)page\.md:3: python block failed.*line 6.*unequal"):
+        run_page("page.md", page, tmp_path, dict(os.environ))
+
+
+def test_names_of_one_page_do_not_reach_another(tmp_path: Path) -> None:
+    run_page("one.md", fenced("python", "left_over = 1"), tmp_path, dict(os.environ))
+    with pytest.raises(BlockError, match="NameError"):
+        run_page("two.md", fenced("python", "left_over"), tmp_path, dict(os.environ))
+
+
+@pytest.mark.parametrize("code", ["false\ntrue", "false | cat", "echo $unset_name_of_a_variable"])
+def test_a_shell_block_fails_with_any_of_its_commands(code: str, tmp_path: Path) -> None:
+    with pytest.raises(BlockError, match=r"page\.md:1: shell block ended with code \d+"):
+        run_page("page.md", fenced("sh", code), tmp_path, dict(os.environ))
+
+
+@pytest.mark.parametrize("language", ["", "bash", "sh"])
+def test_a_command_without_a_language_runs_too(language: str, tmp_path: Path) -> None:
+    with pytest.raises(BlockError, match="no_such_file"):
+        run_page("page.md", fenced(language, "python no_such_file.py"), tmp_path, dict(os.environ))
+
+
+@pytest.mark.parametrize(
+    ("page", "message"),
+    [
+        ("<!-- not run: -->\n" + fenced("sh", "true"), "page.md:1: 'not run' says no reason"),
+        ("<!-- not run: why -->\ntext\n" + fenced("sh", "true"), "page.md:1: 'not run' stands before no block"),
+        ("<!-- not run: why -->\n", "page.md:1: 'not run' stands before no block"),
+        (
+            "<!-- not run: why -->\n" + fenced("json", "{}"),
+            "page.md:2: marked 'not run', but no block of Python or shell",
+        ),
+        ("```python\na = 1\n", "page.md:1: fence is not closed"),
+    ],
+)
+def test_a_mark_or_fence_that_hides_blocks_is_refused(page: str, message: str) -> None:
+    with pytest.raises(BlockError) as caught:
+        list(blocks("page.md", page))
+    assert str(caught.value) == message
