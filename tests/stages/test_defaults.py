@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 
 from leapgap.diagnosis.diagnose import Settings
 from leapgap.learning.experiment import TrainConfig
-from leapgap.recording.importers import log_format
+from leapgap.recording.importers import formats
 from stages.common import CONF, read_config
 from tests.code import ROOT
 
@@ -76,7 +76,7 @@ def kinds(expression: ast.expr, key: str, module: Any) -> list[type]:
     if isinstance(expression, ast.Name):
         return [getattr(module, expression.id)]
     name = key.rpartition(".")[2]
-    return [log_format(name).Options] if name in ("published", "csv") else []
+    return [formats()[name].Options] if name in formats() else []
 
 
 def differences(kind: type, shown: Mapping[str, Any], key: str) -> Iterator[str]:
