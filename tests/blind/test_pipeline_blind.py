@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from leapgap.keys import VERDICT, code_hash
 from omegaconf import OmegaConf
 
 from leapgap import effects
@@ -15,7 +16,6 @@ from leapgap.blind.cases import Case
 from leapgap.blind.withholding import World, withhold, write_case
 from leapgap.errors import InputError
 from leapgap.executor import Executor
-from leapgap.keys import VERDICT, code_hash
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
 from stages.diagnose_withheld import Job, diagnose_section, run_jobs

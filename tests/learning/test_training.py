@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.files import read_json
-from leapgap.learning import evaluation, experiment, store, training, untrained
+from leapgap.learning import evaluation, model_grid, store, training, untrained
 from leapgap.learning.baselines import ConstantVelocity, NominalModel, Playback, fit_gains
 from leapgap.learning.experiment import FITS, TrainConfig
 from leapgap.learning.kernel import KernelConfig
@@ -212,8 +212,8 @@ def corrupted(windows: Windows, jump: str) -> Windows:
 def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path):
     """Its corruption leaves every weight, scale and gain of every model of its fold as it was, bit for bit."""
     small = config()
-    experiment.train(windows, small, tmp_path / "clean")
-    experiment.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
+    model_grid.train(windows, small, tmp_path / "clean")
+    model_grid.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
     for name in FITS:
         clean, corrupt = (store.load(tmp_path / kind / "fold_0", name) for kind in ("clean", "corrupt"))
         assert "jump_02" not in clean.trained_on and same(clean.model, corrupt.model), name
@@ -224,23 +224,23 @@ def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path)
 
 def test_finished_models_are_kept_and_unknown_ones_removed(windows: Windows, tmp_path):
     small = config(models=["playback", "kernel", "networks"])
-    assert len(experiment.train(windows, small, tmp_path)) == 9
+    assert len(model_grid.train(windows, small, tmp_path)) == 9
     before = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()}
     (tmp_path / "fold_0" / "old.npz").write_bytes(b"x")
     (tmp_path / "fold_7").mkdir()
     (tmp_path / "fold_0" / "kernel.npz").unlink()
     (tmp_path / "fold_1" / "playback.json").unlink()
-    assert sorted(experiment.train(windows, small, tmp_path)) == ["fold_0/kernel", "fold_1/playback"]
+    assert sorted(model_grid.train(windows, small, tmp_path)) == ["fold_0/kernel", "fold_1/playback"]
     assert {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()} == before
     warmer = config(models=small.models, kernel=replace(small.kernel, ridge_contact=0.5))
-    assert sorted(experiment.train(windows, warmer, tmp_path)) == ["all/kernel", "fold_0/kernel", "fold_1/kernel"]
+    assert sorted(model_grid.train(windows, warmer, tmp_path)) == ["all/kernel", "fold_0/kernel", "fold_1/kernel"]
     assert not (tmp_path / "fold_7").exists()
 
 
 def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     models = [name for name in FITS if not name.startswith(("networks", "published", "blend"))]
     groups = [["jump_0[012]"], ["jump_0[345]"]]
-    experiment.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
+    model_grid.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
     quarters, halves = (evaluation.held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session"))
     assert quarters is not None and halves is not None
     found = evaluation.metrics(quarters, halves, windows)
@@ -282,7 +282,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
 def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
     small = config(models=["playback", "kernel", "networks", "blend"])
     for name, processes in (("one", 1), ("two", 2)):
-        experiment.train(windows, replace(small, processes=processes), tmp_path / name)
+        model_grid.train(windows, replace(small, processes=processes), tmp_path / name)
     files = {
         name: {p.relative_to(tmp_path / name): p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()}
         for name in ("one", "two")
@@ -291,8 +291,8 @@ def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
 
 
 def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path):
-    experiment.train(windows, config(models=["playback"]), tmp_path)
-    assert experiment.train(windows_module.cut([], TimeGrid(), robot), config(), tmp_path) == []
+    model_grid.train(windows, config(models=["playback"]), tmp_path)
+    assert model_grid.train(windows_module.cut([], TimeGrid(), robot), config(), tmp_path) == []
     assert [path.name for path in tmp_path.iterdir()] == ["note.json"]
     assert "no logs" in read_json(tmp_path / "note.json")["note"]
 
@@ -320,12 +320,12 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
 
 def test_an_unknown_model_is_named(windows: Windows, tmp_path):
     with pytest.raises(InputError, match=r"train.models: found oracle; expected some of nominal, nominal_published"):
-        experiment.train(windows, config(models=["oracle"]), tmp_path)
+        model_grid.train(windows, config(models=["oracle"]), tmp_path)
 
 
 def test_a_trainer_that_is_not_there_is_named(windows: Windows, tmp_path):
     with pytest.raises(InputError, match=r"train.trainer: found .*invalid accelerator name: `accelerator='abacus'`"):
-        experiment.train(windows, config(models=["networks"], trainer={"accelerator": "abacus"}), tmp_path)
+        model_grid.train(windows, config(models=["networks"], trainer={"accelerator": "abacus"}), tmp_path)
 
 
 def test_all_arrays_of_windows_are_listed(windows: Windows):

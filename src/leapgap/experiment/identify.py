@@ -38,6 +38,11 @@ BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
 EVERY_ROWS = 20
 
 
+def identified_config(logs: Sequence[Jump], robot: Robot, known: tuple[Effect, ...]) -> dict[str, Any]:
+    """``identified`` as configuration, which a JSON file can hold."""
+    return {"effects": effects.to_config(identified(logs, robot, known))}
+
+
 def identified(
     logs: Sequence[Jump], robot: Robot, known: tuple[Effect, ...] = (), unknown: Sequence[Unknown] = JOINTS
 ) -> tuple[Effect, ...]:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from leapgap.keys import digest
 
 from leapgap import effects
-from leapgap.keys import digest
 from leapgap.recording.jump import Jump, Target
 from leapgap.robot.model import Robot
 from tests.conftest import standing
