@@ -120,9 +120,13 @@ class ResultCache:
                     remove_empty(path.parent.parent, self.folder)
             elif self._place(path) not in self.asked:
                 remove_files([path.parent / name for name in record["files"]] + [path], self.folder)
-        for name in sorted(former_places(self.folder) - set(self.asked)):
-            if not (self.folder / f"{name}{RECORD}").is_file():
-                remove_files(former_files(self.folder / name), self.folder)
+        former = [
+            path
+            for place in sorted(former_places(self.folder) - set(self.asked))
+            if not (self.folder / f"{place}{RECORD}").is_file()
+            for path in former_files(self.folder / place)
+        ]
+        remove_files(former, self.folder)
 
     def _record(self, place: str) -> Path:
         path = self.folder / place

@@ -1,5 +1,6 @@
 """Networks: the torch twin, training, the stored form, and the keeping of finished work."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -226,15 +227,20 @@ def test_finished_models_are_kept_and_unknown_ones_removed(windows: Windows, tmp
     small = config(models=["playback", "kernel", "networks"])
     assert len(model_grid.train(windows, small, tmp_path)) == 9
     before = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()}
-    (tmp_path / "fold_0" / "old.npz").write_bytes(b"x")
-    (tmp_path / "fold_7").mkdir()
+    more = config(models=[*small.models, "nominal"], folds=3)
+    model_grid.train(windows, more, tmp_path / "more")
+    assert (tmp_path / "more" / "fold_2").exists() and (tmp_path / "more" / "fold_0" / "nominal.key").exists()
+    (tmp_path / "more" / "fold_0" / "notes.txt").write_text("mine")
+    model_grid.train(windows, small, tmp_path / "more")
+    left = {path.relative_to(tmp_path / "more") for path in (tmp_path / "more").rglob("*") if path.is_file()}
+    assert left == {path.relative_to(tmp_path) for path in before} | {Path("fold_0/notes.txt")}
+    shutil.rmtree(tmp_path / "more")
     (tmp_path / "fold_0" / "kernel.npz").unlink()
     (tmp_path / "fold_1" / "playback.json").unlink()
     assert sorted(model_grid.train(windows, small, tmp_path)) == ["fold_0/kernel", "fold_1/playback"]
     assert {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()} == before
     warmer = config(models=small.models, kernel=replace(small.kernel, ridge_contact=0.5))
     assert sorted(model_grid.train(windows, warmer, tmp_path)) == ["all/kernel", "fold_0/kernel", "fold_1/kernel"]
-    assert not (tmp_path / "fold_7").exists()
 
 
 def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
