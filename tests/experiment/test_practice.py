@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.experiment import practice
+from leapgap.experiment import identify
 from leapgap.experiment.aimed import JumpPlanner
 from leapgap.experiment.aiming import LandingModel, Tried, best_goal, wanted
 from leapgap.experiment.bench import Bench
@@ -46,7 +46,7 @@ def law(trial: TrialSpec) -> TrialResult:
 @pytest.fixture
 def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     monkeypatch.setattr(TrialSpec, "run", law)
-    monkeypatch.setattr(practice, "identified", lambda *_: (effects.effect("joint_damping", damping=0.4),))
+    monkeypatch.setattr(identify, "identified", lambda *_: (effects.effect("joint_damping", damping=0.4),))
     return bench
 
 
