@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +10,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from leapgap.cache import ResultCache
 from leapgap.control.exported import load
 from leapgap.control.planner import MpcConfig
 from leapgap.effects import to_config
@@ -18,7 +18,8 @@ from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.experiment.aimed import AIMED_LIMITS, JumpPlanner
 from leapgap.experiment.aiming import LandingModel
-from leapgap.experiment.made import Bench, Done, Shelf, Trial
+from leapgap.experiment.bench import Bench, TrialRunner
+from leapgap.experiment.made import TrialResult, TrialSpec
 from leapgap.experiment.matrix import AdaptConfig, adapted, all_trials, best_shift
 from leapgap.experiment.methods import ByAiming, ByJointPd, ByMpc, Method, References
 from leapgap.experiment.practice import PracticeConfig, practised
@@ -26,7 +27,6 @@ from leapgap.experiment.scores import Scored, overall, tables
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World
 from leapgap.files import whole_file, write_json, write_text
-from leapgap.keys import LANDING, code_hash
 from leapgap.planning.library import planned, reference_to
 from leapgap.planning.problem import Limits
 from leapgap.recording.jump import Jump, Target
@@ -87,14 +87,16 @@ def land(config: DictConfig) -> None:
     executor = read_config(Executor, config.executor, "executor")
     out, (tasks, repeats) = output_folder(settings.out), tasks_of(settings.tasks)
     places = {hardware: hardware.replace(":", "_") for hardware in settings.hardware}
-    remove_unknown(out, set(places.values()))
-    shelf = Shelf(out / RUNS, code_hash(LANDING), executor.map, tell)
+    for name in (FIGURES, TABLE, PAGE):  # those of an earlier run: they are written when all runs are done
+        (out / name).unlink(missing_ok=True)
+    cache = ResultCache(out / RUNS)
+    runner = TrialRunner(cache, executor.map, tell)
     scored = [
         one
         for hardware, place in places.items()
-        for one in Rig(settings, config, hardware, place, tasks, shelf).run(repeats)
+        for one in Rig(settings, config, hardware, place, tasks, runner).run(repeats)
     ]
-    shelf.sweep()
+    cache.sweep()
     means = overall(scored, settings.single, settings.seed)
     found = tables(scored, settings.seed) | means | {"seed": settings.seed}
     rows = [row for one in scored for row in one.rows()]
@@ -108,27 +110,24 @@ def land(config: DictConfig) -> None:
     print(f"look at it: {out / PAGE}")
 
 
-def remove_unknown(out: Path, hardware: set[str]) -> None:
-    """Remove what an earlier run said of all, and its runs of hardware that is no more."""
-    for name in (FIGURES, TABLE, PAGE):
-        (out / name).unlink(missing_ok=True)
-    for path in (out / RUNS).iterdir() if (out / RUNS).is_dir() else ():
-        if path.name not in hardware:
-            shutil.rmtree(path)
-
-
 class Rig:
     """One hardware with everything its trials need; methods are prepared when they are asked for."""
 
     def __init__(
-        self, settings: Settings, config: DictConfig, hardware: str, place: str, tasks: Sequence[Task], shelf: Shelf
+        self,
+        settings: Settings,
+        config: DictConfig,
+        hardware: str,
+        place: str,
+        tasks: Sequence[Task],
+        runner: TrialRunner,
     ) -> None:
         self.settings, self.tasks = settings, list(tasks)
         self.robot = Robot.load(config.robot.model)
         self.variant, effects = effects_of(config.collect.variants, hardware)
         references: References = {task.target: self.plan(task.target) for task in tasks}
         world = World(self.robot, read_config(Sensing, config.collect.sensing, "collect.sensing"))
-        self.bench = Bench(place, effects, world, references, shelf, settings.seed)
+        self.bench = Bench(place, effects, world, references, runner, settings.seed)
 
     def plan(self, target: Target) -> Jump:
         """A plan from level ground."""
@@ -143,7 +142,7 @@ class Rig:
         names = self.settings.only.get(self.variant, self.settings.methods)
         methods = {name: method for name in names if (method := self.method(name)) is not None}
         named = all_trials(self.bench, methods, self.tasks, repeats)
-        results = self.bench.shelf.results([trial for _, trial in named])
+        results = self.bench.runner.results([trial for _, trial in named])
         return [
             Scored(self.variant, self.bench.hardware, name, trial.task.name, number_of(trial), trial.task.jumps, done)
             for (name, trial), done in zip(named, results, strict=True)
@@ -246,7 +245,7 @@ def tasks_of(section: Mapping[str, Any]) -> tuple[tuple[Task, ...], dict[str, in
     return tuple(tasks), repeats
 
 
-def number_of(trial: Trial) -> int:
+def number_of(trial: TrialSpec) -> int:
     """Which run of its task a trial is."""
     return int(trial.place.rpartition("_")[2])
 
@@ -259,7 +258,7 @@ def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         writer.writerows(rows)
 
 
-def tell(trial: Trial, done: Done) -> None:
+def tell(trial: TrialSpec, done: TrialResult) -> None:
     """One line for a person."""
     landings = ", ".join(f"{one.error_cm:+.1f} cm{'' if one.success else ' fell'}" for one in done.landings)
     print(f"{trial.place}: {landings or 'no jump'}", flush=True)

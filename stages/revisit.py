@@ -5,7 +5,7 @@ Nothing here leads to a first verdict.
 
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +15,17 @@ from leapgap import effects
 from leapgap.blind.outcome import CLAIMS, Outcome, outcome
 from leapgap.blind.seal import opened
 from leapgap.blind.withholding import World, further_jumps
+from leapgap.cache import ResultCache, result_key
+from leapgap.content_hash import file_digests
+from leapgap.diagnosis.diagnose import Settings as Diagnosing
 from leapgap.executor import Executor
 from leapgap.files import read_json, write_json
-from leapgap.keys import code_hash
 from leapgap.planning.batch import read_targets
 from leapgap.planning.library import planned_robot, reference_to
 from leapgap.recording import jump as jump_log
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
-from stages.diagnose_withheld import Job, diagnose_section, remove_unknown, run_jobs
+from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
 
 RUNNABLE = ("target", "targets", "jumps", "block_height_m")
 """Settings of ``collect`` that a case's own robot can follow."""
@@ -60,37 +62,32 @@ def revisit(config: DictConfig) -> None:
     """Choose the cases, diagnose them anew, and write what came of it."""
     settings = read_config(Settings, config.revisit, "revisit")
     executor = read_config(Executor, config.executor, "executor")
-    out = output_folder(settings.out).resolve()
-    cases = seen_cases(settings)
-    robot = Robot.load(config.robot.model)
-    base, code = diagnose_section(config, config.diagnose_withheld.settings), code_hash()
-    logs = Path(settings.logs).resolve()
+    cache = ResultCache(output_folder(settings.out))
+    cases, robot = seen_cases(settings), Robot.load(config.robot.model)
+    base = diagnosis_settings(config, config.diagnose_withheld.settings)
     struck = struck_cases(cases, settings.struck)
     jobs = [
-        Job(logs / case.name, out / "struck" / case.name, robot.path.resolve(), without(base, case.first.true[0]), code)
+        Job(f"struck/{case.name}", Path(settings.logs) / case.name, robot.path, without(base, case.first.true[0]))
         for case in struck
     ]
-    remove_unknown(out / "struck", {case.name for case in struck})
-    run_jobs(jobs, executor)
-    write_json(out / "struck.json", {case.name: second_look(case, out / "struck") for case in struck})
+    run_jobs(jobs, cache, executor)
+    folder = cache.folder / "struck"
+    write_json(cache.folder / "struck.json", {case.name: second_look(case, folder) for case in struck})
     asked = [(case, proposed(case)) for case in asking_cases(cases, settings.experiments)]
     missed = [(case, settings.further) for case in missed_cases(cases, settings.missed)]
     for kind, chosen in (("experiments", asked), ("missed", missed)):
-        remove_unknown(out / kind, {case.name for case, _ in chosen})
-        remove_unknown(out / f"{kind}_logs", {case.name for case, _ in chosen})
-        made = []
-        for case, overrides in chosen:
-            folder = make_experiment(case, overrides, config, settings, robot, out / f"{kind}_logs")
-            if folder is not None:
-                made.append((case, overrides))
-        jobs = [
-            Job(out / f"{kind}_logs" / case.name, out / kind / case.name, robot.path.resolve(), base, code)
-            for case, _ in made
+        made = [(case, lines) for case, lines in chosen if can_be_made(case, lines)]
+        logs = [
+            make_experiment(f"{kind}_logs/{case.name}", case, lines, config, settings, robot, cache)
+            for case, lines in made
         ]
-        run_jobs(jobs, executor)
-        write_json(
-            out / f"{kind}.json", {case.name: with_further(case, asked_for, out / kind) for case, asked_for in made}
-        )
+        jobs = [
+            Job(f"{kind}/{case.name}", folder, robot.path, base) for (case, _), folder in zip(made, logs, strict=True)
+        ]
+        run_jobs(jobs, cache, executor)
+        found = {case.name: with_further(case, lines, cache.folder / kind) for case, lines in made}
+        write_json(cache.folder / f"{kind}.json", found)
+    cache.sweep()
 
 
 def seen_cases(settings: Settings) -> list[Seen]:
@@ -119,10 +116,10 @@ def at_most(number: int, cases: list[Seen]) -> list[Seen]:
     return cases if number < 0 else cases[:number]
 
 
-def without(section: Mapping[str, Any], effect: str) -> dict[str, Any]:
+def without(settings: Diagnosing, effect: str) -> Diagnosing:
     """The diagnosis's settings without one hypothesis."""
-    names = section["settings"]["effects"] or list(effects.known())
-    return {**section, "settings": {**section["settings"], "effects": [name for name in names if name != effect]}}
+    names = settings.effects or list(effects.known())
+    return replace(settings, effects=[name for name in names if name != effect])
 
 
 def second_look(case: Seen, folder: Path) -> dict[str, Any]:
@@ -179,14 +176,25 @@ def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
     return at_most(number, missed)
 
 
-def make_experiment(
-    case: Seen, overrides: list[str], config: DictConfig, settings: Settings, robot: Robot, out: Path
-) -> Path | None:
-    """The case's logs with further jumps beside them; ``None`` where what is asked for is something else."""
+def can_be_made(case: Seen, overrides: list[str]) -> bool:
+    """Whether a case's own robot can make the jumps that are asked for."""
     keys = [line.split("=", 1)[0].removeprefix("collect.") for line in overrides]
-    if not set(keys) <= set(RUNNABLE):
-        print(f"{case.name}: cannot make {', '.join(overrides)}", flush=True)
-        return None
+    if set(keys) <= set(RUNNABLE):
+        return True
+    print(f"{case.name}: cannot make {', '.join(overrides)}", flush=True)
+    return False
+
+
+def make_experiment(
+    place: str,
+    case: Seen,
+    overrides: list[str],
+    config: DictConfig,
+    settings: Settings,
+    robot: Robot,
+    cache: ResultCache,
+) -> Path:
+    """The folder of the case's logs with further jumps beside them."""
     own = {"target": None, "targets": config.withhold.targets, "jumps": None}
     own |= {"block_height_m": config.withhold.world.block_height_m}
     asked = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
@@ -195,13 +203,15 @@ def make_experiment(
     planned, planar = Path(settings.references), planned_robot(settings.planar, robot)
     references = [reference_to(targets[i % len(targets)], planned, planar) for i in range(count)]
     low, high = asked.block_height_m
-    world = read_config(World, config.withhold.world, "withhold.world")
-    folder = out / case.name
-    shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(Path(settings.logs) / case.name, folder)
-    for jump in further_jumps(case.truth, references, (low, high), robot, world):
-        jump_log.write(jump, folder / f"{jump.name}.parquet")
-    return folder
+    inputs = (case.truth, references, (low, high), robot, read_config(World, config.withhold.world, "withhold.world"))
+    logs = Path(settings.logs) / case.name
+    key = result_key(further_jumps, [inputs, file_digests(logs)])
+    if cache.get(place, key) is None:
+        with cache.store(place, key) as made:
+            shutil.copytree(logs, made / case.name)
+            for jump in further_jumps(*inputs):
+                jump_log.write(jump, made / case.name / f"{jump.name}.parquet")
+    return cache.folder / place
 
 
 def with_further(case: Seen, overrides: list[str], folder: Path) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.learning import evaluation, experiment
+from leapgap.learning import evaluation, model_grid
 from leapgap.learning.experiment import TrainConfig
 from leapgap.recording import windows
 from stages.common import in_sweep, output_folder, read_config, run_stage
@@ -19,7 +19,7 @@ def train(config: DictConfig) -> dict[str, float] | None:
     section = read_config(TrainConfig, config.train, "train")
     out = output_folder(section.out)
     found, began = windows.read(Path(section.windows)), time.monotonic()
-    fitted = experiment.train(found, section, out, progress=lambda text: print(text, flush=True))
+    fitted = model_grid.train(found, section, out, progress=lambda text: print(text, flush=True))
     if not len(found):
         print(f"no logs: nothing trained -> {out}")
         return None

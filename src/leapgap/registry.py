@@ -29,7 +29,11 @@ def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[s
         if not (isinstance(kind, type) and issubclass(kind, base)):
             raise InputError(point.value, repr(kind), f"a subclass of {base.__name__}", "correct its entry point")
         found.append(kind)
-    by_name = {kind.name: kind for kind in found}  # type: ignore[attr-defined]
+    by_name: dict[str, type[Kind]] = {}
+    for kind in found:
+        if by_name.setdefault(kind.name, kind) is not kind:  # type: ignore[attr-defined]
+            where = f"{kind.__module__}.{kind.__qualname__}"
+            raise InputError(where, f"the name {kind.name}", "a name of its own", "choose another")  # type: ignore[attr-defined]
     return dict(sorted(by_name.items()))
 
 

@@ -13,12 +13,13 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.blind.cases import Case
 from leapgap.blind.withholding import World, withhold, write_case
+from leapgap.cache import ResultCache
 from leapgap.errors import InputError
 from leapgap.executor import Executor
-from leapgap.keys import VERDICT, code_hash
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
-from stages.diagnose_withheld import Job, diagnose_section, run_jobs
+from leapgap.view.diagnosis import diagnose_folder
+from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
 from stages.params import composed
 from tests.code import ROOT, closure
 from tests.test_pipeline_files import stages
@@ -79,12 +80,14 @@ def test_the_diagnosis_imports_nothing_of_the_generator() -> None:
     assert not hidden & closure("stages.diagnose_withheld")
 
 
-def test_a_verdict_is_kept_by_all_code_it_is_made_with() -> None:
-    """Whatever stages.diagnose imports is hashed, but for views that only make recordings."""
-    hashed = {part.removesuffix(".py").replace("/", ".") for part in VERDICT}
-    used = {name.removeprefix("leapgap.") for name in closure("stages.diagnose") if name.startswith("leapgap.")}
-    ours = {name for name in used if not name.startswith("view") or name in ("view.report", "view.page")}
-    assert {name for name in ours if name not in hashed and name.split(".")[0] not in hashed} == set()
+def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
+    """Its page is part of it; recordings and the pages of other results are not."""
+    hashed = closure(diagnose_folder.__module__)
+    views = {name for name in hashed if name.startswith("leapgap.view.")}
+    assert views == {"leapgap.view.diagnosis", "leapgap.view.page", "leapgap.view.report"}
+    assert hashed >= closure("leapgap.diagnosis.diagnose")
+    used = {name for name in closure("stages.diagnose") if name.startswith("leapgap.")}
+    assert used - hashed <= closure("leapgap.view.gallery")
 
 
 @pytest.fixture(scope="module")
@@ -96,14 +99,17 @@ def case(tmp_path_factory: pytest.TempPathFactory, references: list[Jump], robot
     return folder
 
 
-def job_of(case: Path, out: str) -> Job:
-    config = OmegaConf.create(composed())
-    section = diagnose_section(config, FAST)
-    return Job(case / "logs/case_000", case / out / "case_000", ROOT / "src/leapgap/robot/a1.xml", section, code_hash())
+def job_of(case: Path) -> Job:
+    settings = diagnosis_settings(OmegaConf.create(composed()), FAST)
+    return Job("case_000", case / "logs/case_000", ROOT / "src/leapgap/robot/a1.xml", settings)
+
+
+def run(jobs: list[Job], out: Path) -> None:
+    run_jobs(jobs, ResultCache(out), Executor("local", 1))
 
 
 def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path) -> None:
-    run_jobs([job_of(case, "verdicts")], Executor("local", 1))
+    run([job_of(case)], case / "verdicts")
     flat = {k: v for k, v in FAST.items() if k != "plan"} | {f"plan.{k}": v for k, v in FAST["plan"].items()}
     settings = [f"diagnose.settings.{key}={json.dumps(value)}" for key, value in flat.items()]
     out = case / "in_place"
@@ -118,27 +124,27 @@ def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path)
 
 
 def test_what_is_diagnosed_is_not_diagnosed_again(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_jobs([job_of(case, "twice")], Executor("local", 1))
-    first = (case / "twice/case_000/key.json").stat().st_mtime_ns
+    run([job_of(case)], case / "twice")
+    first = (case / "twice/case_000.key").stat().st_mtime_ns
     capsys.readouterr()
-    run_jobs([job_of(case, "twice")], Executor("local", 1))
+    run([job_of(case)], case / "twice")
     assert "1 of them diagnosed already" in capsys.readouterr().out
-    assert (case / "twice/case_000/key.json").stat().st_mtime_ns == first
+    assert (case / "twice/case_000.key").stat().st_mtime_ns == first
     log = case / "logs/case_000/jump_0.parquet"
     shutil.copyfile(case / "logs/case_000/jump_1.parquet", case / "swap")
     kept = log.read_bytes()
     log.write_bytes((case / "swap").read_bytes())
-    assert job_of(case, "twice").key != json.loads((case / "twice/case_000/key.json").read_text())["key"]
+    assert job_of(case).key != json.loads((case / "twice/case_000.key").read_text())["key"]
     log.write_bytes(kept)
 
 
 def test_a_diagnosis_that_fails_is_told_and_leaves_no_verdict(case: Path) -> None:
-    broken = job_of(case, "broken")
+    broken = job_of(case)
     (case / "empty" / "case_001").mkdir(parents=True, exist_ok=True)
     (case / "empty/case_001/jump.parquet").write_text("no log")
-    bad = Job(case / "empty/case_001", case / "broken/case_001", broken.robot, broken.diagnose, broken.code)
+    bad = Job("case_001", case / "empty/case_001", broken.robot, broken.settings)
     with pytest.raises(InputError, match="case_001: found InputError"):
-        run_jobs([bad, broken], Executor("local", 1))
+        run([bad, broken], case / "broken")
     assert not (case / "broken/case_001").exists()
     assert (case / "broken/case_000/report.json").exists()
 

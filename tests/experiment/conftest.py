@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.experiment.made import Bench, Shelf
+from leapgap.cache import ResultCache
+from leapgap.experiment.bench import Bench, TrialRunner
 from leapgap.experiment.methods import ByJointPd
 from leapgap.experiment.trial import World
 from leapgap.recording.jump import Jump
@@ -15,8 +16,8 @@ from leapgap.robot.model import Robot
 @pytest.fixture
 def bench(robot: Robot, reference: Jump, tmp_path: Path) -> Bench:
     """On which jumps of 50 cm are planned."""
-    shelf = Shelf(tmp_path / "runs", "code", map)
-    return Bench("ideal", (), World(robot), {reference.info.target: reference}, shelf, seed=1)
+    runner = TrialRunner(ResultCache(tmp_path / "runs"), map)
+    return Bench("ideal", (), World(robot), {reference.info.target: reference}, runner, seed=1)
 
 
 @pytest.fixture

@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from leapgap import cache
+from leapgap.cache import ResultCache
 from leapgap.experiment.aiming import Tried
+from leapgap.experiment.bench import Bench, TrialRunner
 from leapgap.experiment.conduct import Conduct
-from leapgap.experiment.made import Bench, Done, Shelf, Trial
+from leapgap.experiment.made import TrialResult, TrialSpec
 from leapgap.experiment.methods import ByJointPd
 from leapgap.experiment.tasks import Task
 from leapgap.files import read_json
@@ -17,48 +20,50 @@ TASK = Task("jump_50", 0.5)
 CONDUCT = Conduct(0.4, 200.0, 0.02, 30.0, 0.1)
 
 
-def quick(trial: Trial) -> Done:
+def quick(trial: TrialSpec) -> TrialResult:
     """Stands for a trial: a result that depends on its seed."""
     value = trial.seed / 3
     tried = Tried(np.full((1, 3), value), np.full(1, value), np.full((1, 3), value))
-    return Done((Landing(value, None, value, 1.0, True),), None, {"late": 2}, ((0.025, "late"),), CONDUCT, tried)
+    return TrialResult((Landing(value, None, value, 1.0, True),), None, {"late": 2}, ((0.025, "late"),), CONDUCT, tried)
 
 
 @pytest.fixture
-def trials(bench: Bench, joint_pd: ByJointPd) -> list[Trial]:
+def trials(bench: Bench, joint_pd: ByJointPd) -> list[TrialSpec]:
     return [bench.trial("joint_pd", joint_pd, TASK, number) for number in range(4)]
 
 
 @pytest.fixture
-def shelf(bench: Bench, counted, monkeypatch: pytest.MonkeyPatch) -> Shelf:
-    monkeypatch.setattr(Trial, "done", quick)
-    return replace(bench.shelf, map=counted[1])
+def runner(bench: Bench, counted, monkeypatch: pytest.MonkeyPatch) -> TrialRunner:
+    monkeypatch.setattr(TrialSpec, "run", quick)
+    return replace(bench.runner, map=counted[1])
 
 
 def places(numbers: str) -> list[str]:
     return [f"ideal/joint_pd/jump_50_{number}" for number in numbers]
 
 
-def test_a_killed_run_goes_on_where_it_ended(shelf: Shelf, trials: list[Trial], counted, monkeypatch) -> None:
+def test_a_killed_run_goes_on_where_it_ended(
+    runner: TrialRunner, trials: list[TrialSpec], counted, monkeypatch
+) -> None:
     made, _ = counted
 
-    def dies_at_the_third(trial: Trial) -> Done:
+    def dies_at_the_third(trial: TrialSpec) -> TrialResult:
         if trial.place.endswith("_2"):
             raise KeyboardInterrupt
         return quick(trial)
 
-    monkeypatch.setattr(Trial, "done", dies_at_the_third)
+    monkeypatch.setattr(TrialSpec, "run", dies_at_the_third)
     with pytest.raises(KeyboardInterrupt):
-        shelf.results(trials)
-    monkeypatch.setattr(Trial, "done", quick)
+        runner.results(trials)
+    monkeypatch.setattr(TrialSpec, "run", quick)
     made.clear()
-    found = shelf.results(trials)
+    found = runner.results(trials)
     assert made == places("23")
     assert [one.landings[0].error_cm for one in found] == [trial.seed / 3 for trial in trials]
 
 
-def test_what_is_read_is_what_was_made(shelf: Shelf, trials: list[Trial]) -> None:
-    (read,), made = shelf.results(trials[:1]), quick(trials[0])
+def test_what_is_read_is_what_was_made(runner: TrialRunner, trials: list[TrialSpec]) -> None:
+    (read,), made = runner.results(trials[:1]), quick(trials[0])
     assert (read.landings, read.fallbacks, read.substituted) == (made.landings, made.fallbacks, made.substituted)
     assert read.conduct == made.conduct
     for name in ("goal", "stance_pitch", "landing"):
@@ -66,9 +71,11 @@ def test_what_is_read_is_what_was_made(shelf: Shelf, trials: list[Trial]) -> Non
 
 
 @pytest.mark.parametrize("change", ["seed", "task", "method", "code"])
-def test_a_change_of_anything_makes_it_anew(change: str, shelf: Shelf, trials: list[Trial], counted) -> None:
+def test_a_change_of_anything_makes_it_anew(
+    change: str, runner: TrialRunner, trials: list[TrialSpec], counted, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made, _ = counted
-    shelf.results(trials)
+    runner.results(trials)
     made.clear()
     trial = trials[1]
     if change == "seed":
@@ -78,46 +85,48 @@ def test_a_change_of_anything_makes_it_anew(change: str, shelf: Shelf, trials: l
     elif change == "method":
         trial = replace(trial, method=replace(trial.method, shift_m=0.01))
     else:
-        shelf = replace(shelf, code="other code")
-    shelf.results([trials[0], trial])
+        monkeypatch.setattr(cache, "code_hash", lambda *roots: "other code")
+    runner.results([trials[0], trial])
     assert made == places("01" if change == "code" else "1")
 
 
-def test_a_result_that_is_half_written_is_made_anew(shelf: Shelf, trials: list[Trial], counted) -> None:
-    shelf.results(trials)
-    kept = shelf.folder / f"{trials[0].place}.json"
+def test_a_result_that_is_half_written_is_made_anew(runner: TrialRunner, trials: list[TrialSpec], counted) -> None:
+    runner.results(trials)
+    kept = runner.cache.folder / f"{trials[0].place}.json"
     kept.rename(kept.with_name(f".{kept.name}.partial"))  # what a kill leaves
     counted[0].clear()
-    shelf.results(trials)
+    runner.results(trials)
     assert counted[0] == places("0")
 
 
-def test_what_nobody_asks_for_is_swept_away(shelf: Shelf, trials: list[Trial]) -> None:
-    shelf.results(trials)
-    later = Shelf(shelf.folder, shelf.code, shelf.map)
+def test_what_nobody_asks_for_is_swept_away(runner: TrialRunner, trials: list[TrialSpec]) -> None:
+    runner.results(trials)
+    later = replace(runner, cache=ResultCache(runner.cache.folder))
     later.results(trials[:1])
-    later.sweep()
-    left = [path.relative_to(shelf.folder).as_posix() for path in shelf.folder.rglob("*") if path.is_file()]
-    assert left == [f"{trials[0].place}.json"]
+    later.cache.sweep()
+    left = [
+        path.relative_to(runner.cache.folder).as_posix() for path in runner.cache.folder.rglob("*") if path.is_file()
+    ]
+    assert sorted(left) == [f"{trials[0].place}.json", f"{trials[0].place}.key"]
 
 
-def test_other_values_are_kept_by_their_inputs(shelf: Shelf) -> None:
+def test_other_values_are_kept_by_their_inputs(runner: TrialRunner) -> None:
     calls = []
 
-    def found() -> dict[str, int]:
-        calls.append(1)
+    def found(number: int) -> dict[str, int]:
+        calls.append(number)
         return {"calls": len(calls)}
 
-    assert [shelf.value("ideal/identified", inputs, found)["calls"] for inputs in (1, 1, 2, 2)] == [1, 1, 2, 2]
+    assert [runner.value("ideal/identified", found, number)["calls"] for number in (1, 1, 2, 2)] == [1, 1, 2, 2]
 
 
 def test_a_real_trial_repeats_bit_for_bit_and_keeps_its_log(bench: Bench, joint_pd: ByJointPd) -> None:
     uneven = replace(TASK, slope_rad=(-0.005, 0.005))
     trial = bench.trial("joint_pd", joint_pd, uneven, 0, with_log=True)
-    (kept,), again = bench.shelf.results([trial]), trial.done()
+    (kept,), again = bench.runner.results([trial]), trial.run()
     assert kept.landings == again.landings
     assert kept.log is not None and again.log is not None
     assert all(np.array_equal(kept.log[name], again.log[name]) for name in again.log.columns)
-    other = bench.trial("joint_pd", joint_pd, uneven, 1).done()
+    other = bench.trial("joint_pd", joint_pd, uneven, 1).run()
     assert other.landings != kept.landings  # from other ground
-    assert read_json(bench.shelf.folder / f"{trial.place}.json")["conduct"]["force_n"] > 100
+    assert read_json(bench.runner.cache.folder / f"{trial.place}.json")["conduct"]["force_n"] > 100

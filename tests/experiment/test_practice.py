@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.experiment import practice
+from leapgap.experiment import identify
 from leapgap.experiment.aimed import JumpPlanner
 from leapgap.experiment.aiming import LandingModel, Tried, best_goal, wanted
+from leapgap.experiment.bench import Bench
 from leapgap.experiment.conduct import Conduct
-from leapgap.experiment.made import Bench, Done, Trial
+from leapgap.experiment.made import TrialResult, TrialSpec
 from leapgap.experiment.matrix import AdaptConfig, adapted, best_shift
 from leapgap.experiment.methods import ByAiming, ByJointPd
 from leapgap.experiment.practice import Beyond, PracticeConfig, practised
@@ -25,7 +26,7 @@ HEAVIER_CM = 4.0
 """How much shorter the task `far` lands than any practice tells."""
 
 
-def law(trial: Trial) -> Done:
+def law(trial: TrialSpec) -> TrialResult:
     """A robot that lands 5 % short and 3 cm high, and on `far` 4 cm shorter; joint PD 7 cm too far."""
     target = trial.task.target
     if isinstance(trial.method, ByJointPd):
@@ -39,13 +40,13 @@ def law(trial: Trial) -> Done:
         x, tried = landing[0], Tried(goal[None], np.zeros(1), landing[None])
     error_cm = 100 * (target.x_m - x)
     landed = Landing(error_cm, None, 0.0, 2.0, True)
-    return Done((landed,), error_cm, {}, (), CONDUCT, tried, trial.reference if trial.with_log else None)
+    return TrialResult((landed,), error_cm, {}, (), CONDUCT, tried, trial.reference if trial.with_log else None)
 
 
 @pytest.fixture
 def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    monkeypatch.setattr(Trial, "done", law)
-    monkeypatch.setattr(practice, "identified", lambda *_: (effects.effect("joint_damping", damping=0.4),))
+    monkeypatch.setattr(TrialSpec, "run", law)
+    monkeypatch.setattr(identify, "identified", lambda *_: (effects.effect("joint_damping", damping=0.4),))
     return bench
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from leapgap.experiment.conduct import Conduct
-from leapgap.experiment.made import Done
+from leapgap.experiment.made import TrialResult
 from leapgap.experiment.scores import Scored, overall, tables
 from leapgap.simulation.landing import Landing
 
@@ -21,7 +21,7 @@ def run(
 ) -> Scored:
     landings = tuple(Landing(error, error, -error, 2.0, success) for error in errors)
     total = sum(errors) if len(errors) == wanted else None
-    done = Done(landings, total, {"late": fallbacks} if fallbacks else {}, (), CONDUCT)
+    done = TrialResult(landings, total, {"late": fallbacks} if fallbacks else {}, (), CONDUCT)
     return Scored("worn", robot, "ours", task, 0, wanted, done)
 
 

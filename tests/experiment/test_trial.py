@@ -8,8 +8,9 @@ import pytest
 from leapgap import effects
 from leapgap.experiment.aimed import OTHER_PLAN, AimedJump, JumpPlanner
 from leapgap.experiment.aiming import wanted
+from leapgap.experiment.bench import Bench
 from leapgap.experiment.conduct import pair_force
-from leapgap.experiment.made import Bench, came_down, tried_in
+from leapgap.experiment.made import came_down, tried_in
 from leapgap.experiment.methods import ByAiming, ByJointPd
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import Outcome, attempt_task

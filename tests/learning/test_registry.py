@@ -9,7 +9,7 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.files import read_json
-from leapgap.learning import evaluation, experiment
+from leapgap.learning import evaluation, model_grid
 from leapgap.learning.experiment import fit_task
 from leapgap.learning.model import Model
 from leapgap.learning.recipe import FitTask, LearningCurve, ModelRecipe
@@ -78,7 +78,7 @@ def test_only_the_variant_without_phase_leaves_the_phase_out(windows: Windows, t
 
 def test_an_ensemble_needs_its_members_first(windows: Windows, tmp_path):
     with pytest.raises(InputError, match=r"train.models: found blend before networks; expected networks before it"):
-        experiment.train(windows, config(models=["blend", "networks", "kernel"]), tmp_path)
+        model_grid.train(windows, config(models=["blend", "networks", "kernel"]), tmp_path)
 
 
 def test_a_new_model_is_one_recipe(windows: Windows, tmp_path: Path, monkeypatch):
@@ -87,7 +87,7 @@ def test_a_new_model_is_one_recipe(windows: Windows, tmp_path: Path, monkeypatch
         name="networks_free_forecast", colour="#123456", forecast_name="networks_free_forecast"
     )
     monkeypatch.setitem(RECIPES, recipe.name, recipe)
-    experiment.train(windows, config(models=["kernel", recipe.name]), tmp_path / "models")
+    model_grid.train(windows, config(models=["kernel", recipe.name]), tmp_path / "models")
     assert read_json(tmp_path / "models" / "all" / "networks_free_forecast.json")["kind"] == "still"
     assert not list((tmp_path / "models" / "exported").glob("networks_free_forecast*"))
     found = evaluation.predict_held_out(windows, tmp_path / "models", "fold")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.learning import evaluation, experiment, time_grid_comparison
+from leapgap.learning import evaluation, model_grid, time_grid_comparison
 from leapgap.recording import window_extraction
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.rigid_body import GRAVITY
@@ -16,7 +16,7 @@ def pair(jumps, windows: Windows, robot, tmp_path_factory):
     fixed = window_extraction.cut(jumps, TimeGrid(0.025, 0.025, 10), robot)
     found = []
     for name, one in (("variable", windows), ("fixed", fixed)):
-        experiment.train(one, config(models=["nominal_fitted", "kernel"]), folder / name)
+        model_grid.train(one, config(models=["nominal_fitted", "kernel"]), folder / name)
         found.append(evaluation.predict_held_out(one, folder / name, "fold"))
     return found
 

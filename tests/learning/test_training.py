@@ -1,5 +1,6 @@
 """Networks: their training with Lightning, and the pipeline that trains every model and keeps finished work."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.files import read_json
-from leapgap.learning import evaluation, experiment, initialisation, recipe, store, torch_rollout, training
+from leapgap.learning import evaluation, initialisation, model_grid, recipe, store, torch_rollout, training
 from leapgap.learning.constant_velocity import ConstantVelocity
 from leapgap.learning.experiment import TrainConfig
 from leapgap.learning.initialisation import Fitting, NetworksConfig, PublishedRecipeConfig
@@ -148,8 +149,8 @@ def corrupted(windows: Windows, jump: str) -> Windows:
 def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path):
     """Its corruption leaves every weight, scale and gain of every model of its fold as it was, bit for bit."""
     small = config()
-    experiment.train(windows, small, tmp_path / "clean")
-    experiment.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
+    model_grid.train(windows, small, tmp_path / "clean")
+    model_grid.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
     for name in RECIPES:
         clean, corrupt = (store.load(tmp_path / kind / "fold_0", name) for kind in ("clean", "corrupt"))
         assert "jump_02" not in clean.trained_on and same(clean.model, corrupt.model), name
@@ -160,23 +161,28 @@ def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path)
 
 def test_finished_models_are_kept_and_unknown_ones_removed(windows: Windows, tmp_path):
     small = config(models=["playback", "kernel", "networks"])
-    assert len(experiment.train(windows, small, tmp_path)) == 9
+    assert len(model_grid.train(windows, small, tmp_path)) == 9
     before = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()}
-    (tmp_path / "fold_0" / "old.npz").write_bytes(b"x")
-    (tmp_path / "fold_7").mkdir()
+    more = config(models=[*small.models, "nominal"], folds=3)
+    model_grid.train(windows, more, tmp_path / "more")
+    assert (tmp_path / "more" / "fold_2").exists() and (tmp_path / "more" / "fold_0" / "nominal.key").exists()
+    (tmp_path / "more" / "fold_0" / "notes.txt").write_text("mine")
+    model_grid.train(windows, small, tmp_path / "more")
+    left = {path.relative_to(tmp_path / "more") for path in (tmp_path / "more").rglob("*") if path.is_file()}
+    assert left == {path.relative_to(tmp_path) for path in before} | {Path("fold_0/notes.txt")}
+    shutil.rmtree(tmp_path / "more")
     (tmp_path / "fold_0" / "kernel.npz").unlink()
     (tmp_path / "fold_1" / "playback.json").unlink()
-    assert sorted(experiment.train(windows, small, tmp_path)) == ["fold_0/kernel", "fold_1/playback"]
+    assert sorted(model_grid.train(windows, small, tmp_path)) == ["fold_0/kernel", "fold_1/playback"]
     assert {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()} == before
     warmer = config(models=small.models, kernel=replace(small.kernel, ridge_contact=0.5))
-    assert sorted(experiment.train(windows, warmer, tmp_path)) == ["all/kernel", "fold_0/kernel", "fold_1/kernel"]
-    assert not (tmp_path / "fold_7").exists()
+    assert sorted(model_grid.train(windows, warmer, tmp_path)) == ["all/kernel", "fold_0/kernel", "fold_1/kernel"]
 
 
 def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     models = [name for name in RECIPES if not name.startswith(("networks", "published", "blend"))]
     groups = [["jump_0[012]"], ["jump_0[345]"]]
-    experiment.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
+    model_grid.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
     quarters, halves = (
         evaluation.predict_held_out(windows, tmp_path / "models", prefix) for prefix in ("fold", "session")
     )
@@ -220,7 +226,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
 def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
     small = config(models=["playback", "kernel", "networks", "blend"])
     for name, processes in (("one", 1), ("two", 2)):
-        experiment.train(windows, replace(small, processes=processes), tmp_path / name)
+        model_grid.train(windows, replace(small, processes=processes), tmp_path / name)
     files = {
         name: {p.relative_to(tmp_path / name): p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()}
         for name in ("one", "two")
@@ -229,8 +235,8 @@ def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
 
 
 def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path):
-    experiment.train(windows, config(models=["playback"]), tmp_path)
-    assert experiment.train(window_extraction.cut([], TimeGrid(), robot), config(), tmp_path) == []
+    model_grid.train(windows, config(models=["playback"]), tmp_path)
+    assert model_grid.train(window_extraction.cut([], TimeGrid(), robot), config(), tmp_path) == []
     assert [path.name for path in tmp_path.iterdir()] == ["note.json"]
     assert "no logs" in read_json(tmp_path / "note.json")["note"]
 
@@ -258,12 +264,12 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
 
 def test_an_unknown_model_is_named(windows: Windows, tmp_path):
     with pytest.raises(InputError, match=r"train.models: found oracle; expected some of nominal, nominal_published"):
-        experiment.train(windows, config(models=["oracle"]), tmp_path)
+        model_grid.train(windows, config(models=["oracle"]), tmp_path)
 
 
 def test_a_trainer_that_is_not_there_is_named(windows: Windows, tmp_path):
     with pytest.raises(InputError, match=r"train.trainer: found .*invalid accelerator name: `accelerator='abacus'`"):
-        experiment.train(windows, config(models=["networks"], trainer={"accelerator": "abacus"}), tmp_path)
+        model_grid.train(windows, config(models=["networks"], trainer={"accelerator": "abacus"}), tmp_path)
 
 
 def test_all_arrays_of_windows_are_listed(windows: Windows):

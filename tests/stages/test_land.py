@@ -1,6 +1,7 @@
 """The stage of landings as a whole, small: every output, the resume, and the same bytes whatever runs it."""
 
 import csv
+import shutil
 from pathlib import Path
 
 import pytest
@@ -49,14 +50,20 @@ def test_figures_table_page_and_logs_say_the_same(landed: Path) -> None:
 def test_a_second_run_goes_on_from_what_is_kept_and_writes_the_same_bytes(landed: Path) -> None:
     before = files(landed)
     (landed / "runs/worn/nominal_variable/jump_50_0.json").unlink()
-    (landed / "runs/old_hardware").mkdir()
-    (landed / "runs/old_hardware/x.json").write_text("{}")
+    old = landed / "runs/old_hardware/joint_pd"
+    old.mkdir(parents=True)
+    for ending in ("json", "key"):
+        shutil.copyfile(landed / f"runs/worn/joint_pd/jump_50_0.{ending}", old / f"jump_50_0.{ending}")
+    (landed / "runs/notes.txt").write_text("not written by the stage")
     result = stage("land", *SMALL, f"land.out={landed}", "executor=local")
     assert result.returncode == 0, result.stderr
     assert [line for line in result.stdout.splitlines() if line.startswith("worn/") and " over " not in line] == [
         line for line in result.stdout.splitlines() if line.startswith("worn/nominal_variable/jump_50_0")
     ]
+    assert (landed / "runs/notes.txt").read_text() == "not written by the stage"
+    (landed / "runs/notes.txt").unlink()
     assert files(landed) == before
+    assert not (landed / "runs/old_hardware").exists()
 
 
 def test_unknown_hardware_and_methods_are_refused(tmp_path: Path) -> None:

@@ -1,15 +1,15 @@
 """What the nominal robot leaves out: one file an effect, found by its file name; other packages may offer more."""
 
-import pkgutil
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.registry import classes_by_name
 
 ENTRY_POINTS = "leapgap.effects"
 """Group under which an installed package offers effect classes."""
@@ -20,12 +20,11 @@ Registry = Mapping[str, type[Effect]]
 
 @cache
 def known() -> dict[str, type[Effect]]:
-    """All effects by name, in alphabetical order: one of each file here, then what installed packages offer."""
-    for module in pkgutil.iter_modules(__path__):
-        import_module(f"{__name__}.{module.name}")
-    here = [kind for kind in Effect.__subclasses__() if kind.__module__.startswith(f"{__name__}.")]
-    offered = [point.load() for point in entry_points(group=ENTRY_POINTS)]
-    return with_own({kind.name: kind for kind in sorted(here, key=lambda kind: kind.name)}, offered)
+    """All effects by name, in alphabetical order: one of each file here, and what installed packages offer."""
+    kinds = classes_by_name(sys.modules[__name__], Effect, ENTRY_POINTS)
+    for kind in kinds.values():
+        check_class(kind)
+    return kinds
 
 
 def registry(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:

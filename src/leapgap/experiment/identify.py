@@ -40,6 +40,11 @@ EVERY_S = 0.02
 """Motions are compared so often."""
 
 
+def identified_config(logs: Sequence[Jump], robot: Robot, known: tuple[Effect, ...]) -> dict[str, Any]:
+    """``identified`` as configuration, which a JSON file can hold."""
+    return {"effects": effects.to_config(identified(logs, robot, known))}
+
+
 def identified(
     logs: Sequence[Jump], robot: Robot, known: tuple[Effect, ...] = (), unknown: Sequence[Unknown] = JOINTS
 ) -> tuple[Effect, ...]:

@@ -1,8 +1,7 @@
-"""Trials, and what came of them: kept as files the moment they are done, so that a killed run goes on."""
+"""Trials and their results, as data that travels between processes and to files."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,6 @@ from leapgap.experiment.conduct import Conduct, pair_force
 from leapgap.experiment.methods import Method
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import Outcome, World, attempt_task
-from leapgap.files import read_json, write_json
-from leapgap.keys import digest
-from leapgap.recording import jump as jump_log
 from leapgap.recording.jump import Jump
 from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
@@ -33,8 +29,8 @@ UPRIGHT_RAD = 0.5
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One run to make; data, so that it travels to worker processes."""
+class TrialSpec:
+    """One closed-loop run to make: who jumps, what, on which robot, from which seed."""
 
     place: str
     """Where its result is kept, ``<hardware>/<method>/<task>_<number>``: different for every trial of an experiment."""
@@ -47,12 +43,12 @@ class Trial:
     seed: int
     with_log: bool = False
 
-    def done(self) -> "Done":
-        """Make it."""
+    def run(self) -> "TrialResult":
+        """Simulate the run; the same specification gives the same result bit for bit."""
         outcome = attempt_task(
             self.task, self.method, self.reference, self.effects, self.world, np.random.default_rng(self.seed)
         )
-        return Done(
+        return TrialResult(
             landings=outcome.landings,
             total_error_cm=outcome.total_error_cm,
             fallbacks=outcome.fallbacks,
@@ -64,8 +60,8 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Done:
-    """What came of a trial."""
+class TrialResult:
+    """Landings of a trial, and how its controller behaved."""
 
     landings: tuple[Landing, ...]
     total_error_cm: float | None
@@ -77,7 +73,7 @@ class Done:
     log: Jump | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """All but the log."""
+        """All fields but the log, which is a file of its own."""
         return {
             "landings": [asdict(one) for one in self.landings],
             "total_error_cm": self.total_error_cm,
@@ -88,11 +84,11 @@ class Done:
         }
 
     @staticmethod
-    def from_json(raw: Mapping[str, Any], log: Jump | None) -> "Done":
-        """Read it back; numbers in JSON keep all their digits."""
+    def from_json(raw: Mapping[str, Any], log: Jump | None) -> "TrialResult":
+        """The inverse of ``to_json``; numbers in JSON keep all their digits."""
         empty = Tried()
         tried = {n: np.array(v, float).reshape(-1, *getattr(empty, n).shape[1:]) for n, v in raw["tried"].items()}
-        return Done(
+        return TrialResult(
             landings=tuple(Landing(**one) for one in raw["landings"]),
             total_error_cm=raw["total_error_cm"],
             fallbacks=raw["fallbacks"],
@@ -101,101 +97,6 @@ class Done:
             tried=Tried(**tried),
             log=log,
         )
-
-
-Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
-"""Applies a function to items, maybe at the same time; results in the order of the items."""
-
-
-@dataclass(frozen=True)
-class Shelf:
-    """Makes trials that are not kept yet, and keeps them: ``<place>.json``, and ``<place>.parquet`` of a log."""
-
-    folder: Path
-    code: str
-    """Hash of the code behind the results: others are made anew."""
-    map: Mapper
-    said: Callable[[Trial, Done], None] | None = None
-    """Told of every trial that is made, in their order."""
-    used: set[str] = field(default_factory=set)
-    """Places that were asked for; ``sweep`` removes all others."""
-
-    def results(self, trials: Sequence[Trial]) -> list[Done]:
-        """In the order of the trials; what was made just now reads like what was kept before."""
-        keys = [digest((self.code, trial)) for trial in trials]
-        self.used.update(trial.place for trial in trials)
-        missing = [(t, key) for t, key in zip(trials, keys, strict=True) if self._stored_key(t.place) != key]
-        made = self.map(Trial.done, [trial for trial, _ in missing])
-        for (trial, key), done in zip(missing, made, strict=True):
-            self._keep(trial, done, key)
-            if self.said is not None:
-                self.said(trial, done)
-        return [self._read(trial) for trial in trials]
-
-    def value(self, place: str, inputs: Any, make: Callable[[], Mapping[str, Any]]) -> Mapping[str, Any]:
-        """Any other result that takes a while, as JSON."""
-        key, path = digest((self.code, inputs)), self.folder / f"{place}.json"
-        self.used.add(place)
-        if self._stored_key(place) != key:
-            write_json(path, {"key": key, "value": make()})
-        return read_json(path)["value"]
-
-    def sweep(self) -> None:
-        """Remove what nobody asked for."""
-        for path in sorted(self.folder.rglob("*"), reverse=True):
-            if path.is_dir():
-                if not any(path.iterdir()):
-                    path.rmdir()
-            elif path.relative_to(self.folder).with_suffix("").as_posix() not in self.used:
-                path.unlink()
-
-    def _stored_key(self, place: str) -> str | None:
-        path = self.folder / f"{place}.json"
-        return read_json(path).get("key") if path.is_file() else None
-
-    def _keep(self, trial: Trial, done: Done, key: str) -> None:
-        """The log first: a result with a key is whole."""
-        path = self.folder / f"{trial.place}.json"
-        log = path.with_suffix(".parquet")
-        if done.log is not None:
-            jump_log.write(done.log, log)
-        else:
-            log.unlink(missing_ok=True)
-        write_json(path, {"key": key, **done.to_json()})
-
-    def _read(self, trial: Trial) -> Done:
-        path = self.folder / f"{trial.place}.json"
-        return Done.from_json(read_json(path), jump_log.read(path.with_suffix(".parquet")) if trial.with_log else None)
-
-
-@dataclass(frozen=True)
-class Bench:
-    """One simulated robot, and what all its trials share."""
-
-    hardware: str
-    """As in places: no character that a file's name may not have."""
-    effects: tuple[Effect, ...]
-    world: World
-    references: Mapping[Any, Jump]
-    shelf: Shelf
-    seed: int = 0
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that controllers believe in."""
-        return self.world.robot
-
-    @cached_property
-    def level(self) -> Jump:
-        """Any plan from level ground, to start from its first pose."""
-        return next(iter(self.references.values()))
-
-    def trial(self, name: str, method: Method, task: Task, number: int, with_log: bool = False) -> Trial:
-        """The same task and number give the same ground and sensors to every method."""
-        seed = int(np.random.SeedSequence([self.seed, number, *task.name.encode()]).generate_state(1)[0])
-        place = f"{self.hardware}/{name}/{task.name}_{number}"
-        level = self.references[task.target]
-        return Trial(place, task, method, level, self.effects, self.world, seed, with_log)
 
 
 def log_of(outcome: Outcome, robot: Robot, name: str) -> Jump:

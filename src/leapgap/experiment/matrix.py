@@ -7,7 +7,8 @@ import numpy as np
 
 from leapgap.control.gains import PhaseGains
 from leapgap.experiment.aiming import LandingModel, Tried
-from leapgap.experiment.made import Bench, Trial
+from leapgap.experiment.bench import Bench
+from leapgap.experiment.made import TrialSpec
 from leapgap.experiment.methods import ByAiming, ByJointPd, Method, shifted
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump, Target
@@ -42,7 +43,7 @@ def best_shift(
 
     for number in range(2):
         trials = [bench.trial("shifting", method, task, SHIFTING + number) for task in learned_on]
-        errors = [done.landings[0].error_cm / 100 for done in bench.shelf.results(trials)]
+        errors = [done.landings[0].error_cm / 100 for done in bench.runner.results(trials)]
         method = moved(round(method.shift_m + float(np.mean(errors)), 3), learned_on)
     return moved(method.shift_m, tasks)
 
@@ -53,7 +54,7 @@ def adapted(bench: Bench, method: ByAiming, tasks: Sequence[Task], config: Adapt
     for number in range(config.jumps):
         trials = [bench.trial("adapting", method, task, ADAPTING + number) for task in tasks]
         offset = dict(method.offset)
-        for trial, done in zip(trials, bench.shelf.results(trials), strict=True):
+        for trial, done in zip(trials, bench.runner.results(trials), strict=True):
             if len(done.tried):
                 before = offset.get(trial.task.name, np.zeros(3))
                 surprise = surprises(method.landing, done.tried).mean(axis=0) - before
@@ -70,7 +71,7 @@ def surprises(model: LandingModel, tried: Tried) -> np.ndarray:
 
 def all_trials(
     bench: Bench, methods: Mapping[str, Method], tasks: Sequence[Task], repeats: Mapping[str, int]
-) -> list[tuple[str, Trial]]:
+) -> list[tuple[str, TrialSpec]]:
     """Every method, by its name, at every task, as often as the task says; each first run with its log."""
     return [
         (name, bench.trial(name, method, task, number, with_log=number == 0))

@@ -10,9 +10,10 @@ from leapgap import effects as effects_by_name
 from leapgap.effects.base import Effect
 from leapgap.experiment.aimed import JumpPlanner
 from leapgap.experiment.aiming import AimConfig, LandingModel, Tried
+from leapgap.experiment.bench import Bench
 from leapgap.experiment.conduct import SUPPLY_V
-from leapgap.experiment.identify import identified
-from leapgap.experiment.made import Bench, Trial
+from leapgap.experiment.identify import identified_config
+from leapgap.experiment.made import TrialSpec
 from leapgap.experiment.methods import ByAiming
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump
@@ -74,7 +75,7 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
     """What a robot learns from all jumps of the practice."""
     rng = np.random.default_rng([bench.seed, 7])
 
-    def attempts(name: str, jumps: int, chosen: ByAiming, beyond: Beyond, with_log: bool = False) -> list[Trial]:
+    def attempts(name: str, jumps: int, chosen: ByAiming, beyond: Beyond, with_log: bool = False) -> list[TrialSpec]:
         made = []
         for i in range(jumps):
             block = config.block_m if i % 2 else (0.0, 0.0)
@@ -82,11 +83,11 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
             task = Task(name, distance_m, block_m=block, slope_rad=config.slope_rad)
             own = replace(chosen, beyond=beyond.drawn(rng), references={task.target: bench.level})
             place, seed = f"{bench.hardware}/practice/{name}_{i:02d}", int(rng.integers(2**31))
-            made.append(Trial(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
+            made.append(TrialSpec(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
         return made
 
     trials = attempts("identify", config.identify_jumps, method, Beyond(), with_log=True)
-    logs = [done.log for done in bench.shelf.results(trials) if done.log is not None]
+    logs = [done.log for done in bench.runner.results(trials) if done.log is not None]
     found = identified_once(bench, logs)
     assert method.planner is not None
     robot, *nimbler = (planned_with(bench.robot, shares(found, share)) for share in (1.0, *NIMBLER))
@@ -95,7 +96,7 @@ def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned
     for number, jumps in enumerate((config.random_jumps, *config.rounds)):
         landing = LandingModel(tried, config.aim) if len(tried) else None
         beyond = config.later_beyond if number else config.random_beyond
-        for done in bench.shelf.results(attempts(f"round_{number}", jumps, replace(method, landing=landing), beyond)):
+        for done in bench.runner.results(attempts(f"round_{number}", jumps, replace(method, landing=landing), beyond)):
             tried = tried.and_also(done.tried)
     return Learned(planner, found, tried)
 
@@ -110,11 +111,7 @@ def shares(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:
 
 
 def identified_once(bench: Bench, logs: Sequence[Jump]) -> tuple[Effect, ...]:
-    """Effects of the joints by the logs; kept."""
+    """Effects of the joints by the logs; identified once and kept in the cache of the bench."""
     place = f"{bench.hardware}/practice/identified"
-    known = effects_by_name.to_config(DATA_SHEET)
-
-    def found() -> dict[str, Any]:
-        return {"effects": effects_by_name.to_config(identified(logs, bench.robot, DATA_SHEET))}
-
-    return effects_by_name.from_config(bench.shelf.value(place, (list(logs), known), found)["effects"])
+    found = bench.runner.value(place, identified_config, list(logs), bench.robot, DATA_SHEET)
+    return effects_by_name.from_config(found["effects"])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.experiment.made import Done
+from leapgap.experiment.made import TrialResult
 
 BOOTSTRAP_DRAWS = 1000
 
@@ -24,7 +24,7 @@ class Scored:
     number: int
     wanted: int
     """Jumps of the task."""
-    done: Done
+    done: TrialResult
 
     @property
     def key(self) -> str:

@@ -65,9 +65,6 @@ def load(folder: Path, name: str) -> StoredModel:
         ) from None
 
 
-def stored_key(folder: Path, name: str) -> str | None:
-    """The key of a finished model, ``None`` where there is none."""
-    path = folder / f"{name}.json"
-    if not path.is_file() or not (folder / f"{name}.npz").is_file():
-        return None
-    return read_json(path).get("key")
+def is_stored(folder: Path, name: str) -> bool:
+    """Whether both files of a model are there."""
+    return (folder / f"{name}.json").is_file() and (folder / f"{name}.npz").is_file()

@@ -1,0 +1,92 @@
+"""Hashes of contents: equal content gives equal digests in every process, any difference another one."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from leapgap.files import sha256
+
+
+def file_digests(folder: Path, pattern: str = "*.parquet") -> dict[str, str]:
+    """SHA-256 of each file of a folder that fits a pattern, by name."""
+    return {path.name: sha256(path) for path in sorted(folder.glob(pattern))}
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of what a value holds: numbers, texts, arrays, mappings, sequences, dataclasses and closures of them.
+
+    Equal content gives equal digests across processes; object identity does not matter. A value with a ``sha256`` of
+    its own (a robot: of its model file) counts as that. Any other kind of value is a ``TypeError``.
+    """
+    found = hashlib.sha256()
+    for part in content(value):
+        found.update(part)
+    return found.hexdigest()
+
+
+def content(value: Any) -> Iterator[bytes]:
+    """The bytes that ``digest`` hashes; every part begins with its kind and length, so that none runs into the next."""
+    if value is None or isinstance(value, bool | int | float | str | np.generic):
+        plain = value.item() if isinstance(value, np.generic) else value
+        yield f"{type(plain).__name__} {plain!r};".encode()
+    elif isinstance(value, np.ndarray):
+        yield f"array {value.dtype.str} {value.shape};".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif hasattr(value, "sha256"):
+        yield f"file {value.sha256};".encode()
+    elif is_dataclass(value) or isinstance(value, FunctionType) or hasattr(value, "__dict__"):
+        yield f"{qualified_name(value)} ".encode()
+        yield from content(parts_of(value))
+    elif isinstance(value, Mapping):
+        yield f"mapping {len(value)};".encode()
+        for key in sorted(value, key=lambda key: b"".join(content(key))):
+            yield from content(key)
+            yield from content(value[key])
+    elif isinstance(value, Sequence):
+        yield f"sequence {len(value)};".encode()
+        for item in value:
+            yield from content(item)
+    else:
+        raise TypeError(f"no digest of a {type(value).__name__}: {value!r}")
+
+
+def qualified_name(value: Any) -> str:
+    """Module and name of a function, or of the class of any other value."""
+    kind = defined_by(value)
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+def defined_by(value: Any) -> Any:
+    """The function itself, or the class of any other value."""
+    return value if isinstance(value, FunctionType) else type(value)
+
+
+def parts_of(value: Any) -> dict[str, Any]:
+    """Fields of a dataclass, what a function closes over, or the attributes of another object."""
+    if isinstance(value, FunctionType):
+        cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
+        return {name: cell.cell_contents for name, cell in cells}
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return dict(vars(value))
+
+
+def modules_within(value: Any) -> set[str]:
+    """Modules that define the classes and functions in a value: their code decides what the value does."""
+    if value is None or isinstance(value, bool | int | float | str | np.generic | np.ndarray):
+        return set()
+    if isinstance(value, Mapping) and not hasattr(value, "__dict__"):
+        parts: list[Any] = [*value.keys(), *value.values()]
+        own: set[str] = set()
+    elif isinstance(value, Sequence) and not hasattr(value, "__dict__"):
+        parts, own = list(value), set()
+    else:
+        own = {defined_by(value).__module__}
+        whole = hasattr(value, "sha256") or not (is_dataclass(value) or hasattr(value, "__dict__"))
+        parts = [] if whole else list(parts_of(value).values())
+    return own.union(*(modules_within(part) for part in parts)) - {"builtins"}

@@ -1,0 +1,179 @@
+"""Which files a module's behaviour depends on, read from the import statements without running anything."""
+
+import ast
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent
+"""Folder of the installed library."""
+DATA = (".xml", ".html")
+"""Endings of the files beside modules that modules read."""
+
+LOADER = "classes_by_name"
+"""The function of ours that imports all modules of a package; whoever calls it loads its own package."""
+
+
+@dataclass(frozen=True)
+class SourceTree:
+    """The modules below some package folders, and what they import."""
+
+    packages: tuple[Path, ...]
+    """Folders of top-level packages; a module's dotted name begins with the name of its folder."""
+
+    @cached_property
+    def modules(self) -> dict[str, Path]:
+        """Files of the modules by dotted name."""
+        found = {}
+        for package in self.packages:
+            for path in sorted(package.rglob("*.py")):
+                parts = path.relative_to(package.parent).with_suffix("").parts
+                found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+        return found
+
+    @cached_property
+    def _imports(self) -> dict[str, frozenset[str]]:
+        return {}
+
+    def imports(self, module: str) -> frozenset[str]:
+        """Names a module imports, anywhere in its file: modules of this tree in full, others by their first part.
+
+        The packages around an imported module count, since importing it runs them. The outermost package counts only
+        where something of its own is imported: it may offer every other package without depending on them.
+        """
+        if module not in self._imports:
+            found: set[str] = set()
+            for name in self._names(module):
+                first = name.split(".")[0]
+                if first not in {package.name for package in self.packages}:
+                    found.add(first)
+                elif name in self.modules:
+                    found |= {name, *inner_packages(name)} & set(self.modules)
+            self._imports[module] = frozenset(found | self._loaded_by_name(module))
+        return self._imports[module]
+
+    def _names(self, module: str) -> Iterator[str]:
+        """Dotted names in the import statements of a module."""
+        for node in ast.walk(self._syntax(module)):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                base = self._base(module, node)
+                members = [f"{base}.{alias.name}" for alias in node.names]
+                yield from members
+                if "." in base or not all(member in self.modules for member in members):
+                    yield base
+            elif isinstance(node, ast.Call) and called(node) == "import_module" and is_text(node.args):
+                yield node.args[0].value  # type: ignore[attr-defined]
+
+    def _base(self, module: str, node: ast.ImportFrom) -> str:
+        """What ``from … import`` names before the word import, with leading dots resolved."""
+        if node.level == 0:
+            return node.module or ""
+        is_package = self.modules[module].name == "__init__.py"
+        parts = module.split(".")[: None if is_package else -1]
+        parts = parts[: len(parts) - node.level + 1]
+        return ".".join([*parts, *([node.module] if node.module else [])])
+
+    def _loaded_by_name(self, module: str) -> set[str]:
+        """All modules of a package that finds them by their file names (pkgutil, or a computed ``import_module``)."""
+        tree = self._syntax(module)
+        if any(isinstance(node, ast.FunctionDef) and node.name == LOADER for node in tree.body):
+            return set()  # it loads the packages of those who call it
+        computed = any(
+            isinstance(node, ast.Call)
+            and (called(node) == LOADER or (called(node) == "import_module" and not is_text(node.args)))
+            for node in ast.walk(tree)
+        )
+        if not computed and "pkgutil" not in set(self._names(module)):
+            return set()
+        package = module if self.modules[module].name == "__init__.py" else module.rpartition(".")[0]
+        return {name for name in self.modules if name.startswith(f"{package}.")} - {module}
+
+    def _syntax(self, module: str) -> ast.Module:
+        return ast.parse(self.modules[module].read_text(encoding="utf-8"))
+
+    def closure(self, *roots: str) -> set[str]:
+        """All modules of this tree that some modules come to import, themselves included."""
+        seen: set[str] = set()
+        waiting = set(roots)
+        while waiting:
+            module = waiting.pop()
+            seen.add(module)
+            waiting |= {name for name in self.imports(module) if name in self.modules} - seen
+        return seen
+
+    def data_files(self, module: str) -> list[Path]:
+        """Files beside a module whose names stand in its text, such as the template of a page."""
+        texts = {
+            node.value
+            for node in ast.walk(self._syntax(module))
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
+        beside = sorted(self.modules[module].parent.iterdir())
+        return [path for path in beside if path.suffix in DATA and path.name in texts]
+
+    def files(self, *roots: str) -> list[Path]:
+        """The files of a closure: modules and the data they read, sorted."""
+        closure = self.closure(*roots)
+        return sorted({path for name in closure for path in (self.modules[name], *self.data_files(name))})
+
+    def libraries(self, *roots: str) -> dict[str, str]:
+        """Versions of the installed distributions that a closure imports, by name."""
+        imported = {name for module in self.closure(*roots) for name in self.imports(module)}
+        others = imported - set(self.modules) - sys.stdlib_module_names
+        found = {name: version(name) for other in others for name in distributions().get(other, ())}
+        return dict(sorted((found | {other: "absent" for other in others if other not in distributions()}).items()))
+
+    def code_hash(self, *roots: str) -> str:
+        """SHA-256 of the bytes of all files of a closure, and of the versions of the libraries it imports."""
+        hashed = hashlib.sha256(json.dumps(self.libraries(*roots)).encode())
+        for path in self.files(*roots):
+            (package,) = (package for package in self.packages if path.is_relative_to(package))
+            content = path.read_bytes()
+            hashed.update(f"{path.relative_to(package.parent).as_posix()} {len(content)};".encode() + content)
+        return hashed.hexdigest()
+
+
+def inner_packages(name: str) -> set[str]:
+    """The packages around a module, but for the outermost: ``a.b`` of ``a.b.c``."""
+    parts = name.split(".")
+    return {".".join(parts[:i]) for i in range(2, len(parts))}
+
+
+def called(node: ast.Call) -> str:
+    """The last name of what is called: ``import_module`` of ``importlib.import_module(…)``."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def is_text(arguments: list[ast.expr]) -> bool:
+    """Whether the first argument of a call is a literal text."""
+    return bool(arguments) and isinstance(arguments[0], ast.Constant) and isinstance(arguments[0].value, str)
+
+
+@cache
+def distributions() -> dict[str, list[str]]:
+    """Installed distributions by the names they are imported by."""
+    return {name: list(found) for name, found in packages_distributions().items()}
+
+
+@cache
+def library(package: Path) -> SourceTree:
+    """The modules of a copy of this library; read once, so that a key does not change while a run is under way."""
+    return SourceTree((package,))
+
+
+@cache
+def hash_of(package: Path, roots: tuple[str, ...]) -> str:
+    """``code_hash`` of modules of a copy of this library."""
+    return library(package).code_hash(*roots)
+
+
+def code_hash(*roots: str) -> str:
+    """SHA-256 of all code of this library that some of its modules depend on, and of their libraries' versions."""
+    return hash_of(PACKAGE, tuple(sorted(set(roots))))

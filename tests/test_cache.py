@@ -1,0 +1,321 @@
+"""A result is kept as long as nothing it was made from changes, and nothing that is not ours is removed."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from leapgap import effects, import_closure
+from leapgap.blind.withholding import further_jumps
+from leapgap.cache import ResultCache, result_key
+from leapgap.content_hash import digest, modules_within
+from leapgap.experiment.identify import identified_config
+from leapgap.experiment.made import TrialSpec
+from leapgap.import_closure import DATA, PACKAGE, SourceTree, code_hash
+from leapgap.learning import export
+from leapgap.learning.experiment import fit_task
+from leapgap.recording.jump import Jump, Target
+from leapgap.robot.model import Robot
+from leapgap.view.diagnosis import diagnose_folder
+from tests.code import ROOT, TREE, closure, dependency
+from tests.conftest import standing
+from tests.test_pipeline_files import stages
+
+
+@dataclass(frozen=True)
+class Pair:
+    first: float = 1.0
+    second: float = 2.0
+
+
+@dataclass(frozen=True)
+class Other:
+    first: float = 1.0
+    second: float = 2.0
+
+
+def adder(weight: np.ndarray) -> Callable[[float], np.ndarray]:
+    def added(x: float) -> np.ndarray:
+        return weight + x
+
+    return added
+
+
+def test_what_holds_the_same_has_the_same_digest(robot: Robot) -> None:
+    assert digest(Pair()) == digest(Pair(1.0, 2.0))
+    assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
+    assert digest(adder(np.arange(3.0))) == digest(adder(np.arange(3.0)))
+    assert digest(robot) == digest(Robot.load())
+    jump = standing(robot)
+    assert digest(jump) == digest(Jump(jump.name, {k: v.copy() for k, v in jump.columns.items()}, jump.info))
+
+
+@pytest.mark.parametrize(
+    ("one", "another"),
+    [
+        (Pair(), Pair(second=2.0000000000000004)),
+        (Pair(), Other()),
+        (1, 1.0),
+        (1, True),
+        ("ab", ["a", "b"]),
+        (["ab", "c"], ["a", "bc"]),
+        ({"a": 1, "b": 2}, {"a": 2, "b": 1}),
+        (np.zeros(4), np.zeros((2, 2))),
+        (np.zeros(4), np.zeros(4, np.float32)),
+        (adder(np.zeros(3)), adder(np.ones(3))),
+        (effects.effect("joint_damping", damping=0.4), effects.effect("joint_friction", torque_nm=0.4)),
+        ({Target(0.5): 1}, {Target(0.6): 1}),
+    ],
+)
+def test_any_difference_shows(one: object, another: object) -> None:
+    assert digest(one) != digest(another)
+
+
+def test_one_changed_sample_of_a_log_shows(robot: Robot) -> None:
+    jump = standing(robot)
+    moved = dict(jump.columns) | {"base_pos_x": jump["base_pos_x"] + np.eye(1, len(jump), 7)[0] * 1e-12}
+    assert digest(jump) != digest(replace(jump, columns=moved))
+
+
+def test_what_has_no_digest_is_refused() -> None:
+    with pytest.raises(TypeError, match="no digest of a generator"):
+        digest(x for x in range(3))
+
+
+KEY = "a" * 64
+MAKERS: dict[str, tuple[Callable, ...]] = {
+    "train": (fit_task, export.write),
+    "diagnose_withheld": (diagnose_folder,),
+    "revisit": (diagnose_folder, further_jumps),
+    "land": (TrialSpec.run, identified_config),
+    "land_corrected": (TrialSpec.run, identified_config),
+}
+"""What makes the results of each stage with a cache."""
+NO_PART_OF_RESULTS = {f"src/leapgap/{n}.py" for n in ("cache", "content_hash", "former_results", "import_closure")} | {
+    "src/leapgap/executor.py"
+}
+"""What finds results or runs what makes them."""
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
+    """Makes copies of the library, and lets keys be those of the latest one."""
+
+    def copied(name: str) -> Path:
+        folder = tmp_path / name / "leapgap"
+        shutil.copytree(PACKAGE, folder)
+        return folder
+
+    return copied
+
+
+def key_in(folder: Path, monkeypatch: pytest.MonkeyPatch, make: Callable) -> str:
+    """The key that a result has in a copy of the library."""
+    monkeypatch.setattr("leapgap.cache.PACKAGE", folder)
+    monkeypatch.setattr(import_closure, "PACKAGE", folder)
+    return result_key(make, {"settings": 1})
+
+
+@pytest.mark.parametrize(
+    ("stage", "file"),
+    [
+        ("train", "robot/prediction.py"),
+        ("train", "learning/training.py"),  # imported inside a function
+        ("diagnose_withheld", "view/report.html"),
+        ("land", "robot/a1.xml"),
+        ("diagnose_withheld", "effects/payload.py"),  # found by its file name
+        ("land", "control/mpc.py"),
+        ("revisit", "blind/nameless/motors.py"),
+    ],
+)
+def test_any_byte_of_the_code_changes_the_key(stage: str, file: str, package, monkeypatch) -> None:
+    before, after = package("before"), package("after")
+    (after / file).write_bytes((after / file).read_bytes() + b"\n")
+    keys = [[key_in(folder, monkeypatch, make) for make in MAKERS[stage]] for folder in (before, after)]
+    assert any(one != other for one, other in zip(*keys, strict=True))
+
+
+@pytest.mark.parametrize("stage", ["train", "diagnose_withheld", "land"])
+@pytest.mark.parametrize("file", ["view/jump.py", "view/landing.html", "cache.py", "__init__.py", "blind/scoring.py"])
+def test_code_that_shapes_no_result_changes_no_key(stage: str, file: str, package, monkeypatch) -> None:
+    before, after = package("before"), package("after")
+    (after / file).write_bytes((after / file).read_bytes() + b"\n")
+    keys = [[key_in(folder, monkeypatch, make) for make in MAKERS[stage]] for folder in (before, after)]
+    assert keys[0] == keys[1]
+
+
+@pytest.mark.parametrize("stage", MAKERS)
+def test_keys_cover_the_library_code_that_dvc_lists(stage: str) -> None:
+    covered = {dependency(name) for make in MAKERS[stage] for name in closure(make.__module__)}
+    listed = {dep for dep in stages()[stage]["deps"] if dep.startswith("src/")} - NO_PART_OF_RESULTS
+    # The page of landings is written anew in every run; plans of further jumps are inputs, hashed by their content.
+    besides = {"land": "view", "land_corrected": "view", "revisit": "planning"}.get(stage)
+    assert listed - {f"src/leapgap/{besides}"} <= covered
+
+
+def test_every_stage_that_keeps_results_is_checked_here() -> None:
+    users = {name for name, stage in stages().items() if "src/leapgap/cache.py" in stage["deps"]}
+    assert users == set(MAKERS)
+
+
+def test_every_data_file_is_read_by_a_module_beside_it() -> None:
+    known = {path for module in TREE.modules for path in TREE.data_files(module)}
+    assert {path for path in (ROOT / "src/leapgap").rglob("*") if path.suffix in DATA} == known
+
+
+def test_versions_of_the_libraries_in_use_are_in_the_key() -> None:
+    assert {"torch", "lightning", "numpy"} <= TREE.libraries("leapgap.learning.experiment").keys()
+    assert "torch" not in TREE.libraries("leapgap.diagnosis.diagnose")
+
+
+def test_the_code_of_a_class_among_the_inputs_counts(tmp_path: Path, robot: Robot) -> None:
+    acting = effects.effect("payload", mass_kg=1.0)
+    assert "leapgap.effects.payload" in modules_within({"acting": [acting], "weight": np.ones(2)})
+    assert modules_within(robot) == {"leapgap.robot.model"}
+    assert code_hash("leapgap.errors") != code_hash("leapgap.errors", "leapgap.effects.payload")
+
+
+def test_imports_of_every_form_are_followed(tmp_path: Path) -> None:
+    files = {
+        "__init__.py": "from p.big import everything\n",
+        "a.py": "def f():\n    from . import b\n    from .deep.c import x\n",
+        "b.py": "import importlib\nimportlib.import_module('p.d')\n",
+        "d.py": "from p import plugins\n",
+        "plugins/__init__.py": "import pkgutil\n",
+        "plugins/one.py": "import p.deep.e as e\n",
+        "deep/__init__.py": "",
+        "deep/c.py": "import json, numpy\n",
+        "deep/e.py": "",
+        "deep/unused.py": "",
+        "big.py": "",
+    }
+    for name, text in files.items():
+        (tmp_path / "p" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "p" / name).write_text(text)
+    tree = SourceTree((tmp_path / "p",))
+    assert tree.closure("p.a") == {"p.a", "p.b", "p.d", "p.plugins", "p.plugins.one", "p.deep", "p.deep.c", "p.deep.e"}
+    assert set(tree.libraries("p.a")) == {"numpy"}
+
+
+def stored(cache: ResultCache, place: str, key: str = KEY, **texts: str) -> None:
+    with cache.store(place, key) as folder:
+        for ending, text in texts.items():
+            (folder / f"{Path(place).name}.{ending}").write_text(text)
+
+
+def names(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_result_is_there_for_its_key_only(tmp_path: Path) -> None:
+    cache = ResultCache(tmp_path)
+    assert cache.get("x/one", KEY) is None
+    stored(cache, "x/one", json="1", csv="2")
+    assert cache.get("x/one", KEY) == tmp_path / "x/one"
+    assert cache.get("x/one", "b" * 64) is None
+    stored(cache, "x/one", "b" * 64, json="3")
+    assert names(tmp_path) == {"x/one.json", "x/one.key"}  # what the other key had besides is gone
+    (tmp_path / "x/one.json").unlink()
+    assert cache.get("x/one", "b" * 64) is None
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_a_result_that_was_not_finished_is_none(tmp_path: Path, error: type[BaseException]) -> None:
+    cache = ResultCache(tmp_path)
+    with pytest.raises(error), cache.store("x/one", KEY) as folder:
+        (folder / "one.json").write_text("half")
+        raise error
+    assert cache.get("x/one", KEY) is None
+    assert not names(tmp_path)
+
+
+def test_scratch_outlives_a_kill_and_goes_with_its_key(tmp_path: Path) -> None:
+    cache = ResultCache(tmp_path)
+    with pytest.raises(KeyboardInterrupt), cache.store("x/one", KEY):
+        cache.scratch("x/one", KEY).mkdir()
+        (cache.scratch("x/one", KEY) / "last.ckpt").write_text("step 3")
+        raise KeyboardInterrupt
+    again = ResultCache(tmp_path)
+    again.expect("x/one", KEY)
+    again.sweep()
+    assert (again.scratch("x/one", KEY) / "last.ckpt").read_text() == "step 3"
+    other = ResultCache(tmp_path)
+    other.expect("x/one", "b" * 64)
+    other.sweep()
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_what_a_record_names_is_removed(tmp_path: Path) -> None:
+    cache = ResultCache(tmp_path)
+    for place in ("x/one", "x/two", "y/three"):
+        stored(cache, place, json="1")
+    with cache.store("z", KEY) as folder:
+        (folder / "z").mkdir()
+        (folder / "z/report.json").write_text("1")
+    foreign = ("x/one.txt", "x/notes.json", "z/mine.md", "my.key", "x/list.key", "empty/of.ours")
+    for name in foreign:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "x/list.key").write_text(json.dumps({"key": KEY, "files": ["one.txt"]}))
+    (tmp_path / "nothing").mkdir()
+    later = ResultCache(tmp_path)
+    later.expect("x/two")
+    later.sweep()
+    assert names(tmp_path) == {"x/two.json", "x/two.key", *foreign}
+    assert (tmp_path / "nothing").is_dir() and not (tmp_path / "y").exists()
+
+
+def test_a_record_cannot_name_a_file_outside(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    cache = ResultCache(tmp_path / "out")
+    stored(cache, "one", json="1")
+    record = json.loads((tmp_path / "out/one.key").read_text())
+    (tmp_path / "out/one.key").write_text(json.dumps(record | {"files": ["../mine.txt"]}))
+    ResultCache(tmp_path / "out").sweep()
+    assert (tmp_path / "mine.txt").exists()
+
+
+def test_files_of_another_place_are_refused(tmp_path: Path) -> None:
+    cache = ResultCache(tmp_path)
+    with pytest.raises(ValueError, match=r"other\.json in its result"), cache.store("one", KEY) as folder:
+        (folder / "other.json").write_text("1")
+    with pytest.raises(ValueError, match="has no dot"):
+        cache.get("a.b", KEY)
+
+
+FORMER = {
+    "case_0/key.json": {"key": KEY},
+    "case_0/report.json": {"verdict": "none"},
+    "case_0/corrected/effects.json": {"effects": []},
+    "worn/ours/jump_0.json": {"key": KEY, "landings": [], "conduct": {}, "tried": {}},
+    "worn/ours/jump_0.parquet": {},
+    "worn/practice/identified.json": {"key": KEY, "value": {}},
+    "fold_0/kernel.json": {"key": KEY, "format_version": 1, "trained_on": []},
+    "fold_0/kernel.npz": {},
+    "fold_0/kernel.curve.json": {"rows": []},
+    "fold_0/spread.npz": {},
+}
+"""Results as they were kept before there were records."""
+LIKE_FORMER = {
+    "case_0/notes.json": {"key": KEY},
+    "case_1/key.json": {"key": "of my door"},
+    "case_1/report.json": {"verdict": "mine"},
+    "worn/ours/table.json": {"landings": []},
+    "fold_1/kernel.npz": {},
+    "fold_1/spread.npz": {},
+}
+
+
+def test_former_results_are_replaced_and_swept_and_their_likes_are_not(tmp_path: Path) -> None:
+    for name, value in (FORMER | LIKE_FORMER).items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(json.dumps(value))
+    cache = ResultCache(tmp_path)
+    assert cache.get("worn/ours/jump_0", KEY) is None
+    stored(cache, "worn/ours/jump_0", json="new")
+    cache.sweep()
+    assert names(tmp_path) == {*LIKE_FORMER, "worn/ours/jump_0.json", "worn/ours/jump_0.key"}
