@@ -16,11 +16,12 @@ from leapgap.control.qp import OUT_OF_TIME
 from leapgap.control.reference import Reference
 from leapgap.control.tracking import JointPd
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump, pitch_of
+from leapgap.recording.jump import Jump
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
 from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, RigidBody
+from leapgap.robot.rotations import pitch_of
 from leapgap.robot.terrain import Box
 from leapgap.simulation.closed_loop import Run, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, SensorNoise, prepare

@@ -7,10 +7,11 @@ import numpy as np
 
 from leapgap.control.controller import Estimate
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump, pitch_of, yaw_of
+from leapgap.recording.jump import Jump
 from leapgap.recording.windows import feet, states
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
+from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 
 

@@ -15,6 +15,7 @@ from leapgap import effects
 from leapgap.effects.base import Effect
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.rotations import pitch_of
 from leapgap.simulation.replay import Replayer, Trial
 
 
@@ -69,8 +70,7 @@ def identified(
 def difference(qpos: np.ndarray, log: Jump, robot: Robot) -> np.ndarray:
     """Simulated less measured x, z, pitch and joints at some rows, in what counts alike."""
     at = slice(0, len(qpos), EVERY_ROWS)
-    w, x, y, z = qpos[at, 3:7].T
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)) - log.pitch[: len(qpos)][at]
+    pitch = pitch_of(qpos[at, 3:7]) - log.pitch[: len(qpos)][at]
     base = qpos[at, 0] - log["base_pos_x"][: len(qpos)][at], qpos[at, 2] - log["base_pos_z"][: len(qpos)][at]
     joints = (qpos[at][:, robot.joint_qpos] - log.per_joint("joint_pos", robot.joints)[: len(qpos)][at]) / JOINT_SCALE
     x_scale, z_scale, pitch_scale = BASE_SCALE

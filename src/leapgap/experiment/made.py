@@ -24,11 +24,10 @@ from leapgap.recording.jump import (
     BASE_VELOCITY,
     PAIR_FORCE_AXES,
     Jump,
-    pitch_of,
-    yaw_of,
 )
 from leapgap.robot.model import Robot
 from leapgap.robot.rigid_body import GRAVITY
+from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.landing import Landing
 

@@ -11,8 +11,9 @@ from leapgap.control.tracking import JumpController
 from leapgap.effects.base import Effect
 from leapgap.experiment.conduct import Conduct, conduct
 from leapgap.experiment.tasks import Task
-from leapgap.recording.jump import Jump, yaw_of
+from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.rotations import yaw_of
 from leapgap.simulation.closed_loop import Run, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, prepare, terrain_slots
 from leapgap.simulation.landing import Landing, landing

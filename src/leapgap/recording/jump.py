@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
 from leapgap.files import whole_file
+from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 
@@ -232,18 +233,6 @@ def check(jump: Jump) -> None:
                 "unit quaternions w x y z",
                 "normalise them, and check their order",
             )
-
-
-def pitch_of(quaternion: np.ndarray) -> np.ndarray:
-    """Pitch of quaternions w x y z (…, 4), rad, nose-down (about y of the roll-pitch-yaw angles), (…,)."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))  # controllers ask for one at a time: no detours
-    return np.arcsin(np.maximum(-1.0, np.minimum(1.0, 2 * (w * y - z * x))))
-
-
-def yaw_of(quaternion: np.ndarray) -> np.ndarray:
-    """Heading of quaternions w x y z (…, 4) in the world, rad, positive to the left, (…,)."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))
-    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def write(jump: Jump, path: Path) -> None:

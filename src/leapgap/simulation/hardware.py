@@ -21,6 +21,7 @@ from leapgap.recording.jump import (
     Jump,
 )
 from leapgap.robot.model import Robot
+from leapgap.robot.rotations import turned
 from leapgap.robot.terrain import Box
 from leapgap.simulation.replay import Motion, Replayer, Trial
 
@@ -235,17 +236,6 @@ def logged(name: str, commanded: Jump, measured: Motion, robot: Robot) -> Jump:
     columns |= {f"pd_force/{axis}": pd_force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
     info = replace(commanded.info, robot=robot.name, source="simulated hardware")
     return Jump(name, {key: np.ascontiguousarray(values) for key, values in columns.items()}, info)
-
-
-def turned(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Quaternions w x y z (rows, 4), turned about the body's axes by small angles, rad, (rows, 3)."""
-    w, x, y, z = quaternion.T
-    a, b, c = (angles / 2).T
-    small = np.stack(
-        [w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a],
-        axis=1,
-    )
-    return small / np.linalg.norm(small, axis=1, keepdims=True)
 
 
 def landing_error_cm(jump: Jump) -> float:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.effects.base import Motion
-from leapgap.recording.jump import Jump, pitch_of, yaw_of
+from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.rotations import pitch_of, upright_cosine, yaw_of
 from leapgap.simulation.closed_loop import Run
 
 LARGEST_PITCH_RAD = np.deg2rad(15)
@@ -69,5 +70,4 @@ def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Jump
     for box in jump.info.terrain:
         if surface_z_m > 0 and box.top_m == surface_z_m:
             on_surface &= np.abs(feet[:, 0] - box.x_m) < box.size_m[0] / 2
-    _, x, y, _ = pose[0, 3:7]
-    return bool(on_surface.all() and 1 - 2 * (x**2 + y**2) > UPRIGHT_COSINE)
+    return bool(on_surface.all() and upright_cosine(pose[0, 3:7]) > UPRIGHT_COSINE)
