@@ -40,8 +40,9 @@ from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.recording.windows import TimeGrid
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, per_axis
 from leapgap.robot.prediction import Affine, PredictionModel, Situation, columns, rows, selection
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, GRAVITY, RigidBody
+from leapgap.robot.rigid_body import GRAVITY, RigidBody
 from tests.control.test_qp import by_least_distance
 
 INPUTS = ("x_from_start", "z_from_start", "pitch", "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
@@ -180,7 +181,7 @@ class Plain:
         flat = gain.reshape(6 * n, 4 * n)
         hessian = 2 * (flat.T @ (q[:, None] * flat) + config.force_weight * np.eye(4 * n))
         gradient = 2 * flat.T @ (q * (free - target).ravel()) - 2 * config.force_weight * force.ravel()
-        pushing = np.repeat(steps.share > 0, 2, axis=1)
+        pushing = per_axis(steps.share > 0)
         upper = np.concatenate([(config.limits.largest_n * pushing).ravel(), np.zeros(4 * n)])
         lower = np.concatenate([(-config.limits.largest_n * pushing).ravel(), np.full(4 * n, -1e30)])
         index = np.arange(4 * n).reshape(n, 4)
@@ -318,7 +319,7 @@ def judge(plans: dict[str, list[Plan]], forces: dict[str, list[np.ndarray]], tim
             timed[name].error_n = max(timed[name].error_n, float(np.abs(plan.solution.x - x).max()))
             plain = name.replace("daqp", "torch_osqp")
             if plain in forces:
-                pushing = np.repeat(plan.horizon.share > 0, 2, axis=1)
+                pushing = per_axis(plan.horizon.share > 0)
                 error = float(np.abs(forces[plain][i][pushing] - x).max())
                 timed[plain].error_n = max(timed[plain].error_n, error)
 

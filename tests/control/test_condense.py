@@ -8,8 +8,9 @@ from leapgap.control.condense import ForceLimits, rest
 from leapgap.control.horizon import Horizon, horizon
 from leapgap.control.qp import QpConfig, solver
 from leapgap.recording.windows import TimeGrid
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.prediction import Affine
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, RigidBody, advance
+from leapgap.robot.rigid_body import RigidBody, advance
 from leapgap.robot.schedule import ContactSchedule
 
 WEIGHTS = np.array([50, 2.5, 50, 10, 0.2, 10.0])

@@ -20,7 +20,8 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, RigidBody
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z
+from leapgap.robot.rigid_body import RigidBody
 from leapgap.robot.rotations import pitch_of
 from leapgap.robot.terrain import Box
 from leapgap.simulation.closed_loop import Run, Sensing, run_controlled

@@ -5,8 +5,9 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.recording import windows
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.recording.jump import Jump
 from leapgap.recording.windows import ARRAYS, TimeGrid
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.schedule import ContactSchedule
 from tests.learning.conftest import CROUCH, jumps, pose, synthetic_jump  # noqa: F401 - fixtures
 

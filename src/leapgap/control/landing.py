@@ -18,8 +18,9 @@ from leapgap.control.reference import StartFrame
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, FORCES
 from leapgap.robot.prediction import Affine, Situation
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, GRAVITY, POSITION, RigidBody, X, Z
+from leapgap.robot.rigid_body import GRAVITY, POSITION, RigidBody, X, Z
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class LandingMpc(Controller):
 
 def standing_force(body: RigidBody) -> np.ndarray:
     """The body's weight, half on each pair, (4,), N."""
-    force = np.zeros(4)
+    force = np.zeros(FORCES)
     force[FORCE_Z] = body.mass_kg * GRAVITY / 2
     return force
 

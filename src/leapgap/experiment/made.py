@@ -22,10 +22,10 @@ from leapgap.recording.jump import (
     BASE_POSITION,
     BASE_QUATERNION,
     BASE_VELOCITY,
-    PAIR_FORCE_AXES,
     Jump,
 )
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.rigid_body import GRAVITY
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule

@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
 from leapgap.files import whole_file
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
@@ -30,7 +31,6 @@ BASE_QUATERNION = ("base_quat_w", "base_quat_x", "base_quat_y", "base_quat_z")
 BASE_VELOCITY = ("base_linvel_x", "base_linvel_y", "base_linvel_z")
 BASE_ANGULAR_VELOCITY = ("base_angvel_x", "base_angvel_y", "base_angvel_z")
 COMMANDS = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
-PAIR_FORCE_AXES = ("front_x", "front_z", "rear_x", "rear_z")
 
 
 @dataclass(frozen=True)
@@ -156,6 +156,10 @@ class Jump:
     def pair_force(self, source: str) -> np.ndarray:
         """``mpc_force``, ``pd_force`` or ``train_force``: front x z, rear x z on the robot, N, (rows, 4)."""
         return self.stack([f"{source}/{axis}" for axis in PAIR_FORCE_AXES])
+
+    def has_pair_force(self, source: str) -> bool:
+        """Whether the log holds the pair forces of a source: ``mpc_force``, ``pd_force``, ``train_force``."""
+        return f"{source}/{PAIR_FORCE_AXES[0]}" in self
 
     @cached_property
     def rows_before_gain_change(self) -> int:

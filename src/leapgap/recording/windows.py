@@ -17,6 +17,7 @@ from leapgap.errors import InputError
 from leapgap.files import read_json, write_json
 from leapgap.recording.jump import BASE_POSITION, BASE_QUATERNION, Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import per_axis
 from leapgap.robot.schedule import PAIRS, ContactSchedule
 
 FORMAT_VERSION = 1
@@ -308,7 +309,7 @@ def total_forces(jump: Jump) -> np.ndarray:
 
     A source that filtered them itself supplies ``train_force``.
     """
-    sources = {name for name in ("train_force", "mpc_force", "pd_force") if f"{name}/front_x" in jump}
+    sources = {name for name in ("train_force", "mpc_force", "pd_force") if jump.has_pair_force(name)}
     if "train_force" in sources:
         return jump.pair_force("train_force")
     if {"mpc_force", "pd_force"} <= sources:
@@ -324,7 +325,7 @@ def total_forces(jump: Jump) -> np.ndarray:
 
 def planned_forces(jump: Jump) -> np.ndarray:
     """u_mpc alone, (rows, 4): what an MPC decides on; a model of it learns what joint PD will add."""
-    if "mpc_force/front_x" not in jump:
+    if not jump.has_pair_force("mpc_force"):
         raise InputError(
             jump.name,
             "no planned forces (no mpc_force)",
@@ -343,7 +344,7 @@ def feet(jump: Jump, robot: Robot, rows: np.ndarray) -> np.ndarray:
     position = jump.stack(BASE_POSITION)[rows]
     joints = jump.per_joint("joint_pos", robot.joints)[rows]
     at = robot.feet_in_world(position, jump.stack(BASE_QUATERNION)[rows], joints) - position[:, None]
-    count = np.repeat([len(robot.feet_of_pair(pair)) for pair in PAIRS], 2)
+    count = per_axis([len(robot.feet_of_pair(pair)) for pair in PAIRS])
     return robot.per_pair(at) / count
 
 

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.pair_force import WORLD_X_Z
 from leapgap.robot.terrain import Box
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
@@ -259,7 +260,7 @@ class Robot:
         sums = [
             of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1) for pair in ("front", "rear")
         ]
-        return np.concatenate([s[:, [0, 2]] for s in sums], axis=1)
+        return np.concatenate([s[:, WORLD_X_Z] for s in sums], axis=1)
 
 
 def group_of(joint: str) -> str:

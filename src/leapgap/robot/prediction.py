@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.pair_force import FRONT_X, FRONT_Z, REAR_X, REAR_Z
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,10 @@ FEATURES: dict[str, Callable[[Situation], Any]] = {
     "vx": lambda s: s.state[..., 3],
     "vz": lambda s: s.state[..., 4],
     "pitch_rate": lambda s: s.state[..., 5],
-    "front_foot_x": lambda s: s.foot[..., 0],
-    "front_foot_z": lambda s: s.foot[..., 1],
-    "rear_foot_x": lambda s: s.foot[..., 2],
-    "rear_foot_z": lambda s: s.foot[..., 3],
+    "front_foot_x": lambda s: s.foot[..., FRONT_X],
+    "front_foot_z": lambda s: s.foot[..., FRONT_Z],
+    "rear_foot_x": lambda s: s.foot[..., REAR_X],
+    "rear_foot_z": lambda s: s.foot[..., REAR_Z],
     "phase": lambda s: s.time_s,
 }
 """Inputs by name; ``phase`` ties a model to one schedule."""

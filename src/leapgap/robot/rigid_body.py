@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, FORCES
 
 GRAVITY = 9.81
 """m/s²."""
@@ -13,9 +13,6 @@ X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)
 """Layout of the state: position of the base in the world, m, pitch, rad, nose-down, and their rates."""
 POSITION, VELOCITY = slice(0, 3), slice(3, 6)
 STATE = ("x", "z", "pitch", "vx", "vz", "pitch_rate")
-
-FORCE_X, FORCE_Z = slice(0, 2 * len(PAIRS), 2), slice(1, 2 * len(PAIRS), 2)
-"""Layout of pair forces and of feet: front x z, rear x z."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class RigidBody:
         ``foot`` (…, 4) is foot − base, front x z, rear x z, m, world axes.
         """
         foot = np.asarray(foot, dtype=float)
-        rows = np.zeros((*foot.shape[:-1], 3, 4))
+        rows = np.zeros((*foot.shape[:-1], 3, FORCES))
         rows[..., 0, FORCE_X] = 1 / self.mass_kg
         rows[..., 1, FORCE_Z] = 1 / self.mass_kg
         rows[..., 2, FORCE_X] = foot[..., FORCE_Z] / self.pitch_inertia_kgm2

@@ -12,8 +12,9 @@ import numpy as np
 
 from leapgap.control.controller import Command, Controller, Estimate
 from leapgap.effects.base import Commands, Effect, Motion
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.simulation.hardware import NoiseRows, Prepared, SensorNoise, logged
 from leapgap.simulation.replay import Replayer, Trial
 

@@ -17,10 +17,10 @@ from leapgap.recording.jump import (
     BASE_POSITION,
     BASE_QUATERNION,
     BASE_VELOCITY,
-    PAIR_FORCE_AXES,
     Jump,
 )
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.rotations import turned
 from leapgap.robot.terrain import Box
 from leapgap.simulation.replay import Motion, Replayer, Trial

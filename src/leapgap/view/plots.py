@@ -7,7 +7,8 @@ from types import MappingProxyType
 import numpy as np
 import rerun as rr
 
-from leapgap.recording.jump import PAIR_FORCE_AXES, Jump
+from leapgap.recording.jump import Jump
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.schedule import PAIRS
 from leapgap.view.actor import Actor, Colour
 from leapgap.view.recorder import Recorder, every
@@ -159,7 +160,7 @@ def log_ground_forces(to: Recorder, actor: Actor) -> None:
 
 def has_pair_force(jump: Jump, source: str) -> bool:
     """Whether a log has a force of the pairs."""
-    return f"{source}/front_x" in jump
+    return jump.has_pair_force(source)
 
 
 def log_phases(

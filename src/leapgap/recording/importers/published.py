@@ -15,12 +15,12 @@ from leapgap.recording.jump import (
     BASE_POSITION,
     BASE_QUATERNION,
     BASE_VELOCITY,
-    PAIR_FORCE_AXES,
     Jump,
     JumpInfo,
     Target,
 )
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 
