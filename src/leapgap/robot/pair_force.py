@@ -12,6 +12,8 @@ PAIR_FORCE_AXES = tuple(f"{pair}_{axis}" for pair in PAIRS for axis in AXES)
 FORCES = len(PAIR_FORCE_AXES)
 
 FRONT_X, FRONT_Z, REAR_X, REAR_Z = range(FORCES)
+OF_PAIR = ((FRONT_X, FRONT_Z), (REAR_X, REAR_Z))
+"""Entries of each pair, x then z."""
 FORCE_X, FORCE_Z = slice(FRONT_X, FORCES, len(AXES)), slice(FRONT_Z, FORCES, len(AXES))
 """The x, or the z, of both pairs; of feet as of forces."""
 WORLD_X_Z = (0, 2)

@@ -80,6 +80,7 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
 
 
 KNOWN = 17
+KNOWN_FOOT = slice(12, 16)
 """Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
 
 
@@ -96,7 +97,7 @@ def rows(situation: Situation) -> np.ndarray:
 def selection(names: Sequence[str]) -> np.ndarray:
     """The named inputs, all linear, as a matrix: inputs = rows @ selection, shape (17, inputs)."""
     unit = np.eye(KNOWN)
-    return np.stack(columns(names, Situation(unit[:, :6], unit[:, 12:16], unit[:, 16], unit[:, 6:12])), axis=-1)
+    return np.stack(columns(names, Situation(unit[:, :6], unit[:, KNOWN_FOOT], unit[:, 16], unit[:, 6:12])), axis=-1)
 
 
 def check_names(names: Sequence[str], where: str) -> None:
