@@ -42,7 +42,8 @@ from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.pair_force import FORCE_X, FORCE_Z, per_axis
 from leapgap.robot.prediction import Affine, PredictionModel, Situation, columns, rows, selection
-from leapgap.robot.rigid_body import GRAVITY, RigidBody
+from leapgap.robot.rigid_body import GRAVITY
+from tests.conftest import A1_BODY
 from tests.control.test_qp import by_least_distance
 
 INPUTS = ("x_from_start", "z_from_start", "pitch", "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
@@ -93,7 +94,7 @@ class Networks(PredictionModel):
     """Rigid body plus networks, in NumPy."""
 
     def __init__(self, weights: Weights) -> None:
-        self.weights, self.body = weights, RigidBody()
+        self.weights, self.body = weights, A1_BODY
 
     def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
         x = (rows(situation) @ SELECT).astype(np.float32)
@@ -114,7 +115,7 @@ class Plain:
     def __init__(self, reference: Reference, robot: Robot, weights: Weights, config: MpcConfig) -> None:
         self.reference, self.config, self.legs = reference, config, Legs(robot)
         self.h1, self.h2, self.g1 = (self._torch(net) for net in (weights.h1, weights.h2, weights.g1))
-        self.body = RigidBody()
+        self.body = A1_BODY
         self.frame: StartFrame | None = None
         self.solvers: dict[int, osqp.OSQP] = {}
         self.force = np.zeros((0, 4))

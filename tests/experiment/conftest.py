@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from leapgap.experiment.made import Bench, Shelf
-from leapgap.experiment.methods import ByJointPd
+from leapgap.experiment.methods.joint_pd import ByJointPd
 from leapgap.experiment.trial import World
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot

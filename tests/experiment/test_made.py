@@ -8,7 +8,7 @@ import pytest
 from leapgap.experiment.aiming import Tried
 from leapgap.experiment.conduct import Conduct
 from leapgap.experiment.made import Bench, Done, Shelf, Trial
-from leapgap.experiment.methods import ByJointPd
+from leapgap.experiment.methods.joint_pd import ByJointPd
 from leapgap.experiment.tasks import Task
 from leapgap.files import read_json
 from leapgap.simulation.landing import Landing

@@ -10,7 +10,8 @@ from leapgap.experiment.aimed import OTHER_PLAN, AimedJump, JumpPlanner
 from leapgap.experiment.aiming import wanted
 from leapgap.experiment.conduct import pair_force
 from leapgap.experiment.made import Bench, came_down, tried_in
-from leapgap.experiment.methods import ByAiming, ByJointPd
+from leapgap.experiment.methods.aiming import ByAiming
+from leapgap.experiment.methods.joint_pd import ByJointPd
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import Outcome, attempt_task
 from leapgap.recording.jump import Target

@@ -23,6 +23,7 @@ from leapgap.recording.windows import ARRAYS, Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import Situation
 from leapgap.robot.rigid_body import RigidBody
 from stages.params import composed
+from tests.conftest import A1_BODY
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
 QUIET = {"enable_progress_bar": False}
@@ -53,7 +54,7 @@ def config(**changes) -> TrainConfig:
 
 
 def fit(train: Windows, validation: Windows | None, scratch: Path, fitting: Fitting = NETWORKS.fitting, seed: int = 0):
-    start = untrained.networks(train, Nominal(RigidBody()), NETWORKS, np.random.default_rng(seed))
+    start = untrained.networks(train, Nominal(A1_BODY), NETWORKS, np.random.default_rng(seed))
     return training.fit(start, train, validation, fitting, training.Run(seed, 1, QUIET, scratch, "test", 4))
 
 
@@ -71,7 +72,7 @@ def published_model(windows: Windows):
 
 
 def our_model(windows: Windows):
-    nominal = Nominal(RigidBody(), (0.5, 0.9, 0.3))
+    nominal = Nominal(A1_BODY, (0.5, 0.9, 0.3))
     return untrained.networks(windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3))
 
 
@@ -98,7 +99,7 @@ def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
 
 def test_the_roll_outs_agree_for_one_member(windows: Windows):
     model = untrained.networks(
-        windows, Nominal(RigidBody(), (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
+        windows, Nominal(A1_BODY, (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
     )
     batch = training.Batch.of(windows, torch.device("cpu"))
     states, _ = training.Residual(model, 0.0).roll_out(batch)
@@ -137,7 +138,7 @@ def test_training_learns_repeats_bit_for_bit_and_notes_its_curve(windows: Window
     again, _ = fit(train, held_out, tmp_path / "b", steps)
     assert same(first, again) and not (tmp_path / "a").exists()
     assert [row[0] for row in curve] == list(range(4, 61, 4)) and curve[-1][1] < 0.3 * curve[0][1]
-    nominal = squared_errors(NominalModel(Nominal(RigidBody())).predict(held_out.inputs), held_out).mean()
+    nominal = squared_errors(NominalModel(Nominal(A1_BODY)).predict(held_out.inputs), held_out).mean()
     assert squared_errors(first.predict(held_out.inputs), held_out).mean() < 0.3 * nominal
 
 
@@ -191,7 +192,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
     assert same(resumed, model) and resumed_curve == curve
 
-    start = untrained.networks(windows, Nominal(RigidBody()), NETWORKS, np.random.default_rng(0))
+    start = untrained.networks(windows, Nominal(A1_BODY), NETWORKS, np.random.default_rng(0))
     last_two = windows.of_jumps(windows.jumps[-2:])
     learner = training.Learner(training.Residual(model, 0.0), windows, {}, fitting, 0)
     learner.batches = {"stopping": training.Batch.of(last_two, torch.device("cpu"))}
@@ -245,7 +246,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     assert quarters is not None and halves is not None
     found = evaluation.metrics(quarters, halves, windows)
     assert (found["jumps"], found["windows"]) == (6, 162)
-    gained = NominalModel(fit_gains(windows, RigidBody()))  # the law of these jumps: held-out error of its fits is nil
+    gained = NominalModel(fit_gains(windows, A1_BODY))  # the law of these jumps: held-out error of its fits is nil
     assert found["cv_mse"]["nominal_fitted"] < 1e-12 and found["cv_mse"]["nominal"] > 0.01
     assert set(found["forecast_cv_mse"]) == {"constant_velocity", "playback", "kernel"}
     assert set(found["forecast_cv_mse"]) == set(found["forecast_cv_mse_se"])
@@ -303,7 +304,7 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
-    start = untrained.networks(train, fit_gains(train, RigidBody()), ours, np.random.default_rng(0))
+    start = untrained.networks(train, fit_gains(train, A1_BODY), ours, np.random.default_rng(0))
     run = training.Run(0, 1, QUIET, tmp_path / "scratch", "test", 25)
     networks, _ = training.fit(start, train, None, replace(ours.fitting, steps=50), run)
     found = {
@@ -312,7 +313,7 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
             "networks": networks,
             "playback": Playback.fit(train),
             "still": ConstantVelocity(),
-            "nominal": NominalModel(Nominal(RigidBody())),
+            "nominal": NominalModel(Nominal(A1_BODY)),
         }.items()
     }
     assert found["networks"] < 0.06 < found["playback"] < found["still"] < found["nominal"]

@@ -55,11 +55,11 @@ class LandingMpc(Controller):
         robot: Robot,
         pose: np.ndarray,
         config: LandingConfig,
-        body: RigidBody | None = None,
+        body: RigidBody,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.robot, self.pose, self.config, self.clock = robot, pose, config, clock
-        self.model = RigidBodyModel(body or RigidBody())
+        self.model = RigidBodyModel(body)
         self.legs = Legs(robot)
         self.solver = solver(config.qp)
         self.fallbacks: Counter[str] = Counter()

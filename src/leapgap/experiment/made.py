@@ -12,7 +12,7 @@ from leapgap.effects.base import Effect
 from leapgap.experiment.aimed import AimedJump
 from leapgap.experiment.aiming import Tried
 from leapgap.experiment.conduct import Conduct, pair_force
-from leapgap.experiment.methods import Method
+from leapgap.experiment.methods.base import Method
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import Outcome, World, attempt_task
 from leapgap.files import read_json, write_json

@@ -13,7 +13,7 @@ from leapgap.experiment.aiming import AimConfig, LandingModel, Tried
 from leapgap.experiment.conduct import SUPPLY_V
 from leapgap.experiment.identify import identified
 from leapgap.experiment.made import Bench, Trial
-from leapgap.experiment.methods import ByAiming
+from leapgap.experiment.methods.aiming import ByAiming
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump
 from leapgap.simulation.corrected import plannable, planned_with

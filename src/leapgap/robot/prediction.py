@@ -80,8 +80,9 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
 
 
 KNOWN = 17
-KNOWN_FOOT = slice(12, 16)
 """Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
+KNOWN_FOOT = slice(12, 16)
+"""Where the foot stands in such a row."""
 
 
 def rows(situation: Situation) -> np.ndarray:

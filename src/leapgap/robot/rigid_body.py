@@ -19,12 +19,13 @@ STATE = ("x", "z", "pitch", "vx", "vz", "pitch_rate")
 class RigidBody:
     """A rigid body in the x–z plane, pushed at two points (the pairs of feet).
 
-    Defaults: the whole A1 and its composite pitch inertia about the centre of mass in the crouch (nominal robot).
     An infinite inertia drops the moment of the forces.
     """
 
-    mass_kg: float = 12.453
-    pitch_inertia_kgm2: float = 0.347
+    mass_kg: float
+    """Of the whole robot."""
+    pitch_inertia_kgm2: float
+    """Composite inertia of trunk and legs about the centre of mass, about y, in one pose of the legs."""
 
     def force_rows(self, foot: np.ndarray) -> np.ndarray:
         """Accelerations (vx, vz, pitch rate) by unit pair forces, shape (…, 3, 4); the velocity rows of B.
