@@ -14,7 +14,9 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.experiment.collecting import Collected, Collection
-from leapgap.experiment.methods import ByJointPd, ByMpc, Method, References
+from leapgap.experiment.method import Method, References, crouch
+from leapgap.experiment.methods.joint_pd import ByJointPd
+from leapgap.experiment.methods.mpc import ByMpc
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World
 from leapgap.files import whole_folder
@@ -23,14 +25,14 @@ from leapgap.planning.library import reference_to
 from leapgap.recording import jump as jump_log
 from leapgap.recording.jump import Target
 from leapgap.robot.model import Robot
-from leapgap.robot.nominal import RigidBodyModel
+from leapgap.robot.nominal import RigidBodyModel, planner_body
 from leapgap.robot.planar import planar_robot
 from leapgap.robot.rigid_body import RigidBody
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.corrected import read_corrected
 from leapgap.simulation.hardware import Course
 from leapgap.simulation.variants import Variant
-from stages.common import output_folder, read_config, run_stage
+from stages.common import output_folder, read_config, read_optional, run_stage
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Settings:
     variants: dict[str, Any]
     gains: PhaseGains = field(default_factory=PhaseGains)
     mpc: MpcConfig = field(default_factory=MpcConfig)
-    body: RigidBody = field(default_factory=RigidBody)
+    body: Any = None
     excitation: Excitation = field(default_factory=Excitation)
     sensing: Sensing = field(default_factory=Sensing)
     course: Course = field(default_factory=Course)
@@ -67,8 +69,12 @@ def collect(config: DictConfig) -> None:
     rng = np.random.default_rng(settings.seed)
     targets = targets_of(settings, rng)
     references = {target: reference_to(target, Path(settings.references), planar_robot(robot)) for target in targets}
-    method = method_of(settings, robot, references)
-    world = World(robot, settings.sensing, course=settings.course)
+    rounded = read_optional(RigidBody, config.robot.get("body"), "robot.body")
+    body = read_optional(RigidBody, config.collect.body, "collect.body") or planner_body(
+        robot, crouch(references, robot), rounded
+    )
+    method = method_of(settings, robot, references, body)
+    world = World(robot, settings.sensing, course=settings.course, body=body)
     planned = []
     for i, target in enumerate(targets):
         block = round(float(rng.uniform(*settings.block_height_m)), 4)
@@ -106,12 +112,12 @@ def targets_of(settings: Settings, rng: np.random.Generator) -> list[Target]:
     return [targets[i % len(targets)] for i in range(settings.jumps)]
 
 
-def method_of(settings: Settings, robot: Robot, references: References) -> Method:
+def method_of(settings: Settings, robot: Robot, references: References, body: RigidBody) -> Method:
     """The configured controller."""
     if settings.controller == "joint_pd":
         return ByJointPd(robot, references, settings.gains)
     if settings.controller == "nominal_mpc":
-        return ByMpc(robot, references, settings.gains, RigidBodyModel(settings.body), settings.mpc)
+        return ByMpc(robot, references, settings.gains, RigidBodyModel(body), settings.mpc)
     raise InputError("collect.controller", settings.controller, "joint_pd or nominal_mpc", "choose one")
 
 

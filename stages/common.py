@@ -7,7 +7,7 @@ Bad input ends with exit code 2 and one message, and no traceback.
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -130,6 +130,23 @@ def empty_mappings(schema: DictConfig, section: DictConfig) -> None:
                 schema[key] = {}
             else:
                 empty_mappings(default, given)
+
+
+def read_optional(kind: type[T], section: DictConfig | None, key: str) -> T | None:
+    """The same, of a section that may be absent or null: then ``None``."""
+    return None if section is None else read_config(kind, section, key)
+
+
+def read_one_of(kinds: Mapping[str, type[T]], section: Mapping[str, Any], key: str) -> dict[str, T]:
+    """Each entry as the dataclass that its ``kind`` names; an unknown kind is an ``InputError``."""
+    found = {}
+    for name, raw in section.items():
+        values = dict(raw)
+        kind = values.pop("kind", None)
+        if kind not in kinds:
+            raise InputError(f"{key}.{name}.kind", str(kind), f"one of {', '.join(kinds)}", "choose a known kind")
+        found[name] = read_config(kinds[kind], OmegaConf.create(values), f"{key}.{name}")
+    return found
 
 
 def in_sweep() -> bool:

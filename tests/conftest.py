@@ -12,8 +12,10 @@ from leapgap.recording.jump import Jump, JumpInfo, Target
 from leapgap.recording.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.robot.model import Robot
 from leapgap.robot.planar import planar_robot
+from leapgap.robot.rigid_body import RigidBody
 from leapgap.robot.schedule import ContactSchedule
 
+A1_BODY = RigidBody(mass_kg=12.453, pitch_inertia_kgm2=0.347)
 CROUCH = (0.0, 1.2566371, -2.3561945)
 
 

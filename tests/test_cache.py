@@ -128,7 +128,7 @@ def key_in(folder: Path, monkeypatch: pytest.MonkeyPatch, make: Callable) -> str
         ("diagnose_withheld", "view/report.html"),
         ("land", "robot/a1.xml"),
         ("diagnose_withheld", "effects/payload.py"),  # found by its file name
-        ("land", "control/mpc.py"),
+        ("land", "control/continuous.py"),
         ("revisit", "blind/nameless/motors.py"),
     ],
 )

@@ -59,7 +59,7 @@ class SourceTree:
 
     def _names(self, module: str) -> Iterator[str]:
         """Dotted names in the import statements of a module."""
-        for node in ast.walk(self._syntax(module)):
+        for node in executed(self._syntax(module)):
             if isinstance(node, ast.Import):
                 yield from (alias.name for alias in node.names)
             elif isinstance(node, ast.ImportFrom):
@@ -85,15 +85,20 @@ class SourceTree:
         tree = self._syntax(module)
         if any(isinstance(node, ast.FunctionDef) and node.name == LOADER for node in tree.body):
             return set()  # it loads the packages of those who call it
-        computed = any(
-            isinstance(node, ast.Call)
-            and (called(node) == LOADER or (called(node) == "import_module" and not is_text(node.args)))
-            for node in ast.walk(tree)
-        )
-        if not computed and "pkgutil" not in set(self._names(module)):
-            return set()
-        package = module if self.modules[module].name == "__init__.py" else module.rpartition(".")[0]
-        return {name for name in self.modules if name.startswith(f"{package}.")} - {module}
+        own = module if self.modules[module].name == "__init__.py" else module.rpartition(".")[0]
+        packages = {own} if "pkgutil" in set(self._names(module)) else set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and called(node) == LOADER:
+                packages.add(self._named(module, node.args[0]) or own)
+            elif isinstance(node, ast.Call) and called(node) == "import_module" and not is_text(node.args):
+                packages.add(own)
+        return {name for name in self.modules for package in packages if name.startswith(f"{package}.")} - {module}
+
+    def _named(self, module: str, argument: ast.expr) -> str | None:
+        """The package of ours that an argument names, where it is one that the module imported by ``from``."""
+        if not isinstance(argument, ast.Name):
+            return None
+        return next((n for n in self._names(module) if n.rpartition(".")[2] == argument.id and n in self.modules), None)
 
     def _syntax(self, module: str) -> ast.Module:
         return ast.parse(self.modules[module].read_text(encoding="utf-8"))
@@ -177,3 +182,15 @@ def hash_of(package: Path, roots: tuple[str, ...]) -> str:
 def code_hash(*roots: str) -> str:
     """SHA-256 of all code of this library that some of its modules depend on, and of their libraries' versions."""
     return hash_of(PACKAGE, tuple(sorted(set(roots))))
+
+
+def executed(tree: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of a module but for what stands under ``if TYPE_CHECKING``, which never runs."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        children = list(ast.iter_child_nodes(node))
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            children = list(node.orelse)
+        waiting += children

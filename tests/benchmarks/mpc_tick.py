@@ -41,8 +41,10 @@ from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCI
 from leapgap.recording.windows import TimeGrid
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, per_axis
 from leapgap.robot.prediction import Affine, PredictionModel, Situation, columns, rows, selection
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, GRAVITY, RigidBody
+from leapgap.robot.rigid_body import GRAVITY
+from tests.conftest import A1_BODY
 from tests.control.test_qp import by_least_distance
 
 INPUTS = ("x_from_start", "z_from_start", "pitch", "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
@@ -93,7 +95,7 @@ class Networks(PredictionModel):
     """Rigid body plus networks, in NumPy."""
 
     def __init__(self, weights: Weights) -> None:
-        self.weights, self.body = weights, RigidBody()
+        self.weights, self.body = weights, A1_BODY
 
     def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
         x = (rows(situation) @ SELECT).astype(np.float32)
@@ -114,7 +116,7 @@ class Plain:
     def __init__(self, reference: Reference, robot: Robot, weights: Weights, config: MpcConfig) -> None:
         self.reference, self.config, self.legs = reference, config, Legs(robot)
         self.h1, self.h2, self.g1 = (self._torch(net) for net in (weights.h1, weights.h2, weights.g1))
-        self.body = RigidBody()
+        self.body = A1_BODY
         self.frame: StartFrame | None = None
         self.solvers: dict[int, osqp.OSQP] = {}
         self.force = np.zeros((0, 4))
@@ -181,7 +183,7 @@ class Plain:
         flat = gain.reshape(6 * n, 4 * n)
         hessian = 2 * (flat.T @ (q[:, None] * flat) + config.force_weight * np.eye(4 * n))
         gradient = 2 * flat.T @ (q * (free - target).ravel()) - 2 * config.force_weight * force.ravel()
-        pushing = np.repeat(steps.share > 0, 2, axis=1)
+        pushing = per_axis(steps.share > 0)
         upper = np.concatenate([(config.limits.largest_n * pushing).ravel(), np.zeros(4 * n)])
         lower = np.concatenate([(-config.limits.largest_n * pushing).ravel(), np.full(4 * n, -1e30)])
         index = np.arange(4 * n).reshape(n, 4)
@@ -319,7 +321,7 @@ def judge(plans: dict[str, list[Plan]], forces: dict[str, list[np.ndarray]], tim
             timed[name].error_n = max(timed[name].error_n, float(np.abs(plan.solution.x - x).max()))
             plain = name.replace("daqp", "torch_osqp")
             if plain in forces:
-                pushing = np.repeat(plan.horizon.share > 0, 2, axis=1)
+                pushing = per_axis(plan.horizon.share > 0)
                 error = float(np.abs(forces[plain][i][pushing] - x).max())
                 timed[plain].error_n = max(timed[plain].error_n, error)
 

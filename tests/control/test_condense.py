@@ -8,9 +8,11 @@ from leapgap.control.condense import ForceLimits, rest
 from leapgap.control.horizon import Horizon, horizon
 from leapgap.control.qp import QpConfig, solver
 from leapgap.recording.windows import TimeGrid
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.prediction import Affine
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, RigidBody, advance
+from leapgap.robot.rigid_body import advance
 from leapgap.robot.schedule import ContactSchedule
+from tests.conftest import A1_BODY
 
 WEIGHTS = np.array([50, 2.5, 50, 10, 0.2, 10.0])
 FORCE_WEIGHT = 1e-4
@@ -26,7 +28,7 @@ class Case:
         self.steps = steps
         feet = rng.normal(size=(n, 4)) * 0.2
         contact = steps.contact[:, None, None]
-        model = Affine(rng.normal(size=(n, 3)) * 3, (RigidBody().force_rows(feet) + rng.normal(size=(n, 3, 4)) * 0.01))
+        model = Affine(rng.normal(size=(n, 3)) * 3, (A1_BODY.force_rows(feet) + rng.normal(size=(n, 3, 4)) * 0.01))
         plain = Affine(model.bias, model.by_force * contact)
         self.model = Affine(plain.bias, plain.by_force * np.repeat(steps.share, 2, axis=1)[:, None])
         self.state, self.target = rng.normal(size=6), rng.normal(size=(n, 6))

@@ -20,13 +20,14 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, RigidBody
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.rotations import pitch_of
 from leapgap.robot.terrain import Box
 from leapgap.simulation.closed_loop import Run, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, SensorNoise, prepare
 from leapgap.simulation.landing import landing
 from leapgap.simulation.replay import Replayer
+from tests.conftest import A1_BODY
 from tests.control.made import CROUCH, estimate
 
 REST = np.array([0.0, 0.1726, 0, 0, 0, 0])
@@ -38,7 +39,7 @@ def followed(reference: Jump, robot: Robot) -> Reference:
 
 
 def lander(robot: Robot, **changed: object) -> LandingMpc:
-    return LandingMpc(robot, CROUCH, replace(LandingConfig(height_m=0.1726), **changed))  # type: ignore[arg-type]
+    return LandingMpc(robot, CROUCH, replace(LandingConfig(height_m=0.1726), **changed), A1_BODY)  # type: ignore[arg-type]
 
 
 def test_a_body_at_rest_over_its_feet_is_sent_its_weight(robot: Robot) -> None:
@@ -48,14 +49,14 @@ def test_a_body_at_rest_over_its_feet_is_sent_its_weight(robot: Robot) -> None:
     height = 0.02 - offset[:, 2].mean()
     state = np.array([0, height, 0, 0, 0, 0])
     force = lander(robot, height_m=height).command(estimate(0.0, state, pose)).planned_force
-    assert force == pytest.approx(standing_force(RigidBody()), abs=0.5)
+    assert force == pytest.approx(standing_force(A1_BODY), abs=0.5)
     assert force[FORCE_Z].sum() == pytest.approx(12.453 * 9.81, abs=0.5)
 
 
 @pytest.mark.parametrize(("component", "off"), [(3, 0.5), (4, -1.0), (4, 0.3), (2, 0.2), (5, 1.0)])
 def test_forces_bring_the_body_to_rest(robot: Robot, component: int, off: float) -> None:
     """On the planar body itself, its feet standing: what is off after the touch-down is gone after the landing."""
-    body, state = RigidBody(), REST.copy()
+    body, state = A1_BODY, REST.copy()
     state[component] += off
     foot_in_world = Legs(robot).pair_offsets(np.array([1.0, 0, 0, 0]), CROUCH)[:, [0, 2]] + REST[:2]
     controller = lander(robot)
@@ -75,7 +76,7 @@ def test_a_landing_without_a_solution_sends_the_weight(robot: Robot) -> None:
     lost = lander(robot)
     command = lost.command(estimate(0.0, REST * np.nan, CROUCH))
     assert lost.fallbacks == {NOT_FINITE: 1}
-    assert command.planned_force == pytest.approx(standing_force(RigidBody()))
+    assert command.planned_force == pytest.approx(standing_force(A1_BODY))
     assert (command.torque == 0).all(), "no pose to map a force with"
     late = lander(robot, demands=Demands(deadline_s=0.0))
     command = late.command(estimate(0.0, REST, CROUCH))
@@ -97,7 +98,7 @@ def phases(controller: ContinuousJumps, touching: dict[float, bool], until_s: fl
 
 def sequence(followed: Reference, robot: Robot, jumps: int, **changed: object) -> ContinuousJumps:
     config = replace(SequenceConfig(), **changed)  # type: ignore[arg-type]
-    return ContinuousJumps([JointPd(followed, robot, PhaseGains()) for _ in range(jumps)], robot, config)
+    return ContinuousJumps([JointPd(followed, robot, PhaseGains()) for _ in range(jumps)], robot, config, A1_BODY)
 
 
 @pytest.mark.parametrize("touch_s", [1.0, 1.2, 1.35], ids=["early", "in time", "late"])
@@ -159,7 +160,7 @@ def test_set_points_do_not_jump_between_phases(followed: Reference, robot: Robot
 
 def test_no_jump_is_refused(robot: Robot) -> None:
     with pytest.raises(InputError, match="one or more"):
-        ContinuousJumps([], robot, SequenceConfig())
+        ContinuousJumps([], robot, SequenceConfig(), A1_BODY)
 
 
 def run(reference: Jump, robot: Robot, controller: Controller, after_s: float, terrain: tuple[Box, ...] = ()) -> Run:
@@ -171,8 +172,10 @@ def run(reference: Jump, robot: Robot, controller: Controller, after_s: float, t
 
 
 def test_two_jumps_in_mujoco_each_lands_and_stands(reference: Jump, followed: Reference, robot: Robot) -> None:
-    jumps = [JumpMpc(followed, robot, PhaseGains(), RigidBodyModel(), MpcConfig(), level_m=None) for _ in range(2)]
-    controller = ContinuousJumps(jumps, robot, SequenceConfig())
+    jumps = [
+        JumpMpc(followed, robot, PhaseGains(), RigidBodyModel(A1_BODY), MpcConfig(), level_m=None) for _ in range(2)
+    ]
+    controller = ContinuousJumps(jumps, robot, SequenceConfig(), A1_BODY)
     made = run(reference, robot, controller, after_s=3.2)
     assert len(controller.jump_starts_s) == len(controller.landings_s) == 2
     assert not controller.fallbacks
@@ -190,11 +193,11 @@ def test_two_jumps_in_mujoco_each_lands_and_stands(reference: Jump, followed: Re
 
 def test_the_landing_stands_where_holding_the_pose_does_not(reference: Jump, followed: Reference, robot: Robot) -> None:
     alone = JointPd(followed, robot, PhaseGains())
-    landed = ContinuousJumps([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig())
+    landed = ContinuousJumps([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY)
     assert landing(run(reference, robot, landed, 1.0), robot).success
     speed = [
         np.abs(run(reference, robot, each, 0.35).truth.qvel[-1, [0, 2, 4]]).max()
-        for each in (alone, ContinuousJumps([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig()))
+        for each in (alone, ContinuousJumps([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY))
     ]
     assert speed[1] < speed[0]
 
@@ -202,7 +205,7 @@ def test_the_landing_stands_where_holding_the_pose_does_not(reference: Jump, fol
 def test_an_unseen_step_up_lands_early_and_upright(reference: Jump, followed: Reference, robot: Robot) -> None:
     step = Box(1.2, 0.0, (1.9, 1.0, 0.06), 0.06)  # under all four feet at the landing, ahead of the front feet
     assert step.x_m - step.size_m[0] / 2 > 0.2
-    controller = ContinuousJumps([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig())
+    controller = ContinuousJumps([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY)
     made = run(reference, robot, controller, 1.0, (step,))
     assert controller.landings_s[0] < 1.27
     assert abs(pitch_of(made.truth.qpos[-1, 3:7])) < 0.3

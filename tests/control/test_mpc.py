@@ -17,6 +17,7 @@ from leapgap.recording.jump import Jump
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
+from tests.conftest import A1_BODY
 from tests.control.made import Counting, estimate
 
 
@@ -27,7 +28,7 @@ def followed(reference: Jump, robot: Robot) -> Reference:
 
 def mpc(followed: Reference, robot: Robot, **changed: object) -> JumpMpc:
     config = replace(MpcConfig(), **changed)  # type: ignore[arg-type]
-    return JumpMpc(followed, robot, PhaseGains(), Counting(RigidBodyModel()), config)
+    return JumpMpc(followed, robot, PhaseGains(), Counting(RigidBodyModel(A1_BODY)), config)
 
 
 def told(followed: Reference, time_s: float, yaw: float = 0.0, off: float = 0.0) -> Estimate:

@@ -11,12 +11,14 @@ from leapgap.control.planner import ForcePlanner, MpcConfig
 from leapgap.control.qp import INFEASIBLE, OUT_OF_TIME, Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.recording.windows import TimeGrid
 from leapgap.robot.nominal import RigidBodyModel
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.prediction import Affine, PredictionModel, Situation
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, PITCH, PITCH_RATE, VX, VZ, RigidBody, X, Z
+from leapgap.robot.rigid_body import PITCH, PITCH_RATE, VX, VZ, X, Z
 from leapgap.robot.schedule import ContactSchedule
+from tests.conftest import A1_BODY
 from tests.control.made import Counting, rigid_reference
 
-BODY = RigidBody()
+BODY = A1_BODY
 REFERENCE = rigid_reference(BODY)
 MODEL = RigidBodyModel(BODY)
 

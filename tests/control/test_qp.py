@@ -17,6 +17,7 @@ from leapgap.recording.windows import TimeGrid
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
 from stages.common import CONF, read_config
+from tests.conftest import A1_BODY
 
 BACKENDS = ("daqp", "osqp")
 TOLERANCE_N = {"daqp": 0.01, "osqp": 1.0}
@@ -48,7 +49,7 @@ def by_least_distance(qp: Qp) -> np.ndarray:
 def problems(reference: Jump, robot: Robot, steps: int) -> list[Qp]:
     """Of a planned jump whose measured states are off by what robots are off by: limits act in most of them."""
     followed, rng = Reference.of(reference, robot), np.random.default_rng(5)
-    planner = ForcePlanner(followed, RigidBodyModel(), MpcConfig(grid=TimeGrid(0.025, 0.1, steps)))
+    planner = ForcePlanner(followed, RigidBodyModel(A1_BODY), MpcConfig(grid=TimeGrid(0.025, 0.1, steps)))
     made = []
     for time_s in np.arange(0, 0.8, 0.025):
         row = followed.row(time_s)

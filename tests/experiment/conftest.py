@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.cache import ResultCache
 from leapgap.experiment.bench import Bench, TrialRunner
-from leapgap.experiment.methods import ByJointPd
+from leapgap.experiment.methods.joint_pd import ByJointPd
 from leapgap.experiment.trial import World
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot

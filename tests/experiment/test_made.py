@@ -11,7 +11,7 @@ from leapgap.experiment.aiming import Tried
 from leapgap.experiment.bench import Bench, TrialRunner
 from leapgap.experiment.conduct import Conduct
 from leapgap.experiment.made import TrialResult, TrialSpec
-from leapgap.experiment.methods import ByJointPd
+from leapgap.experiment.methods.joint_pd import ByJointPd
 from leapgap.experiment.tasks import Task
 from leapgap.files import read_json
 from leapgap.simulation.landing import Landing

@@ -12,9 +12,12 @@ from leapgap.experiment.aiming import LandingModel, Tried, best_goal, wanted
 from leapgap.experiment.bench import Bench
 from leapgap.experiment.conduct import Conduct
 from leapgap.experiment.made import TrialResult, TrialSpec
-from leapgap.experiment.matrix import AdaptConfig, adapted, best_shift
-from leapgap.experiment.methods import ByAiming, ByJointPd
+from leapgap.experiment.methods.aiming import ByAiming
+from leapgap.experiment.methods.joint_pd import ByJointPd
+from leapgap.experiment.methods.joint_pd_shifted import best_shift
+from leapgap.experiment.methods.ours_adapted import adapted
 from leapgap.experiment.practice import Beyond, PracticeConfig, practised
+from leapgap.experiment.rig import AdaptConfig
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump, Target
 from leapgap.robot.planar import planar_robot

@@ -11,7 +11,8 @@ from leapgap.experiment.aiming import wanted
 from leapgap.experiment.bench import Bench
 from leapgap.experiment.conduct import pair_force
 from leapgap.experiment.made import came_down, tried_in
-from leapgap.experiment.methods import ByAiming, ByJointPd
+from leapgap.experiment.methods.aiming import ByAiming
+from leapgap.experiment.methods.joint_pd import ByJointPd
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import Outcome, attempt_task
 from leapgap.recording.jump import Target

@@ -10,8 +10,9 @@ from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, P
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
-from leapgap.robot.rigid_body import RigidBody, advance
+from leapgap.robot.rigid_body import advance
 from leapgap.robot.schedule import ContactSchedule
+from tests.conftest import A1_BODY
 
 PERIOD_S = 0.005
 CROUCH = np.tile([0.0, 1.0, -2.0], 4)
@@ -28,7 +29,7 @@ def law(robot: Robot, state: np.ndarray, force: np.ndarray) -> np.ndarray:
     """(v̇x, v̇z, ω̇) of one state (6,) under forces (4,)."""
     position, quaternion = pose(state[None])
     foot = (robot.per_pair(feet_in_world(robot, position, quaternion, CROUCH[None]) - position[:, None]) / 2)[0]
-    rows = RigidBody().force_rows(foot) * np.array(TRUE_GAINS)[:, None]
+    rows = A1_BODY.force_rows(foot) * np.array(TRUE_GAINS)[:, None]
     return rows @ force + [0.0, -9.81, 0.0]
 
 

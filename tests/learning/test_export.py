@@ -22,9 +22,10 @@ from leapgap.recording.windows import Purpose, TimeGrid, Windows
 from leapgap.robot.prediction import FEATURES, Situation
 from leapgap.robot.rigid_body import RigidBody
 from leapgap.robot.schedule import ContactSchedule
+from tests.conftest import A1_BODY
 
 NAMES = [name for name in FEATURES if name not in ("x_from_start", "z_from_start")]
-GAINED = Nominal(RigidBody(), (0.5, 0.9, 0.3))
+GAINED = Nominal(A1_BODY, (0.5, 0.9, 0.3))
 
 
 def single(windows: Windows, seeds: int = 1, hidden: tuple[int, ...] = (24,)):
@@ -33,7 +34,7 @@ def single(windows: Windows, seeds: int = 1, hidden: tuple[int, ...] = (24,)):
 
 
 def kernels(windows: Windows):
-    return kernel.fit(windows, fit_gains(windows, RigidBody()), KernelConfig(inputs=dict.fromkeys(NAMES, 0.5)))
+    return kernel.fit(windows, fit_gains(windows, A1_BODY), KernelConfig(inputs=dict.fromkeys(NAMES, 0.5)))
 
 
 def published(windows: Windows):

@@ -17,6 +17,7 @@ from leapgap.learning.transitions import extract_transitions
 from leapgap.recording.windows import RolloutInputs, Windows
 from leapgap.robot.prediction import FEATURES, Affine, Situation
 from leapgap.robot.rigid_body import RigidBody
+from tests.conftest import A1_BODY
 from tests.learning.conftest import TRUE_GAINS
 
 NAMES = [name for name in FEATURES if name not in ("x_from_start", "z_from_start")]
@@ -60,9 +61,9 @@ def test_a_roll_out_computed_by_hand():
 
 def test_fitted_gains_are_the_true_ones(windows: Windows):
     """The synthetic jumps obey the nominal body with known gains, so the fit and its roll-out are exact."""
-    nominal = fit_gains(windows, RigidBody())
+    nominal = fit_gains(windows, A1_BODY)
     np.testing.assert_allclose(nominal.gains, TRUE_GAINS, rtol=1e-6)
-    assert error(NominalModel(nominal), windows) < 1e-12 < error(NominalModel(Nominal(RigidBody())), windows)
+    assert error(NominalModel(nominal), windows) < 1e-12 < error(NominalModel(Nominal(A1_BODY)), windows)
 
 
 def test_playback_of_one_jump_repeats_it(windows: Windows):
@@ -84,7 +85,7 @@ def test_each_measured_step_is_taken_once(windows: Windows):
 
 @pytest.fixture(scope="module")
 def fitted(windows: Windows) -> kernel.KernelModel:
-    return kernel.fit(windows, Nominal(RigidBody()), KernelConfig(inputs=dict.fromkeys(NAMES, 1.0), ridge_contact=1e-6))
+    return kernel.fit(windows, Nominal(A1_BODY), KernelConfig(inputs=dict.fromkeys(NAMES, 1.0), ridge_contact=1e-6))
 
 
 def test_the_kernel_learns_what_the_nominal_body_lacks(fitted, windows: Windows):
@@ -94,7 +95,7 @@ def test_the_kernel_learns_what_the_nominal_body_lacks(fitted, windows: Windows)
 def test_the_kernel_solves_its_ridge_problem(windows: Windows):
     """At the training steps, prediction + ridge · weights = target: the normal equations of kernel ridge."""
     config = KernelConfig(inputs=dict.fromkeys(NAMES, 1.0), ridge_contact=0.3)
-    nominal = Nominal(RigidBody())
+    nominal = Nominal(A1_BODY)
     model, steps = kernel.fit(windows, nominal, config), extract_transitions(windows)
     steps = steps.at(steps.contact)
     predicted = model.affine(steps.situation, steps.contact).acceleration(steps.force)
@@ -141,7 +142,7 @@ def test_a_forecast_looks_at_nothing_measured_later(windows: Windows):
 
 def test_an_unknown_input_is_named(windows: Windows):
     with pytest.raises(InputError, match="inputs yaw; expected some of x_from_start, z_from_start, z, pitch"):
-        kernel.fit(windows, Nominal(RigidBody()), KernelConfig(inputs={"yaw": 1.0}))
+        kernel.fit(windows, Nominal(A1_BODY), KernelConfig(inputs={"yaw": 1.0}))
 
 
 def test_folds_take_every_fourth_jump_in_order():
@@ -170,8 +171,8 @@ def test_learned_models_beat_their_baselines_on_real_jumps(real_windows: Windows
     names = {"kernel": [], "nominal": [], "still": [], "playback": []}
     for split in folds(real_windows.jumps, 4):
         train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
-        names["kernel"].append(error(kernel.fit(train, fit_gains(train, RigidBody()), config), held_out))
-        names["nominal"].append(error(NominalModel(fit_gains(train, RigidBody())), held_out))
+        names["kernel"].append(error(kernel.fit(train, fit_gains(train, A1_BODY), config), held_out))
+        names["nominal"].append(error(NominalModel(fit_gains(train, A1_BODY)), held_out))
         names["still"].append(error(ConstantVelocity(), held_out))
         names["playback"].append(error(Playback.fit(train), held_out))
     found = {name: float(np.mean(errors)) for name, errors in names.items()}

@@ -24,8 +24,8 @@ from leapgap.learning.registry import RECIPES
 from leapgap.learning.splits import folds
 from leapgap.recording import window_extraction
 from leapgap.recording.windows import ARRAYS, TimeGrid, Windows
-from leapgap.robot.rigid_body import RigidBody
 from stages.params import composed
+from tests.conftest import A1_BODY
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
 QUIET = {"enable_progress_bar": False}
@@ -59,7 +59,7 @@ def config(**changes) -> TrainConfig:
 
 
 def fit(train: Windows, validation: Windows | None, scratch: Path, fitting: Fitting = NETWORKS.fitting, seed: int = 0):
-    start = initialisation.initial_networks(train, Nominal(RigidBody()), NETWORKS, np.random.default_rng(seed))
+    start = initialisation.initial_networks(train, Nominal(A1_BODY), NETWORKS, np.random.default_rng(seed))
     return training.fit(start, train, validation, fitting, recipe.TrainingRun(seed, 1, QUIET, scratch, "test", 4))
 
 
@@ -74,7 +74,7 @@ def test_training_learns_repeats_bit_for_bit_and_notes_its_curve(windows: Window
     again, _ = fit(train, held_out, tmp_path / "b", steps)
     assert same(first, again) and not (tmp_path / "a").exists()
     assert [row[0] for row in curve] == list(range(4, 61, 4)) and curve[-1][1] < 0.3 * curve[0][1]
-    nominal = squared_errors(NominalModel(Nominal(RigidBody())).predict(held_out.inputs), held_out).mean()
+    nominal = squared_errors(NominalModel(Nominal(A1_BODY)).predict(held_out.inputs), held_out).mean()
     assert squared_errors(first.predict(held_out.inputs), held_out).mean() < 0.3 * nominal
 
 
@@ -128,7 +128,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
     assert same(resumed, model) and resumed_curve == curve
 
-    start = initialisation.initial_networks(windows, Nominal(RigidBody()), NETWORKS, np.random.default_rng(0))
+    start = initialisation.initial_networks(windows, Nominal(A1_BODY), NETWORKS, np.random.default_rng(0))
     last_two = windows.of_jumps(windows.jumps[-2:])
     learner = training.Learner(torch_rollout.ResidualModule(model, 0.0), windows, {}, fitting, 0)
     learner.batches = {"stopping": torch_rollout.Batch.of(last_two, torch.device("cpu"))}
@@ -189,7 +189,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
     assert quarters is not None and halves is not None
     found = evaluation.metrics(quarters, halves, windows)
     assert (found["jumps"], found["windows"]) == (6, 162)
-    gained = NominalModel(fit_gains(windows, RigidBody()))  # the law of these jumps: held-out error of its fits is nil
+    gained = NominalModel(fit_gains(windows, A1_BODY))  # the law of these jumps: held-out error of its fits is nil
     assert found["cv_mse"]["nominal_fitted"] < 1e-12 and found["cv_mse"]["nominal"] > 0.01
     assert set(found["forecast_cv_mse"]) == {"constant_velocity", "playback", "kernel"}
     assert set(found["forecast_cv_mse"]) == set(found["forecast_cv_mse_se"])
@@ -247,7 +247,7 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
-    start = initialisation.initial_networks(train, fit_gains(train, RigidBody()), ours, np.random.default_rng(0))
+    start = initialisation.initial_networks(train, fit_gains(train, A1_BODY), ours, np.random.default_rng(0))
     run = recipe.TrainingRun(0, 1, QUIET, tmp_path / "scratch", "test", 25)
     networks, _ = training.fit(start, train, None, replace(ours.fitting, steps=50), run)
     found = {
@@ -256,7 +256,7 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
             "networks": networks,
             "playback": Playback.fit(train),
             "still": ConstantVelocity(),
-            "nominal": NominalModel(Nominal(RigidBody())),
+            "nominal": NominalModel(Nominal(A1_BODY)),
         }.items()
     }
     assert found["networks"] < 0.06 < found["playback"] < found["still"] < found["nominal"]

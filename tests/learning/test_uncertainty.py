@@ -13,15 +13,15 @@ from leapgap.learning.nominal import fit_gains
 from leapgap.learning.splits import folds
 from leapgap.recording.windows import Windows
 from leapgap.robot.prediction import FEATURES
-from leapgap.robot.rigid_body import RigidBody
 from stages.params import composed
+from tests.conftest import A1_BODY
 
 NAMES = [name for name in FEATURES if name not in ("x_from_start", "z_from_start")]
 CONFIG = KernelConfig(inputs=dict.fromkeys(NAMES, 0.5))
 
 
 def fit_kernel(windows: Windows, config: KernelConfig = CONFIG) -> KernelModel:
-    return kernel.fit(windows, fit_gains(windows, RigidBody()), config)
+    return kernel.fit(windows, fit_gains(windows, A1_BODY), config)
 
 
 def test_the_posterior_is_that_of_a_gaussian_process(windows: Windows):

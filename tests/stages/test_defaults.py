@@ -26,6 +26,9 @@ DATA = {
 }
 """Entries of conf that are data: an instance of a dataclass, where others are instances too."""
 
+READERS = ("read_config", "read_optional")
+"""How a stage reads one dataclass. What ``read_one_of`` reads are instances: data."""
+
 
 @cache
 def conf(*overrides: str) -> Mapping[str, Any]:
@@ -40,11 +43,13 @@ def read_by_stages() -> list[tuple[str, type]]:
     """Key and dataclass of every section that a stage reads; a part of a key that is known at run time is ``*``."""
     found: set[tuple[str, type]] = set()
     for path in sorted((ROOT / "stages").glob("*.py")):
+        if path.stem == "common":
+            continue  # it defines the readers
         module = importlib.import_module(f"stages.{path.stem}")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "read_config":
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in READERS:
                 kind, _, key = node.args
-                if pattern(key) not in DATA:
+                if pattern(key) not in DATA and section(pattern(key).partition(".*")[0]) is not None:
                     found |= {(name, own) for name in keys(pattern(key)) for own in kinds(kind, name, module)}
     return sorted(found, key=lambda one: one[0])
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from leapgap.control.horizon import Horizon
 from leapgap.control.qp import Qp
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
 from leapgap.robot.prediction import Affine
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, POSITION, VELOCITY, advance
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.rigid_body import POSITION, VELOCITY, advance
 
-STATES, FORCES = 6, 2 * len(PAIRS)
+STATES = 6
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Rest:
 
 def weighed(affine: Affine, share: np.ndarray) -> Affine:
     """A pair that pushes for a part of its step pushes that much less: share (n, 2)."""
-    return Affine(affine.bias, affine.by_force * np.repeat(share, 2, axis=1)[:, None, :])
+    return Affine(affine.bias, affine.by_force * per_axis(share)[:, None, :])
 
 
 def rest(
@@ -121,7 +121,7 @@ def rest(
     ``later`` is the model at the steps 1…n − 1; ``target`` (n, 6) the states wanted at the ends of the
     steps; ``force`` (n, 4) in N; ``state_weight`` (6,) the diagonal of Q; at least one step.
     """
-    pushing = np.repeat(horizon.share > 0, 2, axis=1)
+    pushing = per_axis(horizon.share > 0)
     by_state, by_force, drift = after_first_step(horizon, weighed(later, horizon.share[1:]), curvature)
     by_force = by_force[:, :, pushing[1:]]
     z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
@@ -132,7 +132,7 @@ def rest(
     quadratic[of_forces, of_forces] += 2 * force_weight
     linear[STATES:] -= 2 * force_weight * force[1:][pushing[1:]]
     first = np.flatnonzero(pushing[0])
-    push_s = horizon.step_s[0] * np.repeat(horizon.share[0], 2)[first]
+    push_s = horizon.step_s[0] * per_axis(horizon.share[0])[first]
     limited = constraints(pushing, limits)
     return Rest(horizon, quadratic, linear, pushing, first, push_s, curvature, force_weight, force[0][first], *limited)
 

@@ -45,12 +45,11 @@ class ContinuousJumps(Controller):
     ``phase`` what goes on, ``fallbacks`` counts the substitutes of all parts by reason.
     """
 
-    def __init__(
-        self, jumps: Sequence[JumpController], robot: Robot, config: SequenceConfig, body: RigidBody | None = None
-    ) -> None:
+    def __init__(self, jumps: Sequence[JumpController], robot: Robot, config: SequenceConfig, body: RigidBody) -> None:
+        """``body``: what the landings take the robot for."""
         if not jumps:
             raise InputError("continuous jumps", "no jump", "one or more", "name their references")
-        self.jumps, self.robot, self.config, self.body = list(jumps), robot, config, body or RigidBody()
+        self.jumps, self.robot, self.config, self.body = list(jumps), robot, config, body
         self.legs = Legs(robot)
         self.phase: Phase = "jump"
         self.number = 0

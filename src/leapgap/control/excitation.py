@@ -7,6 +7,7 @@ import numpy as np
 from leapgap.control.controller import Command, Estimate
 from leapgap.control.reference import StartFrame
 from leapgap.control.tracking import JumpController
+from leapgap.robot.pair_force import FORCES, per_axis
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Excited(JumpController):
         self.level_m, self.legs = inner.level_m, inner.legs
         self.fallbacks, self.substituted = inner.fallbacks, inner.substituted
         held = int(np.ceil(inner.reference.schedule.take_off_s / excitation.hold_s))
-        self.force = rng.uniform(-excitation.force_n, excitation.force_n, (held, 4))
+        self.force = rng.uniform(-excitation.force_n, excitation.force_n, (held, FORCES))
         """Of each stretch of time, front x z, rear x z, N, (stretches, 4)."""
         self.start_s = None
         self.frame = None
@@ -47,7 +48,7 @@ class Excited(JumpController):
         contact = self.reference.schedule.in_contact(np.array(time_s))
         if not contact.any() or not np.isfinite([*estimate.base_quaternion, *estimate.joint_pos]).all():
             return self.nothing()
-        force = self.force[int(time_s / self.excitation.hold_s + 1e-6)] * np.repeat(contact, 2)
+        force = self.force[int(time_s / self.excitation.hold_s + 1e-6)] * per_axis(contact)
         return self.legs.torque(estimate.base_quaternion, estimate.joint_pos, frame.in_world(force)), force
 
 

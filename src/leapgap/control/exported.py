@@ -17,7 +17,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.files import read_json
 from leapgap.recording.windows import Purpose, read_npz
-from leapgap.robot.prediction import Affine, PredictionModel, Situation, rows
+from leapgap.robot.prediction import KNOWN_FOOT, Affine, PredictionModel, Situation, rows
 
 FORMAT_VERSION = 2
 OUTPUTS = 15
@@ -76,7 +76,7 @@ class Phase:
 
     def __call__(self, known: np.ndarray) -> np.ndarray:
         """(n, 17) → (n, 15)."""
-        found = self.constant + known[:, 12:16] @ self.feet
+        found = self.constant + known[:, KNOWN_FOOT] @ self.feet
         for part in self.parts:
             found += part(known)
         return found

@@ -18,8 +18,9 @@ from leapgap.control.reference import StartFrame
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.nominal import RigidBodyModel
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, FORCES
 from leapgap.robot.prediction import Affine, Situation
-from leapgap.robot.rigid_body import FORCE_X, FORCE_Z, GRAVITY, POSITION, RigidBody, X, Z
+from leapgap.robot.rigid_body import GRAVITY, POSITION, RigidBody, X, Z
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,11 @@ class LandingMpc(Controller):
         robot: Robot,
         pose: np.ndarray,
         config: LandingConfig,
-        body: RigidBody | None = None,
+        body: RigidBody,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.robot, self.pose, self.config, self.clock = robot, pose, config, clock
-        self.model = RigidBodyModel(body or RigidBody())
+        self.model = RigidBodyModel(body)
         self.legs = Legs(robot)
         self.solver = solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
@@ -106,7 +107,7 @@ class LandingMpc(Controller):
 
 def standing_force(body: RigidBody) -> np.ndarray:
     """The body's weight, half on each pair, (4,), N."""
-    force = np.zeros(4)
+    force = np.zeros(FORCES)
     force[FORCE_Z] = body.mass_kg * GRAVITY / 2
     return force
 

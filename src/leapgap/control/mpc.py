@@ -12,6 +12,7 @@ from leapgap.control.planner import ForcePlanner, MpcConfig, Plan
 from leapgap.control.reference import Reference, StartFrame
 from leapgap.control.tracking import JumpController
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import per_axis
 from leapgap.robot.prediction import PredictionModel
 
 POSE_NOT_FINITE = "pose not finite"
@@ -44,7 +45,7 @@ class JumpMpc(JumpController):
 
     def feed_forward(self, time_s: float, estimate: Estimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
-        push = np.repeat(self.reference.schedule.in_contact(np.array(time_s)), 2)  # of forces front x z, rear x z
+        push = per_axis(self.reference.schedule.in_contact(np.array(time_s)))
         if not push.any():
             return self.nothing()
         if time_s > self._updates * self.config.period_s - ROUNDING_S:

@@ -13,6 +13,7 @@ from leapgap.control.horizon import ROUNDING_S, Horizon, horizon
 from leapgap.control.qp import Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.control.reference import Reference
 from leapgap.recording.windows import TimeGrid
+from leapgap.robot.pair_force import FORCES, per_axis
 from leapgap.robot.prediction import Affine, PredictionModel, Situation
 
 
@@ -68,7 +69,7 @@ class Plan:
     def at(self, time_s: float) -> np.ndarray:
         """Force planned for a moment, (4,); zero outside of the horizon."""
         step = int(np.searchsorted(self.horizon.time_s, time_s + ROUNDING_S, side="right")) - 1
-        return self.force[step] if 0 <= step < len(self.force) else np.zeros(4)
+        return self.force[step] if 0 <= step < len(self.force) else np.zeros(FORCES)
 
 
 class ForcePlanner:
@@ -95,7 +96,7 @@ class ForcePlanner:
     def plan(self, time_s: float, state: np.ndarray, foot: np.ndarray) -> Plan:
         """From a measured state (6,) and foot − base (4,), both in the start frame, at a time since the start."""
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
-            return Plan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, 4)))
+            return Plan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self._prepared.get(microseconds(time_s)) or self._prepare(time_s)
         made = attempt(lambda: self._problem(prepared, state, foot), self.solver, self.config.demands, self.clock)
         if made.fault is None and made.solution is not None:
@@ -119,7 +120,7 @@ class ForcePlanner:
             return planned
         within = begin < good.horizon.time_s[-1] - ROUNDING_S
         shifted = np.array([good.at(float(t)) for t in begin])
-        return np.where(within[:, None], shifted, planned) * np.repeat(steps.share > 0, 2, axis=1)
+        return np.where(within[:, None], shifted, planned) * per_axis(steps.share > 0)
 
     def _prepare(self, time_s: float) -> Rest:
         """The model and the reference at all but the first step, and their part of the QP."""
@@ -142,7 +143,7 @@ class ForcePlanner:
         )
 
 
-NO_STEPS, IN_CONTACT = np.zeros((0, 3, 4)), np.array([True])
+NO_STEPS, IN_CONTACT = np.zeros((0, 3, FORCES)), np.array([True])
 
 
 def microseconds(time_s: float) -> int:

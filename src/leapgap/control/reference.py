@@ -11,6 +11,7 @@ from leapgap.recording.jump import Jump
 from leapgap.recording.window_extraction import feet, states
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import by_pair, flat, per_axis
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 
@@ -49,7 +50,7 @@ class Reference:
             )
         state = states(jump)
         state[:, 0] -= state[0, 0]
-        stands = np.repeat(schedule.in_contact(jump.time), 2, axis=1)
+        stands = per_axis(schedule.in_contact(jump.time))
         return Reference(
             name=jump.name,
             schedule=schedule,
@@ -121,9 +122,9 @@ class StartFrame:
     def foot(self, estimate: Estimate, legs: Legs) -> np.ndarray:
         """Foot − base, mean of each pair, front x z, rear x z, m, as in ``Reference``, (4,)."""
         offset = legs.pair_offsets(estimate.base_quaternion, estimate.joint_pos)
-        return np.stack([offset @ self.forward, offset[:, 2]], axis=1).ravel()
+        return flat(np.stack([offset @ self.forward, offset[:, 2]], axis=1))
 
     def in_world(self, force: np.ndarray) -> np.ndarray:
         """Planar pair forces (4,) along the heading as vectors in the world, (2, 3)."""
-        planar = force.reshape(2, 2)
+        planar = by_pair(force)
         return planar[:, :1] * self.forward + planar[:, 1:] * np.array([0.0, 0.0, 1.0])

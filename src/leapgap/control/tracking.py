@@ -10,6 +10,7 @@ from leapgap.control.gains import JointTargets, PhaseGains
 from leapgap.control.reference import Reference, StartFrame
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import FORCES
 from leapgap.robot.rigid_body import Z
 
 
@@ -60,7 +61,7 @@ class JumpController(Controller):
 
     def nothing(self) -> tuple[np.ndarray, np.ndarray]:
         """No feed-forward."""
-        return np.zeros(len(self.robot.joints)), np.zeros(4)
+        return np.zeros(len(self.robot.joints)), np.zeros(FORCES)
 
 
 class JointPd(JumpController):

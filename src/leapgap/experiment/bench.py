@@ -11,7 +11,7 @@ import numpy as np
 from leapgap.cache import ResultCache, result_key
 from leapgap.effects.base import Effect
 from leapgap.experiment.made import TrialResult, TrialSpec
-from leapgap.experiment.methods import Method
+from leapgap.experiment.method import Method
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World
 from leapgap.files import read_json, write_json

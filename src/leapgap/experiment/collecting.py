@@ -7,7 +7,7 @@ import numpy as np
 from leapgap.control.excitation import Excitation, Excited
 from leapgap.control.tracking import JumpController
 from leapgap.effects.base import Effect
-from leapgap.experiment.methods import Method
+from leapgap.experiment.method import Method
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import World, attempt_task
 from leapgap.recording.jump import Jump

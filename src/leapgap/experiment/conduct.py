@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.recording.state import commanded_torque
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z
 from leapgap.simulation.closed_loop import Run
 
 LEAST_PUSH_N = 20.0
@@ -39,7 +39,7 @@ def conduct(run: Run, robot: Robot, first: int) -> Conduct:
     rows = slice(first, min(len(run.log), first + round(schedule.take_off_s / period)))
     width = max(1, round(IMPULSE_S / period))
     force = smooth(pair_force(run, robot), width)[rows]
-    along, up = force[:, 0::2], force[:, 1::2]
+    along, up = force[:, FORCE_X], force[:, FORCE_Z]
     pushing = up > LEAST_PUSH_N
     joint_vel = run.truth.qvel[rows][:, robot.joint_dofs]
     commanded = commanded_torque(run.log)[rows]
@@ -55,8 +55,7 @@ def conduct(run: Run, robot: Robot, first: int) -> Conduct:
 
 def pair_force(run: Run, robot: Robot) -> np.ndarray:
     """True ground force of each pair on the robot, front x z, rear x z, N, world axes, (rows, 4)."""
-    pairs = [run.ground_force[:, robot.feet_at(pair)].sum(axis=1)[:, [0, 2]] for pair in PAIRS]
-    return np.concatenate(pairs, axis=1)
+    return robot.per_pair(run.ground_force)
 
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:

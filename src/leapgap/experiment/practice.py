@@ -14,7 +14,7 @@ from leapgap.experiment.bench import Bench
 from leapgap.experiment.conduct import SUPPLY_V
 from leapgap.experiment.identify import identified_config
 from leapgap.experiment.made import TrialSpec
-from leapgap.experiment.methods import ByAiming
+from leapgap.experiment.methods.aiming import ByAiming
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump
 from leapgap.simulation.corrected import plannable, planned_with

@@ -1,12 +1,15 @@
 """Landing figures of methods and tasks, as tables."""
 
+import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from leapgap.experiment.made import TrialResult
+from leapgap.files import whole_file
 
 BOOTSTRAP_DRAWS = 1000
 
@@ -135,3 +138,16 @@ def interval_of_tasks(errors: Mapping[tuple[str, str], Sequence[float]], seed: i
     rng, (tasks,) = np.random.default_rng(seed), of_robots.values()
     drawn = np.mean([rng.choice(v, (BOOTSTRAP_DRAWS, len(v))).mean(axis=1) for v in tasks], axis=0)
     return [tidy(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
+
+
+def landing_figures(scored: Sequence[Scored], single: Sequence[str], seed: int) -> dict[str, Any]:
+    """All that ``metrics/landing.json`` holds; ``single`` are the tasks whose mean is the headline."""
+    return tables(scored, seed) | overall(scored, single, seed) | {"seed": seed}
+
+
+def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Write a table for `dvc plots` and for spreadsheets."""
+    with whole_file(path) as beside, beside.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]) if rows else ["hardware"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)

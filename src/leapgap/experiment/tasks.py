@@ -8,6 +8,7 @@ from leapgap.control.reference import Reference
 from leapgap.effects import effect
 from leapgap.effects.base import Effect
 from leapgap.recording.jump import Target
+from leapgap.robot.pair_force import FORCE_X
 from leapgap.robot.terrain import Box
 
 BLOCK_EDGES_M = (0.24, 0.6)
@@ -48,7 +49,7 @@ class Task:
         """Blocks where front or rear feet will land, by chance under the one or the other pair, at random places."""
         if self.uneven_m[1] == 0:
             return ()
-        front, rear = reference.foot[0, 0], reference.foot[0, 2]
+        front, rear = reference.foot[0, FORCE_X]
         boxes = []
         for jump in range(1, self.jumps):
             height = round(float(rng.uniform(*self.uneven_m)), 4)

@@ -13,6 +13,8 @@ from leapgap.experiment.conduct import Conduct, conduct
 from leapgap.experiment.tasks import Task
 from leapgap.recording.jump import Jump
 from leapgap.robot.model import Robot
+from leapgap.robot.nominal import rigid_body_of
+from leapgap.robot.rigid_body import RigidBody
 from leapgap.robot.rotations import yaw_of
 from leapgap.simulation.closed_loop import Run, Sensing, run_controlled
 from leapgap.simulation.hardware import Course, Plan, prepare, terrain_slots
@@ -34,6 +36,12 @@ class World:
     sensing: Sensing = field(default_factory=Sensing)
     sequence: SequenceConfig = field(default_factory=SequenceConfig)
     course: Course = field(default_factory=Course)
+    body: RigidBody | None = None
+    """What landings take the robot for; None: its own mass and inertia, in the pose that the plans begin in."""
+
+    def body_for(self, reference: Reference) -> RigidBody:
+        """That of runs whose jumps are planned so."""
+        return rigid_body_of(self.robot, reference.joint_pos[0]) if self.body is None else self.body
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ def attempt_task(
     effects = (*effects, *task.tilt(rng))
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
-    controller = ContinuousJumps(list(method(task)), robot, world.sequence)
+    controller = ContinuousJumps(list(method(task)), robot, world.sequence, world.body_for(planned))
     run = run_controlled(ready, controller, replayer, effects, world.sensing, rng)
     period = run.log.info.sample_period_s
     began = [jump.start_s for jump in controller.jumps if jump.start_s is not None]

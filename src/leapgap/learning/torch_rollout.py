@@ -11,6 +11,7 @@ import torch
 
 from leapgap.learning.network import NETWORKS, Mlp, NetworkModel, Scaling
 from leapgap.recording.windows import Windows
+from leapgap.robot.pair_force import FRONT_X, FRONT_Z, REAR_X, REAR_Z
 from leapgap.robot.prediction import Situation, selection
 from leapgap.robot.rigid_body import GRAVITY
 
@@ -75,12 +76,12 @@ class ResidualModule(torch.nn.Module):
         """Accelerations of the nominal body with its gains, (n, 3)."""
         pushed = torch.stack(
             [
-                force[:, 0] + force[:, 2],
-                force[:, 1] + force[:, 3],
-                foot[:, 1] * force[:, 0]
-                - foot[:, 0] * force[:, 1]
-                + foot[:, 3] * force[:, 2]
-                - foot[:, 2] * force[:, 3],
+                force[:, FRONT_X] + force[:, REAR_X],
+                force[:, FRONT_Z] + force[:, REAR_Z],
+                foot[:, FRONT_Z] * force[:, FRONT_X]
+                - foot[:, FRONT_X] * force[:, FRONT_Z]
+                + foot[:, REAR_Z] * force[:, REAR_X]
+                - foot[:, REAR_X] * force[:, REAR_Z],
             ],
             dim=-1,
         )

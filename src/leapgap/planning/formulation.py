@@ -21,8 +21,9 @@ import casadi as ca
 import numpy as np
 
 from leapgap.planning.dynamics import inverse_dynamics_residual, legs
-from leapgap.planning.layout import COORDINATES, CROUCH, FORCES, JOINT, JOINTS, PITCH, TRUNK, X, Z
+from leapgap.planning.layout import COORDINATES, CROUCH, JOINT, JOINTS, PITCH, TRUNK, X, Z
 from leapgap.planning.problem import Grid, Limits, Problem, Trajectory, Weights, start_feet, start_legs, start_rise
+from leapgap.robot.pair_force import OF_PAIR, PAIR_FORCE_AXES
 from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import PAIRS
 from leapgap.robot.terrain import Box
@@ -116,7 +117,7 @@ class Programme:
             if k < self.grid.steps:
                 self.torque.append(self._variable(k, "torque bounds", JOINTS))
                 pairs = [
-                    self._variable(k, "force bounds", FORCES[2 * pair : 2 * pair + 2])
+                    self._variable(k, "force bounds", [PAIR_FORCE_AXES[entry] for entry in OF_PAIR[pair]])
                     if self.grid.loaded(pair, k)
                     else ca.SX.zeros(2)
                     for pair in (0, 1)
@@ -220,7 +221,7 @@ class Programme:
         for k in range(self.grid.steps):
             for pair in (0, 1):
                 if self.grid.loaded(pair, k):
-                    x, z = self.force[k][2 * pair], self.force[k][2 * pair + 1]
+                    x, z = (self.force[k][entry] for entry in OF_PAIR[pair])
                     label = Label("friction cone", k, f"{PAIRS[pair]} feet")
                     self._constrain(x + mu * z, -INFINITY, 0, label)
                     self._constrain(-x + mu * z, -INFINITY, 0, label)

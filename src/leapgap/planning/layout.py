@@ -10,8 +10,5 @@ X, Z, PITCH = 0, 1, 2
 JOINT = slice(3, 7)
 COORDINATES = 7
 
-# Layout of a force row: front x z, rear x z.
-FORCES = ("front_x", "front_z", "rear_x", "rear_z")
-
 CROUCH = np.array([-0.4, 0.75, -0.4, 0.75]) * np.pi
 """Joint angles the published jumps start and end with, rad, in the planner's sign."""

@@ -17,10 +17,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from leapgap.planning.boxes import terrain
-from leapgap.planning.layout import FORCES, JOINT, JOINTS, PITCH, X, Z
+from leapgap.planning.layout import JOINT, JOINTS, PITCH, X, Z
 from leapgap.planning.problem import Problem, start_feet
 from leapgap.planning.solve import Solution
 from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.planar import PlanarRobot
 from leapgap.robot.schedule import PAIRS
 
@@ -57,7 +58,7 @@ def to_jump(solution: Solution, gains: Gains) -> Jump:
     torque, force = effort(solution, time)
     columns = {"time": time} | base_columns(problem, q, v)
     columns |= joint_columns(problem.robot, q, v, torque, gains)
-    columns |= {f"mpc_force/{axis}": positive_zero(-force[:, i]) for i, axis in enumerate(FORCES)}
+    columns |= {f"mpc_force/{axis}": positive_zero(-force[:, i]) for i, axis in enumerate(PAIR_FORCE_AXES)}
     stands = grid.schedule.in_contact(time).astype(float)
     columns |= {f"contact/{leg.foot}": stands[:, PAIRS.index(leg.pair)] for leg in problem.robot.joints}
     info = JumpInfo(

@@ -18,7 +18,8 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
 from leapgap.files import whole_file
-from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
@@ -154,6 +155,10 @@ class Jump:
     def pair_force(self, source: str) -> np.ndarray:
         """``mpc_force``, ``pd_force`` or ``train_force``: front x z, rear x z on the robot, N, (rows, 4)."""
         return self.stack([f"{source}/{axis}" for axis in PAIR_FORCE_AXES])
+
+    def has_pair_force(self, source: str) -> bool:
+        """Whether the log holds the pair forces of a source: ``mpc_force``, ``pd_force``, ``train_force``."""
+        return f"{source}/{PAIR_FORCE_AXES[0]}" in self
 
     @cached_property
     def rows_before_gain_change(self) -> int:

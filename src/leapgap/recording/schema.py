@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -26,7 +28,6 @@ class Quantity:
 
 
 XYZ, WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
-PAIR_FORCE_AXES = ("front_x", "front_z", "rear_x", "rear_z")
 
 QUANTITIES = {
     quantity.name: quantity

@@ -13,6 +13,7 @@ from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import per_axis
 from leapgap.robot.schedule import PAIRS
 
 STATE_COLUMNS = ("base_pos_x", "base_pos_z", *BASE_QUATERNION, "base_linvel_x", "base_linvel_z", "base_angvel_y")
@@ -133,7 +134,7 @@ def total_forces(jump: Jump) -> np.ndarray:
 
     A source that filtered them itself supplies ``train_force``.
     """
-    sources = {name for name in ("train_force", "mpc_force", "pd_force") if f"{name}/front_x" in jump}
+    sources = {name for name in ("train_force", "mpc_force", "pd_force") if jump.has_pair_force(name)}
     if "train_force" in sources:
         return jump.pair_force("train_force")
     if {"mpc_force", "pd_force"} <= sources:
@@ -149,7 +150,7 @@ def total_forces(jump: Jump) -> np.ndarray:
 
 def planned_forces(jump: Jump) -> np.ndarray:
     """u_mpc alone, (rows, 4): what an MPC decides on; a model of it learns what joint PD will add."""
-    if "mpc_force/front_x" not in jump:
+    if not jump.has_pair_force("mpc_force"):
         raise InputError(
             jump.name,
             "no planned forces (no mpc_force)",
@@ -168,5 +169,5 @@ def feet(jump: Jump, robot: Robot, rows: np.ndarray) -> np.ndarray:
     position = jump.stack(BASE_POSITION)[rows]
     joints = jump.per_joint("joint_pos", robot.joints)[rows]
     at = feet_in_world(robot, position, jump.stack(BASE_QUATERNION)[rows], joints) - position[:, None]
-    count = np.repeat([len(robot.feet_of_pair(pair)) for pair in PAIRS], 2)
+    count = per_axis([len(robot.feet_of_pair(pair)) for pair in PAIRS])
     return robot.per_pair(at) / count

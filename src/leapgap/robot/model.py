@@ -11,6 +11,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.robot.motors import MotorConstants
+from leapgap.robot.pair_force import WORLD_X_Z
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 
@@ -202,4 +203,4 @@ class Robot:
         sums = [
             of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1) for pair in ("front", "rear")
         ]
-        return np.concatenate([s[:, [0, 2]] for s in sums], axis=1)
+        return np.concatenate([s[:, WORLD_X_Z] for s in sums], axis=1)

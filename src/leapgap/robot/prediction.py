@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.pair_force import FRONT_X, FRONT_Z, REAR_X, REAR_Z
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,10 @@ FEATURES: dict[str, Callable[[Situation], Any]] = {
     "vx": lambda s: s.state[..., 3],
     "vz": lambda s: s.state[..., 4],
     "pitch_rate": lambda s: s.state[..., 5],
-    "front_foot_x": lambda s: s.foot[..., 0],
-    "front_foot_z": lambda s: s.foot[..., 1],
-    "rear_foot_x": lambda s: s.foot[..., 2],
-    "rear_foot_z": lambda s: s.foot[..., 3],
+    "front_foot_x": lambda s: s.foot[..., FRONT_X],
+    "front_foot_z": lambda s: s.foot[..., FRONT_Z],
+    "rear_foot_x": lambda s: s.foot[..., REAR_X],
+    "rear_foot_z": lambda s: s.foot[..., REAR_Z],
     "phase": lambda s: s.time_s,
 }
 """Inputs by name; ``phase`` ties a model to one schedule."""
@@ -80,6 +81,8 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
 
 KNOWN = 17
 """Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
+KNOWN_FOOT = slice(12, 16)
+"""Where the foot stands in such a row."""
 
 
 def rows(situation: Situation) -> np.ndarray:
@@ -95,7 +98,7 @@ def rows(situation: Situation) -> np.ndarray:
 def selection(names: Sequence[str]) -> np.ndarray:
     """The named inputs, all linear, as a matrix: inputs = rows @ selection, shape (17, inputs)."""
     unit = np.eye(KNOWN)
-    return np.stack(columns(names, Situation(unit[:, :6], unit[:, 12:16], unit[:, 16], unit[:, 6:12])), axis=-1)
+    return np.stack(columns(names, Situation(unit[:, :6], unit[:, KNOWN_FOOT], unit[:, 16], unit[:, 6:12])), axis=-1)
 
 
 def check_names(names: Sequence[str], where: str) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, FORCES
 
 GRAVITY = 9.81
 """m/s²."""
@@ -14,20 +14,18 @@ X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)
 POSITION, VELOCITY = slice(0, 3), slice(3, 6)
 STATE = ("x", "z", "pitch", "vx", "vz", "pitch_rate")
 
-FORCE_X, FORCE_Z = slice(0, 2 * len(PAIRS), 2), slice(1, 2 * len(PAIRS), 2)
-"""Layout of pair forces and of feet: front x z, rear x z."""
-
 
 @dataclass(frozen=True)
 class RigidBody:
     """A rigid body in the x–z plane, pushed at two points (the pairs of feet).
 
-    Defaults: the whole A1 and its composite pitch inertia about the centre of mass in the crouch (nominal robot).
     An infinite inertia drops the moment of the forces.
     """
 
-    mass_kg: float = 12.453
-    pitch_inertia_kgm2: float = 0.347
+    mass_kg: float
+    """Of the whole robot."""
+    pitch_inertia_kgm2: float
+    """Composite inertia of trunk and legs about the centre of mass, about y, in one pose of the legs."""
 
     def force_rows(self, foot: np.ndarray) -> np.ndarray:
         """Accelerations (vx, vz, pitch rate) by unit pair forces, shape (…, 3, 4); the velocity rows of B.
@@ -36,7 +34,7 @@ class RigidBody:
         ``foot`` (…, 4) is foot − base, front x z, rear x z, m, world axes.
         """
         foot = np.asarray(foot, dtype=float)
-        rows = np.zeros((*foot.shape[:-1], 3, 4))
+        rows = np.zeros((*foot.shape[:-1], 3, FORCES))
         rows[..., 0, FORCE_X] = 1 / self.mass_kg
         rows[..., 1, FORCE_Z] = 1 / self.mass_kg
         rows[..., 2, FORCE_X] = foot[..., FORCE_Z] / self.pitch_inertia_kgm2

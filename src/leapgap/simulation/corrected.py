@@ -13,6 +13,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.files import read_json, write_json
 from leapgap.robot.model import Robot
+from leapgap.robot.nominal import rigid_body_of
 from leapgap.robot.planar import PlanarRobot, planar_robot
 from leapgap.robot.rigid_body import RigidBody
 
@@ -52,18 +53,8 @@ def planned_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
 
 
 def body_with(robot: Robot, found: Sequence[Effect], joint_pos: np.ndarray) -> RigidBody:
-    """Mass and composite pitch inertia about the centre of mass, trunk level, joints (joints,) rad as given."""
-    model = changed(robot, found)
-    data = mujoco.MjData(model)
-    data.qpos[3:7] = [1, 0, 0, 0]
-    data.qpos[robot.joint_qpos] = joint_pos
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    away = data.xipos - data.subtree_com[robot.base_body]
-    turned = data.ximat.reshape(-1, 3, 3)
-    own = np.einsum("bi,bi->b", turned[:, 1] ** 2, model.body_inertia)  # about y of the world, through its own centre
-    inertia = own + model.body_mass * (away[:, 0] ** 2 + away[:, 2] ** 2)
-    return RigidBody(float(model.body_mass.sum()), float(inertia.sum()))
+    """``rigid_body_of`` the robot with effects that a plan can reckon with, joints (joints,) rad as given."""
+    return rigid_body_of(robot, joint_pos, changed(robot, found))
 
 
 def changed(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:

@@ -77,7 +77,7 @@ def notes(actors: Sequence[Actor], title: str, says: str = "") -> str:
     for box in info.terrain:
         height = "estimated" if box.estimated else "stated"
         lines.append(f"- box on the floor at x = {box.x_m:g} m, top at {box.top_m:g} m ({height})")
-    if any(f"{source}/front_x" in actors[0].jump for source in FORCES):
+    if any(actors[0].jump.has_pair_force(source) for source in FORCES):
         lines.append(
             f"- arrows at the feet: ground force on the robot planned by the MPC (red) and of the joint PD "
             f"(yellow), {100 / METRES_PER_NEWTON / 1000:g} N a 10 cm"

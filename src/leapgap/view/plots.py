@@ -9,7 +9,7 @@ import rerun as rr
 
 from leapgap.recording import state
 from leapgap.recording.jump import Jump
-from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.schedule import PAIRS
 from leapgap.view.actor import Actor, Colour
 from leapgap.view.recorder import Recorder, every
@@ -159,7 +159,7 @@ def log_ground_forces(to: Recorder, actor: Actor) -> None:
 
 def has_pair_force(jump: Jump, source: str) -> bool:
     """Whether a log has a force of the pairs."""
-    return f"{source}/front_x" in jump
+    return jump.has_pair_force(source)
 
 
 def log_phases(

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from leapgap.robot.pair_force import WORLD_X_Z, by_pair
 from leapgap.robot.schedule import PAIRS
 from leapgap.robot.shapes import Shape, shapes
 from leapgap.robot.terrain import Box
@@ -236,9 +237,9 @@ def log_forces(to: Recorder, actor: Actor) -> None:
     for source, colour in FORCES.items():
         if not has_pair_force(jump, source):
             continue
-        force = jump.pair_force(source)[actor.rows].reshape(-1, 2, 2)
+        force = by_pair(jump.pair_force(source)[actor.rows])
         vectors = np.zeros((len(force), 2, 3))
-        vectors[:, :, [0, 2]] = METRES_PER_NEWTON * force
+        vectors[:, :, WORLD_X_Z] = METRES_PER_NEWTON * force
         entity = f"{WORLD}/{actor.key}/{source}"
         to.static(entity, rr.Arrows3D.from_fields(colors=[colour], radii=[0.006]))
         pushing = jump.info.schedule.in_contact(actor.time)

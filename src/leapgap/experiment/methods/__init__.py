@@ -1,0 +1,1 @@
+"""Landing methods, a file each; configured instances are listed in ``conf/land``."""
