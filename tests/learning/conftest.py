@@ -10,6 +10,7 @@ from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, P
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import per_pair
 from leapgap.robot.rigid_body import advance
 from leapgap.robot.schedule import ContactSchedule
 from tests.conftest import A1_BODY
@@ -28,7 +29,7 @@ def pose(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def law(robot: Robot, state: np.ndarray, force: np.ndarray) -> np.ndarray:
     """(v̇x, v̇z, ω̇) of one state (6,) under forces (4,)."""
     position, quaternion = pose(state[None])
-    foot = (robot.per_pair(feet_in_world(robot, position, quaternion, CROUCH[None]) - position[:, None]) / 2)[0]
+    foot = (per_pair(robot, feet_in_world(robot, position, quaternion, CROUCH[None]) - position[:, None]) / 2)[0]
     rows = A1_BODY.force_rows(foot) * np.array(TRUE_GAINS)[:, None]
     return rows @ force + [0.0, -9.81, 0.0]
 

@@ -7,6 +7,7 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.robot.kinematics import feet_in_world, joint_torque_to_foot_force
 from leapgap.robot.model import Robot
+from leapgap.robot.pair_force import per_pair
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 from tests.conftest import CROUCH
@@ -75,7 +76,7 @@ def test_joint_torques_stand_for_the_forces_that_cause_them(robot: Robot) -> Non
     force = joint_torque_to_foot_force(robot, quaternion, angles, -generalised[None, robot.joint_dofs])
     assert force[0, 3] == pytest.approx(on_robot)
     assert np.abs(force[0, :3]).max() < 1e-9
-    assert robot.per_pair(force)[0] == pytest.approx([0, 0, 3, 40])
+    assert per_pair(robot, force)[0] == pytest.approx([0, 0, 3, 40])
 
 
 def test_terrain_of_different_jumps_has_one_size(robot: Robot) -> None:

@@ -2,18 +2,8 @@
 
 import numpy as np
 
-from leapgap.robot.pair_force import (
-    FORCE_X,
-    FORCE_Z,
-    FRONT_X,
-    FRONT_Z,
-    PAIR_FORCE_AXES,
-    REAR_X,
-    REAR_Z,
-    by_pair,
-    flat,
-    per_axis,
-)
+from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, FRONT_X, FRONT_Z, REAR_X, REAR_Z, by_pair, flat, per_axis
 
 
 def test_names_slices_and_indices_say_the_same() -> None:

@@ -17,7 +17,7 @@ from leapgap.errors import InputError
 from leapgap.robot.legs import Legs
 from leapgap.robot.model import Robot
 from leapgap.robot.rigid_body import RigidBody
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.topology import PAIRS
 
 Phase = Literal["jump", "landing", "settling"]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.control.reference import Reference
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.topology import PAIRS
 
 
 @dataclass(frozen=True)

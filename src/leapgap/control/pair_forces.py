@@ -4,7 +4,7 @@ import numpy as np
 
 from leapgap.robot.kinematics import joint_torque_to_foot_force
 from leapgap.robot.model import Robot
-from leapgap.robot.pair_force import per_axis
+from leapgap.robot.pair_force import per_axis, per_pair
 from leapgap.robot.schedule import ContactSchedule
 
 
@@ -20,5 +20,5 @@ def pd_pair_force(
 
     ``torque`` (rows, joints) is what the joint PD asks for, N·m. Zero where the schedule has the pair in the air.
     """
-    force = robot.per_pair(joint_torque_to_foot_force(robot, base_quaternion, joint_pos, torque))
+    force = per_pair(robot, joint_torque_to_foot_force(robot, base_quaternion, joint_pos, torque))
     return force * per_axis(schedule.in_contact(time_s))

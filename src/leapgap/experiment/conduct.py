@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.recording.state import commanded_torque
 from leapgap.robot.model import Robot
-from leapgap.robot.pair_force import FORCE_X, FORCE_Z
+from leapgap.robot.pair_force import FORCE_X, FORCE_Z, per_pair
 from leapgap.simulation.closed_loop import Run
 
 LEAST_PUSH_N = 20.0
@@ -55,7 +55,7 @@ def conduct(run: Run, robot: Robot, first: int) -> Conduct:
 
 def pair_force(run: Run, robot: Robot) -> np.ndarray:
     """True ground force of each pair on the robot, front x z, rear x z, N, world axes, (rows, 4)."""
-    return robot.per_pair(run.ground_force)
+    return per_pair(robot, run.ground_force)
 
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:

@@ -15,9 +15,8 @@ from leapgap.experiment.method import Method
 from leapgap.experiment.tasks import Task
 from leapgap.experiment.trial import Outcome, World, attempt_task
 from leapgap.recording.jump import Jump
-from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.rigid_body import GRAVITY
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule

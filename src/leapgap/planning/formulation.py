@@ -23,10 +23,11 @@ import numpy as np
 from leapgap.planning.dynamics import inverse_dynamics_residual, legs
 from leapgap.planning.layout import COORDINATES, CROUCH, JOINT, JOINTS, PITCH, TRUNK, X, Z
 from leapgap.planning.problem import Grid, Limits, Problem, Trajectory, Weights, start_feet, start_legs, start_rise
-from leapgap.robot.pair_force import OF_PAIR, PAIR_FORCE_AXES
+from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.robot.pair_force import OF_PAIR
 from leapgap.robot.planar import PlanarRobot
-from leapgap.robot.schedule import PAIRS
 from leapgap.robot.terrain import Box
+from leapgap.robot.topology import PAIRS
 
 Bounds = tuple[np.ndarray, np.ndarray]
 """Lower and upper."""

@@ -21,9 +21,9 @@ from leapgap.planning.layout import JOINT, JOINTS, PITCH, X, Z
 from leapgap.planning.problem import Problem, start_feet
 from leapgap.planning.solve import Solution
 from leapgap.recording.jump import Jump, JumpInfo, Target
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.robot.planar import PlanarRobot
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.topology import PAIRS
 
 SAMPLES_PER_SECOND = 1000
 

@@ -18,8 +18,7 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
 from leapgap.files import whole_file
-from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box

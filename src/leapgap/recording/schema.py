@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
+from leapgap.robot.topology import PAIRS
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class Quantity:
         return f"{self.name}/{of}"
 
 
+PAIR_FORCE_AXES = tuple(f"{pair}_{axis}" for pair in PAIRS for axis in ("x", "z"))
+"""Components of a force of each pair of feet: ``front_x``, ``front_z``, ``rear_x``, ``rear_z``."""
 XYZ, WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
 
 QUANTITIES = {

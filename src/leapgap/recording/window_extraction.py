@@ -13,8 +13,8 @@ from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.recording.windows import TimeGrid, Windows
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
-from leapgap.robot.pair_force import per_axis
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.pair_force import per_axis, per_pair
+from leapgap.robot.topology import PAIRS
 
 STATE_COLUMNS = ("base_pos_x", "base_pos_z", *BASE_QUATERNION, "base_linvel_x", "base_linvel_z", "base_angvel_y")
 
@@ -170,4 +170,4 @@ def feet(jump: Jump, robot: Robot, rows: np.ndarray) -> np.ndarray:
     joints = jump.per_joint("joint_pos", robot.joints)[rows]
     at = feet_in_world(robot, position, jump.stack(BASE_QUATERNION)[rows], joints) - position[:, None]
     count = per_axis([len(robot.feet_of_pair(pair)) for pair in PAIRS])
-    return robot.per_pair(at) / count
+    return per_pair(robot, at) / count

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.topology import PAIRS
 
 
 class Legs:

@@ -11,7 +11,6 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.robot.motors import MotorConstants
-from leapgap.robot.pair_force import WORLD_X_Z
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 
@@ -197,10 +196,3 @@ class Robot:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
         return spec
-
-    def per_pair(self, of_feet: np.ndarray) -> np.ndarray:
-        """Sum over the feet of each pair, in the planar axes: (rows, feet, 3) → front x z, rear x z (rows, 4)."""
-        sums = [
-            of_feet[:, [self.feet.index(f) for f in self.feet_of_pair(pair)]].sum(axis=1) for pair in ("front", "rear")
-        ]
-        return np.concatenate([s[:, WORLD_X_Z] for s in sums], axis=1)

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.robot.schedule import PAIRS
+from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.robot.model import Robot
+from leapgap.robot.topology import PAIRS
 
 AXES = ("x", "z")
-PAIR_FORCE_AXES = tuple(f"{pair}_{axis}" for pair in PAIRS for axis in AXES)
-"""Names of the entries, in their order: ``front_x``, ``front_z``, ``rear_x``, ``rear_z``."""
 FORCES = len(PAIR_FORCE_AXES)
 
 FRONT_X, FRONT_Z, REAR_X, REAR_Z = range(FORCES)
@@ -33,3 +33,9 @@ def by_pair(force: np.ndarray) -> np.ndarray:
 def flat(of_pairs: np.ndarray) -> np.ndarray:
     """The inverse of ``by_pair``: (…, 2, 2) to (…, 4)."""
     return of_pairs.reshape(*of_pairs.shape[:-2], FORCES)
+
+
+def per_pair(robot: Robot, of_feet: np.ndarray) -> np.ndarray:
+    """Sum over the feet of each pair, in the planar axes: (rows, feet, 3) to front x z, rear x z, (rows, 4)."""
+    sums = [of_feet[:, robot.feet_at(pair)].sum(axis=1) for pair in PAIRS]
+    return np.concatenate([s[:, WORLD_X_Z] for s in sums], axis=1)

@@ -15,7 +15,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.topology import PAIRS
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-PAIRS = ("front", "rear")
-
 
 @dataclass(frozen=True)
 class ContactSchedule:

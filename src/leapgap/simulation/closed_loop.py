@@ -14,9 +14,9 @@ import numpy as np
 from leapgap.control.controller import Command, Controller, Estimate
 from leapgap.effects.base import Commands, Effect
 from leapgap.recording.jump import Jump
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.simulation.hardware import NoiseRows, Prepared, SensorNoise, logged
 from leapgap.simulation.replay import Replayer, Trial
 

@@ -13,11 +13,11 @@ import numpy as np
 from leapgap.control.pair_forces import pd_pair_force
 from leapgap.effects.base import Effect
 from leapgap.recording.jump import Jump
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.recording.state import columns_of, motion_of, pd_torques
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, Motion
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.rotations import turned
 from leapgap.robot.terrain import Box
 from leapgap.simulation.replay import Replayer, Trial

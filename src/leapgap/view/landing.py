@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 from leapgap.files import read_json
 from leapgap.recording.jump import Jump, read
 from leapgap.recording.state import commanded_torque
-from leapgap.robot.schedule import PAIRS
+from leapgap.robot.topology import PAIRS
 from leapgap.view.page import rendered
 
 METHODS = {

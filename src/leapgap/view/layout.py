@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
+from leapgap.recording.schema import PAIR_FORCE_AXES
 from leapgap.view.actor import Actor
 from leapgap.view.plots import COMPONENTS, FORCE_COLOURS, components, has_pair_force, switched_pairs
 from leapgap.view.recorder import TIMELINE

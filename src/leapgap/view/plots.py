@@ -9,8 +9,8 @@ import rerun as rr
 
 from leapgap.recording import state
 from leapgap.recording.jump import Jump
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
-from leapgap.robot.schedule import PAIRS
+from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.robot.topology import PAIRS
 from leapgap.view.actor import Actor, Colour
 from leapgap.view.recorder import Recorder, every
 

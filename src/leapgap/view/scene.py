@@ -6,9 +6,9 @@ import numpy as np
 import rerun as rr
 
 from leapgap.robot.pair_force import WORLD_X_Z, by_pair
-from leapgap.robot.schedule import PAIRS
 from leapgap.robot.shapes import Shape, shapes
 from leapgap.robot.terrain import Box
+from leapgap.robot.topology import PAIRS
 from leapgap.view.actor import Actor, Colour
 from leapgap.view.plots import has_pair_force
 from leapgap.view.recorder import Recorder

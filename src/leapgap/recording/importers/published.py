@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 from leapgap.errors import InputError
 from leapgap.recording.importers.base import LogFormat
 from leapgap.recording.jump import Jump, JumpInfo, Target
-from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
+from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
-from leapgap.robot.pair_force import PAIR_FORCE_AXES
 from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 
