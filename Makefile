@@ -19,7 +19,7 @@ export DVC_NO_ANALYTICS := 1
 
 run: .venv/ready
 	dvc repro
-	@python -m leapgap.view.where
+	@python -m leapgap.reports.print_results
 
 test: export OMP_NUM_THREADS := 1  # two workers share two cores
 test: .venv/ready renderer

@@ -5,15 +5,16 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.files import whole_folder
-from leapgap.recording import jump, window_extraction, windows
-from leapgap.recording.windows import TimeGrid
+from leapgap.atomic_io import whole_folder
+from leapgap.jumping.learning import window_extraction, windows
+from leapgap.jumping.learning.windows import TimeGrid
+from leapgap.logs import log as jump
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
 
 
 @dataclass
-class ChunkConfig:
+class ChunkSettings:
     """Section chunk."""
 
     logs: str
@@ -31,10 +32,10 @@ class ChunkConfig:
 
 def chunk(config: DictConfig) -> None:
     """Read a folder of jump logs, write their windows."""
-    section = read_config(ChunkConfig, config.chunk, "chunk")
+    section = read_config(ChunkSettings, config.chunk, "chunk")
     out = output_folder(section.out)
     found = window_extraction.cut(
-        jump.read_folder(Path(section.logs)), section.grid, Robot.load(config.robot.model), section.force
+        jump.read_logs(Path(section.logs)), section.grid, Robot.load(config.robot.model), section.force
     )
     with whole_folder(out) as folder:
         windows.write(found, folder)

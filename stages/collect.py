@@ -7,36 +7,36 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from leapgap.control.excitation import Excitation
-from leapgap.control.gains import PhaseGains
-from leapgap.control.planner import MpcConfig
+from leapgap.atomic_io import whole_folder
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.executor import Executor
-from leapgap.experiment.collecting import Collected, Collection
-from leapgap.experiment.method import Method, References, crouch
-from leapgap.experiment.methods.joint_pd import ByJointPd
-from leapgap.experiment.methods.mpc import ByMpc
-from leapgap.experiment.tasks import Task
-from leapgap.experiment.trial import World
-from leapgap.files import whole_folder
-from leapgap.planning.batch import read_targets
-from leapgap.planning.library import reference_to
-from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import Target
+from leapgap.jumping.control.excitation import Excitation
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.experiments.collection import Collected, Collection
+from leapgap.jumping.experiments.method import Method, References, crouch
+from leapgap.jumping.experiments.methods.joint_pd import ByJointPd
+from leapgap.jumping.experiments.methods.mpc import ByMpc
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.trial import TrialSetup
+from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
+from leapgap.jumping.planning.batch import read_targets
+from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.logs import log as jump_log
+from leapgap.logs.segments import Target
 from leapgap.robot.model import Robot
-from leapgap.robot.nominal import RigidBodyModel, planner_body
-from leapgap.robot.planar import planar_robot
-from leapgap.robot.rigid_body import RigidBody
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.corrected import read_corrected
-from leapgap.simulation.hardware import Course
-from leapgap.simulation.variants import Variant
+from leapgap.simulation.open_loop import Course
+from leapgap.simulation.presets import Variant
 from stages.common import output_folder, read_config, read_optional, run_stage
 
 
 @dataclass(frozen=True)
-class Settings:
+class CollectSettings:
     """Section ``collect``."""
 
     references: str
@@ -62,7 +62,7 @@ class Settings:
 
 def collect(config: DictConfig) -> None:
     """Let the chosen hardware make the configured jumps."""
-    settings = read_config(Settings, config.collect, "collect")
+    settings = read_config(CollectSettings, config.collect, "collect")
     executor = read_config(Executor, config.executor, "executor")
     robot, on_top = robot_of(settings, config.robot.model)
     effects = (*on_top, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
@@ -74,22 +74,22 @@ def collect(config: DictConfig) -> None:
         robot, crouch(references, robot), rounded
     )
     method = method_of(settings, robot, references, body)
-    world = World(robot, settings.sensing, course=settings.course, body=body)
+    world = TrialSetup(robot, settings.sensing, course=settings.course, body=body)
     planned = []
     for i, target in enumerate(targets):
         block = round(float(rng.uniform(*settings.block_height_m)), 4)
-        task = Task("collect", target.x_m, target.z_m, block_m=(block, block))
+        task = JumpTask("collect", target.x_m, target.z_m, block_m=(block, block))
         seed = int(rng.integers(2**31))
         planned.append(
             Collection(f"{settings.hardware}_{i:02d}", task, method, effects, world, seed, settings.excitation)
         )
     with whole_folder(output_folder(settings.out)) as folder:
         for made in executor.map(Collection.made, planned):
-            jump_log.write(made.log, folder / f"{made.log.name}.parquet")
+            jump_log.write_log(made.log, folder / f"{made.log.name}.parquet")
             print(said(made), flush=True)
 
 
-def robot_of(settings: Settings, model: str) -> tuple[Robot, tuple[Effect, ...]]:
+def robot_of(settings: CollectSettings, model: str) -> tuple[Robot, tuple[Effect, ...]]:
     """The nominal robot, or a corrected one with the effects a diagnosis found."""
     if settings.robot is None:
         return Robot.load(model), ()
@@ -103,7 +103,7 @@ def hidden_effects(variants: dict[str, Any], hardware: str, seed: int) -> tuple[
     return Variant(**variants[hardware]).drawn(seed)
 
 
-def targets_of(settings: Settings, rng: np.random.Generator) -> list[Target]:
+def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Target]:
     """One target a jump: the one, those listed in turn, or flat ones drawn to the millimetre."""
     listed = settings.targets if settings.target is None else [settings.target]
     if listed is None:
@@ -112,7 +112,7 @@ def targets_of(settings: Settings, rng: np.random.Generator) -> list[Target]:
     return [targets[i % len(targets)] for i in range(settings.jumps)]
 
 
-def method_of(settings: Settings, robot: Robot, references: References, body: RigidBody) -> Method:
+def method_of(settings: CollectSettings, robot: Robot, references: References, body: RigidBody) -> Method:
     """The configured controller."""
     if settings.controller == "joint_pd":
         return ByJointPd(robot, references, settings.gains)

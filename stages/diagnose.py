@@ -5,13 +5,12 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
+from leapgap.atomic_io import whole_folder, write_json, write_text
 from leapgap.diagnosis.diagnose import Settings
-from leapgap.files import whole_folder, write_json, write_text
-from leapgap.recording import jump as jump_log
+from leapgap.logs import log as jump_log
+from leapgap.reports.diagnosis import DiagnosedLogs, diagnose_folder
+from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, record_jump
 from leapgap.robot.model import Robot
-from leapgap.view.diagnosis import DiagnosedLogs, diagnose_folder
-from leapgap.view.gallery import DIAGNOSED, GHOSTS
-from leapgap.view.jump import record_jump
 from stages.common import output_folder, read_config, run_stage
 
 
@@ -55,7 +54,7 @@ def write_replays(found: DiagnosedLogs, folder: Path) -> None:
     write_json(folder / DIAGNOSED, {"log": found.report.median_log, "sentence": found.report.sentence})
     for kind, replays in (("nominal", found.nominal), ("corrected", found.corrected)):
         for name, replay in replays.items():
-            jump_log.write(replay, folder / kind / f"{name}.parquet")
+            jump_log.write_log(replay, folder / kind / f"{name}.parquet")
 
 
 if __name__ == "__main__":

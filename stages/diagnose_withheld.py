@@ -11,14 +11,14 @@ from typing import Any
 import plotly.offline
 from omegaconf import DictConfig, OmegaConf
 
+from leapgap.atomic_io import sha256, write_text
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import file_digests
 from leapgap.diagnosis.diagnose import Settings as Diagnosing
 from leapgap.errors import InputError
 from leapgap.executor import Executor
-from leapgap.files import sha256, write_text
+from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
-from leapgap.view.diagnosis import diagnose_folder
 from stages.common import output_folder, read_config, run_stage
 
 SCRIPT = "plotly.js"
@@ -27,7 +27,7 @@ REAL = "real"
 
 
 @dataclass(frozen=True)
-class Settings:
+class DiagnoseWithheldSettings:
     """Section ``diagnose_withheld``."""
 
     logs: str
@@ -64,7 +64,7 @@ class Job:
 
 def diagnose_withheld(config: DictConfig) -> None:
     """Diagnose what is not diagnosed yet; remove verdicts of cases that are no more."""
-    settings = read_config(Settings, config.diagnose_withheld, "diagnose_withheld")
+    settings = read_config(DiagnoseWithheldSettings, config.diagnose_withheld, "diagnose_withheld")
     executor = read_config(Executor, config.executor, "executor")
     logs, cache = Path(settings.logs), ResultCache(output_folder(settings.out))
     if not logs.is_dir():

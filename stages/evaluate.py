@@ -6,18 +6,18 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from leapgap.files import read_json, whole_folder, write_json, write_text
-from leapgap.learning import evaluation, store, time_grid_comparison
-from leapgap.learning.evaluation import HeldOutPredictions
-from leapgap.learning.time_grid_comparison import RollOut
-from leapgap.recording import jump, window_extraction, windows
+from leapgap.atomic_io import read_json, whole_folder, write_json, write_text
+from leapgap.jumping.learning import evaluation, store, time_grid_comparison, window_extraction, windows
+from leapgap.jumping.learning.evaluation import HeldOutPredictions
+from leapgap.jumping.learning.time_grid_comparison import RollOut
+from leapgap.jumping.reports import learning as page
+from leapgap.logs import log as jump
 from leapgap.robot.model import Robot
-from leapgap.view import learning as page
 from stages.common import output_folder, read_config, run_stage
 
 
 @dataclass
-class EvaluateConfig:
+class EvaluateSettings:
     """Section evaluate."""
 
     models: str
@@ -32,7 +32,7 @@ class EvaluateConfig:
 
 def evaluate(config: DictConfig) -> None:
     """Write the metrics and predictions of held-out jumps; with ``logs``, learning.json of those logs."""
-    section = read_config(EvaluateConfig, config.evaluate, "evaluate")
+    section = read_config(EvaluateSettings, config.evaluate, "evaluate")
     out, models = output_folder(section.out), Path(section.models)
     if section.logs is not None:
         evaluate_logs(Path(section.logs), models, Robot.load(config.robot.model), out)
@@ -63,7 +63,7 @@ def evaluate(config: DictConfig) -> None:
     print(f"{len(found)} windows of {len(found.jumps)} jumps predicted -> {metrics}, {out}")
 
 
-def from_650_ms(folds: HeldOutPredictions, section: EvaluateConfig) -> dict[str, RollOut] | None:
+def from_650_ms(folds: HeldOutPredictions, section: EvaluateSettings) -> dict[str, RollOut] | None:
     """Roll-outs on variable and on fixed steps, where models of fixed steps are at hand."""
     if section.fixed_models is None or section.fixed_windows is None:
         return None
@@ -72,7 +72,7 @@ def from_650_ms(folds: HeldOutPredictions, section: EvaluateConfig) -> dict[str,
 
 
 def report(
-    section: EvaluateConfig, figures: dict[str, Any], predictions: Path, roll_outs: dict[str, RollOut] | None
+    section: EvaluateSettings, figures: dict[str, Any], predictions: Path, roll_outs: dict[str, RollOut] | None
 ) -> str:
     """The page for a person."""
     seconds = read_json(Path(section.timing))["fit_seconds"] if section.timing else {}
@@ -84,7 +84,7 @@ def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
     """The models trained on all jumps, on logs they may never have seen."""
     name = read_json(models / "splits.json")["all"]["models"][0]
     model = store.load(models / "all", name)
-    found = window_extraction.cut(jump.read_folder(logs), model.purpose.grid, robot)
+    found = window_extraction.cut(jump.read_logs(logs), model.purpose.grid, robot)
     mse = evaluation.errors_on_other_jumps(found, models) if len(found) else {}
     write_json(out / "learning.json", {"jumps": len(found.jumps), "windows": len(found), "mse": mse})
     seen = set(found.jumps) & set(model.trained_on)

@@ -6,19 +6,19 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from leapgap.atomic_io import write_json, write_text
 from leapgap.cache import ResultCache
 from leapgap.executor import Executor
-from leapgap.experiment.bench import TrialRunner
-from leapgap.experiment.landing_experiment import FIGURES, PAGE, RUNS, TABLE, LandingExperiment, tell
-from leapgap.experiment.method_registry import known
-from leapgap.experiment.rig import LandSettings
-from leapgap.experiment.scores import landing_figures, write_rows
-from leapgap.experiment.tasks import Task
-from leapgap.files import write_json, write_text
+from leapgap.jumping.experiments.bench import TrialRunner
+from leapgap.jumping.experiments.landing_experiment import FIGURES, PAGE, RUNS, TABLE, LandingExperiment, tell
+from leapgap.jumping.experiments.method_registry import known
+from leapgap.jumping.experiments.rig import LandSettings
+from leapgap.jumping.experiments.scores import landing_figures, write_rows
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.reports import landing as page
 from leapgap.robot.model import Robot
-from leapgap.robot.rigid_body import RigidBody
 from leapgap.simulation.closed_loop import Sensing
-from leapgap.view import landing as page
 from stages.common import output_folder, read_config, read_one_of, read_optional, run_stage
 
 
@@ -53,14 +53,14 @@ def land(config: DictConfig) -> None:
     print(f"look at it: {out / PAGE}")
 
 
-def tasks_of(section: Mapping[str, Any]) -> tuple[list[Task], dict[str, int]]:
+def tasks_of(section: Mapping[str, Any]) -> tuple[list[JumpTask], dict[str, int]]:
     """Tasks, and how often each is done; one that is never done is none."""
     tasks, repeats = [], {}
     for name, values in section.items():
         own = OmegaConf.create({"name": name, **values})
         repeats[name] = int(own.pop("repeats", 1))
         if repeats[name] > 0:
-            tasks.append(read_config(Task, own, f"land.tasks.{name}"))
+            tasks.append(read_config(JumpTask, own, f"land.tasks.{name}"))
     return tasks, repeats
 
 

@@ -4,16 +4,17 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.files import whole_folder, write_json
-from leapgap.planning.batch import metrics, read_targets, timing, write_references
-from leapgap.planning.library import planned_robot
-from leapgap.planning.problem import Grid, Limits, Problem, Weights
-from leapgap.planning.reference import Gains, name_of
-from leapgap.planning.solve import solve_all
+from leapgap.atomic_io import whole_folder, write_json
+from leapgap.jumping.models.corrected_robot import planned_with
+from leapgap.jumping.models.planar import PlanarRobot
+from leapgap.jumping.planning.batch import metrics, read_targets, timing, write_references
+from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
+from leapgap.jumping.planning.reference import Gains, name_of
+from leapgap.jumping.planning.reference_store import planned_robot
+from leapgap.jumping.planning.solve import solve_all
+from leapgap.logs.segments import ContactSchedule
 from leapgap.robot.model import Robot
-from leapgap.robot.planar import PlanarRobot
-from leapgap.robot.schedule import ContactSchedule
-from leapgap.simulation.corrected import planned_with, read_corrected
+from leapgap.simulation.corrected import read_corrected
 from stages.common import output_folder, read_config, run_stage
 
 

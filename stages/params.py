@@ -14,8 +14,8 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
+from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
-from leapgap.files import write_text
 from stages.common import CONF, PARAMS, config_error, refuse
 
 HEADER = """\

@@ -12,18 +12,18 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from leapgap import effects
-from leapgap.blind.outcome import CLAIMS, Outcome, outcome
-from leapgap.blind.seal import opened
-from leapgap.blind.withholding import World, further_jumps
+from leapgap.atomic_io import read_json, write_json
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import file_digests
 from leapgap.diagnosis.diagnose import Settings as Diagnosing
 from leapgap.executor import Executor
-from leapgap.files import read_json, write_json
-from leapgap.planning.batch import read_targets
-from leapgap.planning.library import planned_robot, reference_to
-from leapgap.recording import jump as jump_log
+from leapgap.jumping.planning.batch import read_targets
+from leapgap.jumping.planning.reference_store import planned_robot, reference_to
+from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
+from leapgap.validation.case import CaseSetup, further_jumps
+from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
+from leapgap.validation.seal import opened
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
 
@@ -32,7 +32,7 @@ RUNNABLE = ("target", "targets", "jumps", "block_height_m")
 
 
 @dataclass(frozen=True)
-class Settings:
+class RevisitSettings:
     """Section ``revisit``."""
 
     logs: str
@@ -55,15 +55,16 @@ class Seen:
     name: str
     truth: Mapping[str, Any]
     report: Mapping[str, Any]
-    first: Outcome
+    first: CaseOutcome
 
 
 def revisit(config: DictConfig) -> None:
     """Choose the cases, diagnose them anew, and write what came of it."""
-    settings = read_config(Settings, config.revisit, "revisit")
+    settings = read_config(RevisitSettings, config.revisit, "revisit")
     executor = read_config(Executor, config.executor, "executor")
     cache = ResultCache(output_folder(settings.out))
-    cases, robot = seen_cases(settings), Robot.load(config.robot.model)
+    robot = Robot.load(config.robot.model)
+    cases = seen_cases(settings, robot.topology.sides)
     base = diagnosis_settings(config, config.diagnose_withheld.settings)
     struck = struck_cases(cases, settings.struck)
     jobs = [
@@ -90,14 +91,14 @@ def revisit(config: DictConfig) -> None:
     cache.sweep()
 
 
-def seen_cases(settings: Settings) -> list[Seen]:
+def seen_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen]:
     """Cases with a verdict, their truths opened and their seals checked; those of the reported half first."""
     found = []
     for path in sorted(Path(settings.verdicts).glob("*/report.json")):
         name = path.parent.name
         truth, report = opened(Path(settings.truth), Path(settings.logs), name), read_json(path)
         if truth["kind"] != "real":
-            found.append(Seen(name, truth, report, outcome(name, truth, report, None)))
+            found.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
     return sorted(found, key=lambda case: case.first.half)  # "reported" before "tuning"
 
 
@@ -125,7 +126,7 @@ def without(settings: Diagnosing, effect: str) -> Diagnosing:
 def second_look(case: Seen, folder: Path) -> dict[str, Any]:
     """What was said without the effect: honest is ``unknown``, or a cause that the first report called confusable."""
     report = read_json(folder / case.name / "report.json")
-    again = outcome(case.name, case.truth, report, None)
+    again = outcome(case.name, case.truth, report, None, case.first.sides)
     effect = case.first.true[0]
     confusable = {
         other
@@ -190,7 +191,7 @@ def make_experiment(
     case: Seen,
     overrides: list[str],
     config: DictConfig,
-    settings: Settings,
+    settings: RevisitSettings,
     robot: Robot,
     cache: ResultCache,
 ) -> Path:
@@ -203,14 +204,20 @@ def make_experiment(
     planned, planar = Path(settings.references), planned_robot(settings.planar, robot)
     references = [reference_to(targets[i % len(targets)], planned, planar) for i in range(count)]
     low, high = asked.block_height_m
-    inputs = (case.truth, references, (low, high), robot, read_config(World, config.withhold.world, "withhold.world"))
+    inputs = (
+        case.truth,
+        references,
+        (low, high),
+        robot,
+        read_config(CaseSetup, config.withhold.world, "withhold.world"),
+    )
     logs = Path(settings.logs) / case.name
     key = result_key(further_jumps, [inputs, file_digests(logs)])
     if cache.get(place, key) is None:
         with cache.store(place, key) as made:
             shutil.copytree(logs, made / case.name)
             for jump in further_jumps(*inputs):
-                jump_log.write(jump, made / case.name / f"{jump.name}.parquet")
+                jump_log.write_log(jump, made / case.name / f"{jump.name}.parquet")
     return cache.folder / place
 
 

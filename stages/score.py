@@ -9,24 +9,24 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from leapgap.blind import scoring
-from leapgap.blind.closing import realised_closure
-from leapgap.blind.outcome import Outcome, outcome
-from leapgap.blind.seal import SEALS, opened
+from leapgap.atomic_io import read_json, whole_folder, write_json, write_text
 from leapgap.diagnosis.report import rounded
 from leapgap.errors import InputError
-from leapgap.files import read_json, whole_folder, write_json, write_text
-from leapgap.recording import jump as jump_log
+from leapgap.logs import log as jump_log
+from leapgap.reports.validation import html
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected
-from leapgap.view.blind import html
+from leapgap.validation import scoring
+from leapgap.validation.outcome import CaseOutcome, outcome
+from leapgap.validation.realised_reduction import realised_closure
+from leapgap.validation.seal import SEALS, opened
 from stages.common import output_folder, read_config, run_stage
 
 REPORTED, TUNING, REAL = "reported", "tuning", "real"
 
 
 @dataclass(frozen=True)
-class Settings:
+class ScoreSettings:
     """Section ``score``."""
 
     logs: str
@@ -43,7 +43,7 @@ class Settings:
 
 def score(config: DictConfig) -> None:
     """Open every truth whose case has a verdict, and count."""
-    settings = read_config(Settings, config.score, "score")
+    settings = read_config(ScoreSettings, config.score, "score")
     robot = Robot.load(config.robot.model)
     cases = sorted(read_json(Path(settings.logs) / SEALS))
     judged = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
@@ -72,7 +72,7 @@ def score(config: DictConfig) -> None:
     print(f"page: {out / 'index.html'}")
 
 
-def opened_outcome(name: str, settings: Settings, robot: Robot) -> Outcome:
+def opened_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
     """One case, its seal checked, with the closure its answer brings on jumps nobody saw."""
     truth = opened(Path(settings.truth), Path(settings.logs), name)
     verdict = Path(settings.verdicts) / name
@@ -81,9 +81,9 @@ def opened_outcome(name: str, settings: Settings, robot: Robot) -> Outcome:
     closes = None
     if report["closure_of_answer"]:
         _, correction = read_corrected(verdict / "corrected")
-        proof = jump_log.read_folder(Path(settings.truth) / name)
+        proof = jump_log.read_logs(Path(settings.truth) / name)
         closes = realised_closure(proof, robot, correction, report, settings.seed)
-    return outcome(name, truth, report, closes)
+    return outcome(name, truth, report, closes, robot.topology.sides)
 
 
 def check_judged_logs(name: str, truth: Mapping[str, Any], report: Mapping[str, Any]) -> None:
@@ -100,7 +100,7 @@ def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:
 
 
 def scored_half(
-    outcomes: list[Outcome], half: str, revisits: Mapping[str, Mapping[str, Any]], settings: Settings
+    outcomes: list[CaseOutcome], half: str, revisits: Mapping[str, Mapping[str, Any]], settings: ScoreSettings
 ) -> dict[str, Any]:
     """All figures of one half."""
     rng = np.random.default_rng(settings.seed)
@@ -131,7 +131,7 @@ def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return {**flat[REPORTED], TUNING: flat[TUNING]}
 
 
-def real_metrics(o: Outcome) -> dict[str, Any]:
+def real_metrics(o: CaseOutcome) -> dict[str, Any]:
     """What was named on some real jumps, and what it closes on the others."""
     return {
         "verdict": o.verdict,
@@ -141,16 +141,16 @@ def real_metrics(o: Outcome) -> dict[str, Any]:
     }
 
 
-def said(o: Outcome) -> str:
+def said(o: CaseOutcome) -> str:
     """A verdict in words."""
     return o.verdict + (": " + " + ".join(" or ".join(names) for names in o.answer) if o.answer else "")
 
 
 def page(
-    outcomes: list[Outcome],
+    outcomes: list[CaseOutcome],
     halves: Mapping[str, Mapping[str, Any]],
     revisits: Mapping[str, Mapping[str, Any]],
-    settings: Settings,
+    settings: ScoreSettings,
     out: Path,
 ) -> str:
     """The page, with links to the reports relative to where it will lie."""

@@ -8,7 +8,7 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from leapgap.files import whole_file
+from leapgap.atomic_io import whole_file
 
 
 class Table(Callback):

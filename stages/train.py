@@ -5,9 +5,8 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.learning import evaluation, model_grid
-from leapgap.learning.experiment import TrainConfig
-from leapgap.recording import windows
+from leapgap.jumping.learning import evaluation, model_grid, windows
+from leapgap.jumping.learning.experiment import TrainConfig
 from stages.common import in_sweep, output_folder, read_config, run_stage
 
 

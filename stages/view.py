@@ -2,9 +2,9 @@
 
 from omegaconf import DictConfig
 
-from leapgap.files import whole_folder
+from leapgap.atomic_io import whole_folder
+from leapgap.jumping.reports.record_all import View, record_all
 from leapgap.robot.model import Robot
-from leapgap.view.gallery import View, record_all
 from stages.common import output_folder, read_config, run_stage
 
 

@@ -7,16 +7,16 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from leapgap.blind.cases import Case, Half, draw_cases
-from leapgap.blind.seal import SEALS, seal
-from leapgap.blind.withholding import World, real_case, withhold, write_case
+from leapgap.atomic_io import whole_folder, write_json
 from leapgap.executor import Executor
-from leapgap.files import whole_folder, write_json
-from leapgap.planning.batch import read_targets
-from leapgap.planning.library import planned_robot, reference_to
-from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import Jump
+from leapgap.jumping.planning.batch import read_targets
+from leapgap.jumping.planning.reference_store import planned_robot, reference_to
+from leapgap.logs import log as jump_log
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from leapgap.validation.case import CaseSetup, real_case, withhold, write_case
+from leapgap.validation.case_draw import Case, Half, draw_cases
+from leapgap.validation.seal import SEALS, seal
 from stages.common import output_folder, read_config, run_stage
 
 REAL = "real"
@@ -24,7 +24,7 @@ REAL = "real"
 
 
 @dataclass(frozen=True)
-class Settings:
+class WithholdSettings:
     """Section ``withhold``."""
 
     logs: str | None
@@ -41,9 +41,9 @@ class Settings:
 
 def withhold_all(config: DictConfig) -> None:
     """Draw the cases, make their jumps, seal their truths."""
-    settings = read_config(Settings, config.withhold, "withhold")
+    settings = read_config(WithholdSettings, config.withhold, "withhold")
     section = config.withhold
-    world = read_config(World, section.world, "withhold.world")
+    world = read_config(CaseSetup, section.world, "withhold.world")
     halves = {name: read_config(Half, section.halves[name], f"withhold.halves.{name}") for name in section.halves}
     executor = read_config(Executor, config.executor, "executor")
     robot = Robot.load(config.robot.model)
@@ -57,7 +57,7 @@ def withhold_all(config: DictConfig) -> None:
     with whole_folder(truth_out) as truths, whole_folder(logs_out) as logs:
         job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)
         seals = dict(executor.map(job, list(names.items())))
-        real = jump_log.read_folder(Path(settings.real)) if settings.real else []
+        real = jump_log.read_logs(Path(settings.real)) if settings.real else []
         if len(real) > 1:
             truth = write_case(real_case(real, len(real)), logs / REAL, truths / REAL)
             seals[REAL] = sealed(truth, truths, REAL)
@@ -65,14 +65,14 @@ def withhold_all(config: DictConfig) -> None:
     print(f"{len(names)} cases{' and the real jumps' if REAL in seals else ''} withheld; seals: {logs_out / SEALS}")
 
 
-def references_of(settings: Settings, robot: Robot) -> list[Jump]:
+def references_of(settings: WithholdSettings, robot: Robot) -> list[Log]:
     """The planned jumps to all targets."""
     folder, planar = Path(settings.references), planned_robot(settings.planar, robot)
     return [reference_to(target, folder, planar) for target in read_targets(settings.targets, "withhold.targets")]
 
 
 def make_case(
-    named: tuple[str, Case], references: list[Jump], robot: Robot, world: World, logs: Path, truths: Path
+    named: tuple[str, Case], references: list[Log], robot: Robot, world: CaseSetup, logs: Path, truths: Path
 ) -> tuple[str, str]:
     """Write one case's two sides; its name and seal."""
     name, case = named

@@ -26,8 +26,9 @@ def closure(module: str) -> frozenset[str]:
 
 
 def dependency(module: str) -> str:
-    """How dvc.yaml names a module: a package of the library as its folder, anything else as its file."""
+    """How dvc.yaml names a module: a package of the library, or of the application, as its folder, else the file."""
     parts = module.split(".")
-    if parts[0] == "leapgap" and len(parts) >= 2 and modules()[".".join(parts[:2])].name == "__init__.py":
-        return f"src/leapgap/{parts[1]}"
+    depth = 3 if parts[:2] == ["leapgap", "jumping"] else 2
+    if parts[0] == "leapgap" and len(parts) >= depth and modules()[".".join(parts[:depth])].name == "__init__.py":
+        return f"src/{'/'.join(parts[:depth])}"
     return str(modules()[module].relative_to(ROOT))

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.planning.library import reference_to
-from leapgap.recording.importers import log_format
-from leapgap.recording.jump import Jump, JumpInfo, Target
-from leapgap.recording.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
+from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.logs.importers import log_format
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
+from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
-from leapgap.robot.planar import planar_robot
-from leapgap.robot.rigid_body import RigidBody
-from leapgap.robot.schedule import ContactSchedule
 
 A1_BODY = RigidBody(mass_kg=12.453, pitch_inertia_kgm2=0.347)
 CROUCH = (0.0, 1.2566371, -2.3561945)
@@ -34,20 +34,20 @@ def raw() -> Path:
 
 
 @pytest.fixture(scope="session")
-def real_jumps(raw: Path, robot: Robot) -> list[Jump]:
+def real_jumps(raw: Path, robot: Robot) -> list[Log]:
     published = log_format("published")
     return [published.read(path, name, robot, published.Options()) for name, path in published.find(raw).items()]
 
 
 @pytest.fixture(scope="session")
-def reference(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Jump:
+def reference(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Log:
     """A 50 cm jump planned for the nominal robot."""
     return reference_to(Target(0.5), tmp_path_factory.mktemp("none"), planar_robot(robot))
 
 
 def standing(
     robot: Robot, rows: int = 400, height_m: float = 0.1726, kp: float = 300.0, kd: float = 3.0, **changed: np.ndarray
-) -> Jump:
+) -> Log:
     """A log of the A1 held in its crouch, ``height_m`` of the trunk above the floor."""
     columns = {"time": np.arange(rows) / 1000}
     still = {"base_pos_z": height_m, "base_quat_w": 1.0}
@@ -58,5 +58,5 @@ def standing(
         columns |= {f"joint_pos/{joint}": angle, f"joint_vel/{joint}": np.zeros(rows)}
         columns |= {f"cmd_tau/{joint}": np.zeros(rows), f"cmd_pos/{joint}": angle, f"cmd_vel/{joint}": np.zeros(rows)}
         columns |= {f"cmd_kp/{joint}": np.full(rows, kp), f"cmd_kd/{joint}": np.full(rows, kd)}
-    info = JumpInfo("a1", 0.001, ContactSchedule(), Target(0.0), "made for a test")
-    return Jump("standing", columns | changed, info)
+    info = LogInfo("a1", 0.001, ContactSchedule(), Target(0.0), "made for a test")
+    return Log("standing", columns | changed, info)

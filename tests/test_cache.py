@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 
 from leapgap import effects, import_closure
-from leapgap.blind.withholding import further_jumps
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import digest, modules_within
-from leapgap.experiment.identify import identified_config
-from leapgap.experiment.made import TrialSpec
 from leapgap.import_closure import DATA, PACKAGE, SourceTree, code_hash
-from leapgap.learning import export
-from leapgap.learning.experiment import fit_task
-from leapgap.recording.jump import Jump, Target
+from leapgap.jumping.experiments.identification import identified_config
+from leapgap.jumping.experiments.trial_spec import TrialSpec
+from leapgap.jumping.learning import export
+from leapgap.jumping.learning.experiment import fit_task
+from leapgap.logs.log import Log
+from leapgap.logs.segments import Target
+from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
-from leapgap.view.diagnosis import diagnose_folder
+from leapgap.validation.case import further_jumps
 from tests.code import ROOT, TREE, closure, dependency
 from tests.conftest import standing
 from tests.test_pipeline_files import stages
@@ -51,7 +52,7 @@ def test_what_holds_the_same_has_the_same_digest(robot: Robot) -> None:
     assert digest(adder(np.arange(3.0))) == digest(adder(np.arange(3.0)))
     assert digest(robot) == digest(Robot.load())
     jump = standing(robot)
-    assert digest(jump) == digest(Jump(jump.name, {k: v.copy() for k, v in jump.columns.items()}, jump.info))
+    assert digest(jump) == digest(Log(jump.name, {k: v.copy() for k, v in jump.columns.items()}, jump.info))
 
 
 @pytest.mark.parametrize(
@@ -95,6 +96,7 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
     "land_corrected": (TrialSpec.run, identified_config),
 }
 """What makes the results of each stage with a cache."""
+REPORTS, PLANS = ("reports", "jumping/reports"), ("jumping/planning", "jumping/models")
 NO_PART_OF_RESULTS = {f"src/leapgap/{n}.py" for n in ("cache", "content_hash", "former_results", "import_closure")} | {
     "src/leapgap/executor.py"
 }
@@ -123,13 +125,13 @@ def key_in(folder: Path, monkeypatch: pytest.MonkeyPatch, make: Callable) -> str
 @pytest.mark.parametrize(
     ("stage", "file"),
     [
-        ("train", "robot/prediction.py"),
-        ("train", "learning/training.py"),  # imported inside a function
-        ("diagnose_withheld", "view/report.html"),
+        ("train", "jumping/models/affine_model.py"),
+        ("train", "jumping/learning/training.py"),  # imported inside a function
+        ("diagnose_withheld", "reports/report.html"),
         ("land", "robot/a1.xml"),
         ("diagnose_withheld", "effects/payload.py"),  # found by its file name
-        ("land", "control/continuous.py"),
-        ("revisit", "blind/nameless/motors.py"),
+        ("land", "jumping/control/jump_sequence.py"),
+        ("revisit", "validation/off_table/motors.py"),
     ],
 )
 def test_any_byte_of_the_code_changes_the_key(stage: str, file: str, package, monkeypatch) -> None:
@@ -140,7 +142,10 @@ def test_any_byte_of_the_code_changes_the_key(stage: str, file: str, package, mo
 
 
 @pytest.mark.parametrize("stage", ["train", "diagnose_withheld", "land"])
-@pytest.mark.parametrize("file", ["view/jump.py", "view/landing.html", "cache.py", "__init__.py", "blind/scoring.py"])
+@pytest.mark.parametrize(
+    "file",
+    ["reports/log_recording.py", "jumping/reports/landing.html", "cache.py", "__init__.py", "validation/scoring.py"],
+)
 def test_code_that_shapes_no_result_changes_no_key(stage: str, file: str, package, monkeypatch) -> None:
     before, after = package("before"), package("after")
     (after / file).write_bytes((after / file).read_bytes() + b"\n")
@@ -153,8 +158,8 @@ def test_keys_cover_the_library_code_that_dvc_lists(stage: str) -> None:
     covered = {dependency(name) for make in MAKERS[stage] for name in closure(make.__module__)}
     listed = {dep for dep in stages()[stage]["deps"] if dep.startswith("src/")} - NO_PART_OF_RESULTS
     # The page of landings is written anew in every run; plans of further jumps are inputs, hashed by their content.
-    besides = {"land": "view", "land_corrected": "view", "revisit": "planning"}.get(stage)
-    assert listed - {f"src/leapgap/{besides}"} <= covered
+    besides = {"land": REPORTS, "land_corrected": REPORTS, "revisit": PLANS}.get(stage, ())
+    assert listed - {f"src/leapgap/{name}" for name in besides} <= covered
 
 
 def test_every_stage_that_keeps_results_is_checked_here() -> None:
@@ -168,7 +173,7 @@ def test_every_data_file_is_read_by_a_module_beside_it() -> None:
 
 
 def test_versions_of_the_libraries_in_use_are_in_the_key() -> None:
-    assert {"torch", "lightning", "numpy"} <= TREE.libraries("leapgap.learning.experiment").keys()
+    assert {"torch", "lightning", "numpy"} <= TREE.libraries("leapgap.jumping.learning.experiment").keys()
     assert "torch" not in TREE.libraries("leapgap.diagnosis.diagnose")
 
 
@@ -186,7 +191,7 @@ def test_imports_of_every_form_are_followed(tmp_path: Path) -> None:
         "b.py": "import importlib\nimportlib.import_module('p.d')\n",
         "d.py": "from p import plugins\n",
         "plugins/__init__.py": "import pkgutil\n",
-        "plugins/one.py": "import p.deep.e as e\n",
+        "plugins/one.py": "import p.deep.e\n",
         "deep/__init__.py": "",
         "deep/c.py": "import json, numpy\n",
         "deep/e.py": "",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.files import read_json
+from leapgap.atomic_io import read_json
 from tests.code import ROOT
 from tests.project import DVC, Project, ran
 
@@ -32,7 +32,7 @@ def test_without_real_logs_everything_runs_and_says_so(simulated: Project) -> No
     assert not (simulated.folder / "data/reports/real/report.html").exists()
     assert list((simulated.folder / "data/views").glob("simulated_*.rrd"))
     assert list((simulated.folder / "data/views").glob("reference_*.rrd"))
-    where = simulated.run(sys.executable, "-m", "leapgap.view.where")
+    where = simulated.run(sys.executable, "-m", "leapgap.reports.print_results")
     assert "data/reports/damped/report.html" in where
     assert "no logs of a real robot" in where
 

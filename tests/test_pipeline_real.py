@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.files import read_json
+from leapgap.atomic_io import read_json
 from tests.project import Project, ran
 
 pytestmark = pytest.mark.pipeline
@@ -37,7 +37,7 @@ def test_real_jumps_go_from_raw_logs_to_report_and_recording(real: Project) -> N
     assert (real.folder / "data/reports/real/diagnosis.rrd").exists()
     assert list((real.folder / "data/views").glob("real_*.rrd"))
     assert read_json(real.folder / "metrics/real/learning.json")["jumps"] == 4
-    assert "data/reports/real/report.html" in real.run(sys.executable, "-m", "leapgap.view.where")
+    assert "data/reports/real/report.html" in real.run(sys.executable, "-m", "leapgap.reports.print_results")
 
 
 def test_push_and_pull_bring_data_to_a_second_clone(real: Project, tmp_path: Path) -> None:

@@ -36,12 +36,12 @@ HEAVY = {
 """Modules of the extras. The base install lacks them, and ``import leapgap`` must not load them where they are."""
 INSTRUMENT = (
     "leapgap.robot.model",
-    "leapgap.recording.importers",
+    "leapgap.logs.importers",
     "leapgap.effects",
     "leapgap.simulation.replay",
     "leapgap.simulation.corrected",
     "leapgap.diagnosis.diagnose",
-    "leapgap.view.report",
+    "leapgap.reports.report",
 )
 """What a diagnosis with its page imports: all of it must work without an extra."""
 PACKAGED = ("src", "pyproject.toml", "README.md", "LICENSE")

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from leapgap.atomic_io import sha256, write_json
 from leapgap.content_hash import digest, modules_within
-from leapgap.files import sha256, write_json
 from leapgap.former_results import former_files, former_places
 from leapgap.import_closure import PACKAGE, code_hash, distributions, library
 

@@ -13,12 +13,12 @@ from pathlib import Path
 
 from omegaconf import OmegaConf
 
+from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.files import write_json
-from leapgap.recording.jump import Jump, read_folder
+from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 from stages.common import read_config
 
 ROWS = 1101
@@ -35,22 +35,22 @@ class Counting(Replayer):
         Counting.steps += pieces * (rows - 1)
         return super().restarted(trials, starts, rows)
 
-    def true_motions(self, trials: list[Trial], rows: int | None = None) -> list[Motion]:  # type: ignore[override]
+    def true_motions(self, trials: list[Rollout], rows: int | None = None) -> list[Motion]:  # type: ignore[override]
         """Count the steps of whole logs."""
         Counting.steps += sum(min(len(t.jump), rows or len(t.jump)) * self.substeps(t.jump) for t in trials)
         return super().true_motions(trials, rows)
 
 
-def logs(folder: str, number: int) -> list[Jump]:
+def logs(folder: str, number: int) -> list[Log]:
     """So many logs of a folder, repeated where it has fewer."""
-    jumps = read_folder(Path(folder)) if Path(folder).is_dir() else []
+    jumps = read_logs(Path(folder)) if Path(folder).is_dir() else []
     if not jumps:
         raise SystemExit(f"no jumps in {folder}: run dvc repro first")
     repeated = itertools.islice(itertools.cycle(enumerate(jumps)), number)
-    return [Jump(f"{jump.name}_{i}", jump.columns, jump.info) for i, (_, jump) in enumerate(repeated)]
+    return [Log(f"{jump.name}_{i}", jump.columns, jump.info) for i, (_, jump) in enumerate(repeated)]
 
 
-def timed(jumps: list[Jump], robot: Robot, settings: Settings) -> tuple[float, int]:
+def timed(jumps: list[Log], robot: Robot, settings: Settings) -> tuple[float, int]:
     """Seconds of one diagnosis, and simulated steps."""
     Counting.steps = 0
     began = time.perf_counter()
@@ -58,10 +58,10 @@ def timed(jumps: list[Jump], robot: Robot, settings: Settings) -> tuple[float, i
     return time.perf_counter() - began, Counting.steps
 
 
-def raw_limit(jumps: list[Jump], robot: Robot) -> float:
+def raw_limit(jumps: list[Log], robot: Robot) -> float:
     """Steps a second of plain roll-outs of whole logs on all cores."""
     replayer = Replayer(robot, terrain_slots=max(1, *(len(j.info.terrain) for j in jumps)))
-    trials = [Trial(jump) for jump in jumps]
+    trials = [Rollout(jump) for jump in jumps]
     replayer.motions(trials, ROWS)
     began = time.perf_counter()
     motions = replayer.motions(trials, ROWS)

@@ -19,16 +19,17 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from leapgap import effects
-from leapgap.diagnosis.closure import closure, resamples
+from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose, run_checks
 from leapgap.diagnosis.gap import Judged, noise_floor, squares
+from leapgap.diagnosis.gap_reduction import closure, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
-from leapgap.files import write_json
-from leapgap.recording.jump import Jump, read
+from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot
-from leapgap.simulation.hardware import Course, Plan, SensorNoise, make_jumps, terrain_slots
+from leapgap.simulation.open_loop import Course, PlannedJump, make_jumps, terrain_slots
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.sensors import SensorNoise
 from stages.common import read_config
 
 REFERENCES = Path("data/references/own")
@@ -94,19 +95,19 @@ def cases() -> list[Case]:
     return [Case(kind, own, seed) for seed, (kind, own) in enumerate(found)]
 
 
-def jumps_of(case: Case, robot: Robot) -> list[Jump]:
+def jumps_of(case: Case, robot: Robot) -> list[Log]:
     """Those to diagnose, then those to prove the answer on."""
     rng = np.random.default_rng(case.seed)
-    references = [read(REFERENCES / f"h00_d{d}.parquet") for d in DISTANCES]
+    references = [read_log(REFERENCES / f"h00_d{d}.parquet") for d in DISTANCES]
     plans = [
-        Plan(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
+        PlannedJump(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
         for i in range(len(DISTANCES) + PROOF)
     ]
     assert terrain_slots(plans) == 1
     return make_jumps(plans, robot, case.effects, SensorNoise(), Course(), rng)
 
 
-def realised(found: Diagnosis, proof: Sequence[Jump], robot: Robot, settings: Settings) -> float | None:
+def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Settings) -> float | None:
     """Closure of the answer on jumps that the diagnosis never saw; their own clock where a value differs by log.
 
     None where the effect changes these jumps by less than twice the noise floor: a share of nothing is no figure.

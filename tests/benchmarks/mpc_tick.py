@@ -5,7 +5,7 @@ on their values), on the states of logged jumps at 40 Hz, one thread. Versions t
 once untimed (a robot stands before it jumps, and its controller has long been running). The plain version
 evaluates all networks in torch for the K samples at every update, multiplies the condensed matrices out as the paper
 writes them, and solves with OSQP at its default tolerance, set up once and updated. Accuracy, N, is the largest
-deviation of any force of a plan from the independent method of tests/control/test_qp.py. Run as
+deviation of any force of a plan from the independent method of tests/jumping/control/test_qp.py. Run as
 ``python -m tests.benchmarks.mpc_tick --json <file>``; on a shared machine only ratios of one run mean something.
 """
 
@@ -27,25 +27,25 @@ import osqp
 import torch
 from scipy import sparse
 
-from leapgap.control.controller import Estimate
-from leapgap.control.gains import PhaseGains
-from leapgap.control.horizon import Horizon, horizon
-from leapgap.control.mpc import JumpMpc
-from leapgap.control.planner import MpcConfig, Plan
-from leapgap.control.qp import QpConfig
-from leapgap.control.reference import Reference, StartFrame
-from leapgap.files import write_json
-from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import Jump
-from leapgap.recording.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
-from leapgap.recording.windows import TimeGrid
-from leapgap.robot.legs import Legs
+from leapgap.atomic_io import write_json
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.horizon import Horizon, horizon
+from leapgap.jumping.control.leg_kinematics import LegKinematics
+from leapgap.jumping.control.mpc import ForcePlan, MpcConfig
+from leapgap.jumping.control.mpc_controller import JumpMpc
+from leapgap.jumping.control.qp import QpConfig
+from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.learning.windows import TimeGrid
+from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, columns, rows, selection
+from leapgap.jumping.models.rigid_body import GRAVITY
+from leapgap.logs import log as jump_log
+from leapgap.logs.log import Log
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z, per_axis
+from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.robot.model import Robot
-from leapgap.robot.pair_force import FORCE_X, FORCE_Z, per_axis
-from leapgap.robot.prediction import Affine, PredictionModel, Situation, columns, rows, selection
-from leapgap.robot.rigid_body import GRAVITY
+from leapgap.simulation.controller import StateEstimate
 from tests.conftest import A1_BODY
-from tests.control.test_qp import by_least_distance
+from tests.jumping.control.test_qp import by_least_distance
 
 INPUTS = ("x_from_start", "z_from_start", "pitch", "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
 SELECT = selection(INPUTS)
@@ -97,7 +97,7 @@ class Networks(PredictionModel):
     def __init__(self, weights: Weights) -> None:
         self.weights, self.body = weights, A1_BODY
 
-    def affine(self, situation: Situation, contact: np.ndarray) -> Affine:
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
         x = (rows(situation) @ SELECT).astype(np.float32)
         bias, by_force = np.zeros((len(x), 3)), np.zeros((len(x), 3, 4))
         pushing = slice(None) if contact.all() else contact
@@ -107,14 +107,14 @@ class Networks(PredictionModel):
         if not contact.all():
             bias[~contact] = forward(self.weights.h2, x[~contact])
         bias[:, 1] -= GRAVITY
-        return Affine(bias, by_force)
+        return AffineModel(bias, by_force)
 
 
 class Plain:
     """The plain version of one jump: torch, matrices multiplied out, OSQP."""
 
     def __init__(self, reference: Reference, robot: Robot, weights: Weights, config: MpcConfig) -> None:
-        self.reference, self.config, self.legs = reference, config, Legs(robot)
+        self.reference, self.config, self.legs = reference, config, LegKinematics(robot)
         self.h1, self.h2, self.g1 = (self._torch(net) for net in (weights.h1, weights.h2, weights.g1))
         self.body = A1_BODY
         self.frame: StartFrame | None = None
@@ -130,7 +130,7 @@ class Plain:
             parts += [linear, torch.nn.Tanh()]
         return torch.nn.Sequential(*parts[:-1]).eval()
 
-    def command(self, estimate: Estimate) -> np.ndarray:
+    def command(self, estimate: StateEstimate) -> np.ndarray:
         """Joint torques of an update."""
         self.frame = self.frame or StartFrame.of(estimate)
         state, foot = self.frame.state(estimate), self.frame.foot(estimate, self.legs)
@@ -205,7 +205,7 @@ class Plain:
         return self.solvers[n].solve(raise_error=False).x.reshape(n, 4)
 
 
-def estimates(jump: Jump, robot: Robot) -> list[Estimate]:
+def estimates(jump: Log, robot: Robot) -> list[StateEstimate]:
     """What the controller would have been told at each update of a logged jump."""
     position, quaternion, velocity = (jump.stack(c) for c in (BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY))
     joint_pos, joint_vel = (jump.per_joint(c, robot.joints) for c in ("joint_pos", "joint_vel"))
@@ -213,18 +213,18 @@ def estimates(jump: Jump, robot: Robot) -> list[Estimate]:
     touching = np.ones(len(robot.feet), dtype=bool)
     rows = [int(np.argmin(np.abs(jump.time - t))) for t in np.arange(0, jump.info.schedule.take_off_s - 1e-6, 0.025)]
     measured = (position, quaternion, velocity, turning, joint_pos, joint_vel)
-    return [Estimate(0.025 * i, *(part[row] for part in measured), touching) for i, row in enumerate(rows)]
+    return [StateEstimate(0.025 * i, *(part[row] for part in measured), touching) for i, row in enumerate(rows)]
 
 
-def recorded(robot: Robot) -> tuple[str, list[tuple[Reference, list[Estimate]]]]:
+def recorded(robot: Robot) -> tuple[str, list[tuple[Reference, list[StateEstimate]]]]:
     """Jumps with a reference to their target: real ones, where there are some, else simulated ones."""
     references = {
         (j.info.target.x_m, j.info.target.z_m): Reference.of(j, robot)
-        for j in jump_log.read_folder(Path("data/references"))
+        for j in jump_log.read_logs(Path("data/references"))
     }
     for folder in ("real", "simulated"):
         path = Path("data/jumps") / folder
-        jumps = jump_log.read_folder(path) if path.is_dir() else []
+        jumps = jump_log.read_logs(path) if path.is_dir() else []
         found = [
             (references[key], estimates(jump, robot))
             for jump in jumps
@@ -261,7 +261,7 @@ class Timed:
         return {**{k: round(float(v), 1) for k, v in found.items()}, "force_error_n": float(f"{self.error_n:.2g}")}
 
 
-def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[Estimate]]], robot: Robot) -> dict[str, Timed]:
+def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[StateEstimate]]], robot: Robot) -> dict[str, Timed]:
     """All versions at all recorded states, taking turns jump by jump."""
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
     kinds = {
@@ -298,7 +298,7 @@ def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[Estimate]]], robot
     return timed
 
 
-def followed(mpc: JumpMpc, told: list[Estimate], timed: Timed) -> list[Plan]:
+def followed(mpc: JumpMpc, told: list[StateEstimate], timed: Timed) -> list[ForcePlan]:
     """The plans of one jump, timed; a fallback would be no measurement."""
     plans = []
     for estimate in told:
@@ -311,7 +311,7 @@ def followed(mpc: JumpMpc, told: list[Estimate], timed: Timed) -> list[Plan]:
     return plans
 
 
-def judge(plans: dict[str, list[Plan]], forces: dict[str, list[np.ndarray]], timed: dict[str, Timed]) -> None:
+def judge(plans: dict[str, list[ForcePlan]], forces: dict[str, list[np.ndarray]], timed: dict[str, Timed]) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
     for name, of_jump in plans.items():
         for i, plan in enumerate(of_jump):

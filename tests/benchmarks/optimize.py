@@ -14,21 +14,20 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from leapgap.files import write_json
-from leapgap.planning.formulation import Label, Programme
-from leapgap.planning.layout import COORDINATES
-from leapgap.planning.problem import Grid, Limits, Problem, Weights
-from leapgap.planning.solve import solve
-from leapgap.recording.jump import Target
-from leapgap.robot.planar import PlanarRobot
-from leapgap.robot.schedule import ContactSchedule
-from tests.planning.lagrangian import residual
+from leapgap.atomic_io import write_json
+from leapgap.jumping.models.planar import PlanarRobot
+from leapgap.jumping.planning.layout import COORDINATES
+from leapgap.jumping.planning.nlp import JumpNlp, Label
+from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
+from leapgap.jumping.planning.solve import solve
+from leapgap.logs.segments import ContactSchedule, Target
+from tests.jumping.planning.lagrangian import residual
 
 TARGETS = [Target(0.4), Target(0.5), Target(0.6), Target(0.7), Target(0.6, 0.2)]
 NEIGHBOUR_M = 0.01
 
 
-class PlainProgramme(Programme):
+class PlainProgramme(JumpNlp):
     """The same programme with expanded Lagrangian dynamics."""
 
     def _dynamics(self) -> None:

@@ -15,23 +15,23 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from leapgap.files import write_json
-from leapgap.recording.jump import Jump, read_folder
+from leapgap.atomic_io import write_json
+from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 
 JUMPS, ROWS, REPEATS = 16, 1101, 7
 
 
-def logs() -> list[Jump]:
+def logs() -> list[Log]:
     """Sixteen jump logs of the pipeline."""
     for folder in ("data/jumps/real", "data/jumps/damped", "data/jumps/simulated"):
-        if Path(folder).is_dir() and (jumps := read_folder(Path(folder))):
+        if Path(folder).is_dir() and (jumps := read_logs(Path(folder))):
             return list(itertools.islice(itertools.cycle(jumps), JUMPS))
     raise SystemExit("no jumps: run dvc repro first")
 
 
-def raw_steps(replayer: Replayer, trial: Trial, rows: int) -> float:
+def raw_steps(replayer: Replayer, trial: Rollout, rows: int) -> float:
     """Seconds of plain ``mj_step`` over the same rows with the same controls, gains of the first row throughout."""
     model = replayer.model(trial)
     data = mujoco.MjData(model)
@@ -52,7 +52,7 @@ def main() -> None:
     os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[0]})
     jumps, robot = logs(), Robot.load()
     replayer = Replayer(robot, terrain_slots=max(len(jump.info.terrain) for jump in jumps), threads=1)
-    trials = [Trial(jump) for jump in jumps]
+    trials = [Rollout(jump) for jump in jumps]
     replayer.motions(trials, ROWS)  # compile the models
     whole, raw = [], []
     for _ in range(REPEATS):  # alternate, so that a busy machine slows both

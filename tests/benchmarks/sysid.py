@@ -18,15 +18,15 @@ from mujoco import sysid
 from omegaconf import OmegaConf
 
 from leapgap import effects
-from leapgap.diagnosis.closure import closure, resamples
+from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged, noise_floor, pooled, squares
+from leapgap.diagnosis.gap_reduction import closure, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
-from leapgap.diagnosis.responses import joined, on_logs
+from leapgap.diagnosis.sensitivities import joined, on_logs
+from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
-from leapgap.files import write_json
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from stages.common import read_config
@@ -41,13 +41,13 @@ STEP, MOST_ITERATIONS = 0.02, 30
 """Finite differences, in moderate departures; iterations of the peer."""
 
 
-def peer(logs: Sequence[Jump], robot: Robot, settings: Settings) -> tuple[dict[str, list[float]], tuple[Effect, ...]]:
+def peer(logs: Sequence[Log], robot: Robot, settings: Settings) -> tuple[dict[str, list[float]], tuple[Effect, ...]]:
     """Every parameter at once: those whose interval leaves out nominal, as departures, and all effects."""
     everything = [h for h in hypotheses_of(list(effects.known()), robot, None) if h.location == "all"]
     replayer = Replayer(robot)
     judged = Judged.of(logs, robot)
     most = min(settings.most_pieces, settings.pieces_per_log * len(logs))
-    bare = Evidence.of(judged.jumps, replayer, settings.horizon_s, settings.every_s, most)
+    bare = ShortRollouts.of(judged.jumps, replayer, settings.horizon_s, settings.every_s, most)
     evidence = bare.around(bare.same(()))
     names = [(h, k, p) for h in everything for k, p in enumerate(h.parameters)]
     scale = np.array([h.moderate[k] for h, k, _ in names])
@@ -78,7 +78,7 @@ def peer(logs: Sequence[Jump], robot: Robot, settings: Settings) -> tuple[dict[s
     return said, tuple(h.on(logs[0].name, numbers) for h, numbers in acting(x))
 
 
-def heldout(correction: Sequence[Effect], proof: Sequence[Jump], robot: Robot, settings: Settings) -> dict[str, float]:
+def heldout(correction: Sequence[Effect], proof: Sequence[Log], robot: Robot, settings: Settings) -> dict[str, float]:
     """Headline gap of a correction on jumps that nobody saw, and how much of the nominal one it closes."""
     judged, replayer = Judged.of(proof, robot), Replayer(robot)
     nominal, after = squares(judged, replayer, [[()] * len(proof), [tuple(correction)] * len(proof)])

@@ -19,16 +19,16 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from leapgap.files import write_json
-from leapgap.learning import initialisation, store, torch_rollout
-from leapgap.learning.experiment import TrainConfig, fit_task
-from leapgap.learning.model import Nominal
-from leapgap.learning.network import NetworkModel
-from leapgap.learning.registry import RECIPES
-from leapgap.learning.splits import train_on_all
-from leapgap.recording import windows as windows_module
-from leapgap.recording.windows import Purpose, Windows
-from leapgap.robot.rigid_body import RigidBody
+from leapgap.atomic_io import write_json
+from leapgap.jumping.learning import initialisation, store, torch_rollout
+from leapgap.jumping.learning import windows as windows_module
+from leapgap.jumping.learning.experiment import TrainConfig, fit_task
+from leapgap.jumping.learning.model import Nominal
+from leapgap.jumping.learning.network import NetworkModel
+from leapgap.jumping.learning.registry import RECIPES
+from leapgap.jumping.learning.splits import train_on_all
+from leapgap.jumping.learning.windows import Purpose, Windows
+from leapgap.jumping.models.rigid_body import RigidBody
 from stages.common import read_config
 from stages.params import composed
 

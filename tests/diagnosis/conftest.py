@@ -2,12 +2,13 @@
 
 import pytest
 
-from leapgap.planning.library import reference_to
-from leapgap.recording.jump import Jump, Target
-from leapgap.robot.planar import PlanarRobot
+from leapgap.jumping.models.planar import PlanarRobot
+from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.logs.log import Log
+from leapgap.logs.segments import Target
 
 
 @pytest.fixture(scope="session")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> Jump:
+def reference(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """A 50 cm jump as published: its feet do not slip, and its motors have voltage to spare while all of them stand."""
     return reference_to(Target(0.5), tmp_path_factory.mktemp("none"), PlanarRobot())

@@ -7,32 +7,32 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.diagnosis import checks
-from leapgap.diagnosis.attribution import Plan
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.telling import next_experiment
+from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.summary import next_experiment
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.reports.report import html
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import ContactSchedule
-from leapgap.simulation.hardware import SensorNoise
-from leapgap.simulation.replay import Replayer, Trial
-from leapgap.view.report import html
+from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
 from tests.diagnosis.test_gap import hardware
 
 FEW = Settings(
     effects=["joint_damping", "sample_period", "torque_gain"],
     pieces_per_log=5,
-    plan=Plan(most_causes=1, shortlist=4),
+    plan=SearchSettings(most_causes=1, shortlist=4),
     tolerances={"joint_friction.torque_nm": 0.05},
     bootstrap_draws=200,
 )
 
 
 @pytest.fixture(scope="module")
-def diagnosed(robot: Robot, reference: Jump):
+def diagnosed(robot: Robot, reference: Log):
     def of(*found: effects.Effect) -> Diagnosis:
         jumps = hardware(robot, reference, *found, noise=SensorNoise(), jumps=4)
         return diagnose(jumps, robot, FEW)
@@ -67,7 +67,7 @@ def test_diagnosis_of_the_nominal_robot_is_none(diagnosed) -> None:
     assert report.closure_of_answer is None
 
 
-def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robot, reference: Jump) -> None:
+def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robot, reference: Log) -> None:
     jumps = hardware(robot, reference, effects.effect("torque_gain", scale=0.7), noise=SensorNoise(), jumps=4)
     settings = dataclasses.replace(FEW, effects=["sample_period"])
     report = diagnose(jumps, robot, settings).report
@@ -109,7 +109,7 @@ def test_report_holds_the_contract_and_repeats(diagnosed) -> None:
     assert json.dumps(again.report.to_json(), allow_nan=False) == text
 
 
-def test_page_is_self_contained_and_says_the_sentence(diagnosed, robot: Robot, reference: Jump) -> None:
+def test_page_is_self_contained_and_says_the_sentence(diagnosed, robot: Robot, reference: Log) -> None:
     found = diagnosed(effects.effect("joint_damping", damping=0.4))
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
     ghosts = {jump.name: jump for jump in jumps}
@@ -120,7 +120,7 @@ def test_page_is_self_contained_and_says_the_sentence(diagnosed, robot: Robot, r
     assert page == html(found.report, jumps, robot, ghosts, ghosts)
 
 
-def test_a_library_call_knows_what_it_was_made_of(diagnosed, robot: Robot, reference: Jump) -> None:
+def test_a_library_call_knows_what_it_was_made_of(diagnosed, robot: Robot, reference: Log) -> None:
     """Nobody says where the logs came from: their content stands for their files, and all else is known."""
     report = diagnosed(effects.effect("joint_damping", damping=0.4)).report.to_json()
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
@@ -144,15 +144,15 @@ def test_provenance_tells_logs_apart_by_a_single_bit(robot: Robot) -> None:
     assert Provenance.of([jump], robot, {}, files={"standing": "abc"}).logs == {"standing": "abc"}
 
 
-def test_one_jump_says_what_cannot_be_judged(robot: Robot, reference: Jump) -> None:
+def test_one_jump_says_what_cannot_be_judged(robot: Robot, reference: Log) -> None:
     with pytest.raises(InputError, match="a cause is judged on jumps it was not fitted on"):
         diagnose(hardware(robot, reference), robot, FEW)
 
 
-def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: Jump) -> None:
+def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: Log) -> None:
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
     blind = [
-        Jump(jump.name, {k: v for k, v in jump.columns.items() if k != "base_angvel_y"}, jump.info) for jump in jumps
+        Log(jump.name, {k: v for k, v in jump.columns.items() if k != "base_angvel_y"}, jump.info) for jump in jumps
     ]
     settings = dataclasses.replace(FEW, effects=["joint_damping"], folds=2)
     report = diagnose(blind, robot, settings).report
@@ -171,7 +171,7 @@ def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: 
     ],
 )
 def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
-    robot: Robot, reference: Jump, found: effects.Effect, rivals: list[str], parameter: str
+    robot: Robot, reference: Log, found: effects.Effect, rivals: list[str], parameter: str
 ) -> None:
     jumps = hardware(robot, reference, found, noise=SensorNoise(), jumps=4)
     settings = dataclasses.replace(FEW, effects=[found.name, *rivals])
@@ -184,13 +184,13 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
     assert first.parameters[parameter].value == pytest.approx(found.values[parameter], abs=0.15 * abs(departure))
 
 
-def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, reference: Jump) -> None:
+def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, reference: Log) -> None:
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
     settings = dataclasses.replace(FEW, effects=["joint_damping"], most_pieces=3, folds=2)
     assert diagnose(jumps, robot, settings).report.gap_corrected < 0.5
 
 
-def test_a_single_weak_joint_is_found(robot: Robot, reference: Jump) -> None:
+def test_a_single_weak_joint_is_found(robot: Robot, reference: Log) -> None:
     weak = effects.effect("torque_gain", location="RR_calf", scale=0.7)
     report = diagnosed_of(hardware(robot, reference, weak, noise=SensorNoise(), jumps=4), robot)
     assert (report.causes[0].effect, report.causes[0].location) == ("torque_gain", "RR_calf")
@@ -198,7 +198,7 @@ def test_a_single_weak_joint_is_found(robot: Robot, reference: Jump) -> None:
     assert "torque_gain at RR_calf" in report.sentence
 
 
-def diagnosed_of(jumps: list[Jump], robot: Robot):
+def diagnosed_of(jumps: list[Log], robot: Robot):
     return diagnose(jumps, robot, FEW).report
 
 
@@ -236,8 +236,8 @@ def test_a_robot_with_a_fixed_base_is_diagnosed_by_its_joints(tmp_path, robot: R
             columns |= {f"cmd_pos/{joint}": swing, f"cmd_vel/{joint}": np.gradient(swing, time)}
             columns |= {f"joint_pos/{joint}": 0 * time, f"joint_vel/{joint}": 0 * time, f"cmd_tau/{joint}": 0 * time}
             columns |= {f"cmd_kp/{joint}": 0 * time + 60.0, f"cmd_kd/{joint}": 0 * time + 1.0}
-        planned = Jump(f"swing_{i}", columns, JumpInfo("arm", 0.001, ContactSchedule(), Target(0.0), "a test"))
-        (motion,) = replayer.motions([Trial(planned, damped)])
+        planned = Log(f"swing_{i}", columns, LogInfo("arm", 0.001, ContactSchedule(), Target(0.0), "a test"))
+        (motion,) = replayer.motions([Rollout(planned, damped)])
         log = replayer.as_jump(motion, planned)
         noisy = {
             name: values + (5e-4 if "pos" in name else 5e-2) * rng.standard_normal(len(values))
@@ -257,7 +257,7 @@ def test_logs_shorter_than_a_piece_are_refused(robot: Robot) -> None:
         diagnose([standing(robot, 80), standing(robot, 80)], robot, FEW)
 
 
-def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: Robot, reference: Jump) -> None:
+def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: Robot, reference: Log) -> None:
     """A loop that loses a tenth of its pace in the middle of a jump, as an effect and as a check finds it."""
     profile = (1.0, 1.0, 1.25, 1.0, 1.0)
     slow = SamplePeriod(scale=1.05, profile=profile)
@@ -274,7 +274,7 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
     assert any(check.name == "even_clock" and not check.passed for check in report.checks)
 
 
-def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Jump) -> None:
+def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Log) -> None:
     """Other distances than were logged, as settings of `collect`; nothing where nothing is ambiguous."""
     asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4, robot)
     assert asked is not None

@@ -7,22 +7,23 @@ from leapgap import effects
 from leapgap.diagnosis import checks
 from leapgap.diagnosis.channels import logged_channels, noise
 from leapgap.diagnosis.gap import Judged, headline_rows, noise_floor, pooled, scaled_errors, squares
-from leapgap.diagnosis.where import PHASES, phase_of_rows, where
-from leapgap.recording.jump import Jump
+from leapgap.diagnosis.localisation import PHASES, phase_of_rows, where
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.hardware import Course, Plan, SensorNoise, make_jumps
+from leapgap.simulation.open_loop import Course, PlannedJump, make_jumps
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
 
 SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
 
 
-def hardware(robot: Robot, reference: Jump, *found: effects.Effect, noise: SensorNoise = SILENT, jumps: int = 1):
-    plans = [Plan(f"made_{i}", reference, 0.01 * i) for i in range(jumps)]
+def hardware(robot: Robot, reference: Log, *found: effects.Effect, noise: SensorNoise = SILENT, jumps: int = 1):
+    plans = [PlannedJump(f"made_{i}", reference, 0.01 * i) for i in range(jumps)]
     return make_jumps(plans, robot, found, noise, Course(), np.random.default_rng(0))
 
 
-def test_real_jumps_have_the_published_gap(robot: Robot, real_jumps: list[Jump]) -> None:
+def test_real_jumps_have_the_published_gap(robot: Robot, real_jumps: list[Log]) -> None:
     """The project's reference figure: 0.94 for the sixteen jumps on rows 0 to 1089 with the nominal robot."""
     sixteen = [jump for jump in real_jumps if jump.name in {f"jump_{i:02d}" for i in (*range(1, 11), *range(15, 21))}]
     judged = Judged.of(sixteen, robot)
@@ -31,12 +32,12 @@ def test_real_jumps_have_the_published_gap(robot: Robot, real_jumps: list[Jump])
     assert gap == pytest.approx(0.942, abs=0.01)
 
 
-def test_the_nominal_robot_without_noise_has_no_gap(robot: Robot, reference: Jump) -> None:
+def test_the_nominal_robot_without_noise_has_no_gap(robot: Robot, reference: Log) -> None:
     judged = Judged.of(hardware(robot, reference), robot)
     assert pooled(squares(judged, Replayer(robot), [[()]])[0], judged) < 1e-6
 
 
-def test_the_noise_floor_is_the_gap_of_a_perfect_model(robot: Robot, reference: Jump) -> None:
+def test_the_noise_floor_is_the_gap_of_a_perfect_model(robot: Robot, reference: Log) -> None:
     """Logs of the nominal robot with noise: what is left is the floor, estimated from the logs alone."""
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=3)
     judged, replayer = Judged.of(jumps, robot), Replayer(robot)
@@ -45,7 +46,7 @@ def test_the_noise_floor_is_the_gap_of_a_perfect_model(robot: Robot, reference: 
     assert 0.4 < gap / floor < 2.5
 
 
-def test_noise_is_read_off_the_high_frequencies(robot: Robot, reference: Jump) -> None:
+def test_noise_is_read_off_the_high_frequencies(robot: Robot, reference: Log) -> None:
     (jump,) = hardware(robot, reference, noise=dataclasses.replace(SILENT, base_pos_m=0.002, joint_vel_rad_s=0.07))
     channels = logged_channels([jump], robot)
     known = [channel for channel in channels if channel.name not in ("base_roll", "base_yaw")]
@@ -58,7 +59,7 @@ def test_noise_is_read_off_the_high_frequencies(robot: Robot, reference: Jump) -
 def test_errors_are_scaled_as_the_contract_says(robot: Robot) -> None:
     """A log lifted by 5 cm in its claimed height differs by one at once, in height alone."""
     jump = standing(robot, 100)
-    lifted = Jump(
+    lifted = Log(
         "lifted", dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] + 0.05 * (np.arange(100) > 0)}, jump.info
     )
     judged = Judged.of([lifted], robot)
@@ -68,16 +69,16 @@ def test_errors_are_scaled_as_the_contract_says(robot: Robot) -> None:
     assert error[1, names.index("base_pos_x")] == pytest.approx(0, abs=1e-3)
 
 
-def test_judged_rows_end_at_touch_down_or_before_other_gains(robot: Robot, reference: Jump) -> None:
+def test_judged_rows_end_at_touch_down_or_before_other_gains(robot: Robot, reference: Log) -> None:
     (jump,) = hardware(robot, reference)
     touch = headline_rows(jump, robot)
     assert 1000 < touch < 1300
     kp = np.where(np.arange(len(jump)) < 900, 300.0, 50.0)
-    changed = Jump("c", dict(jump.columns) | {"cmd_kp/FR_calf": kp}, jump.info)
+    changed = Log("c", dict(jump.columns) | {"cmd_kp/FR_calf": kp}, jump.info)
     assert headline_rows(changed, robot) == 890
 
 
-def test_phases_follow_the_schedule(reference: Jump) -> None:
+def test_phases_follow_the_schedule(reference: Log) -> None:
     named = [PHASES[p] for p in phase_of_rows(reference)]
     assert [named[row] for row in (0, 499, 500, 749, 750, 849, 850, 1199, 1200)] == [
         "double_contact",
@@ -92,7 +93,7 @@ def test_phases_follow_the_schedule(reference: Jump) -> None:
     ]
 
 
-def test_where_finds_the_weak_joint_in_its_phases(robot: Robot, reference: Jump) -> None:
+def test_where_finds_the_weak_joint_in_its_phases(robot: Robot, reference: Log) -> None:
     weak = effects.effect("torque_gain", location="RR_calf", scale=0.6)
     jumps = hardware(robot, reference, weak, noise=SensorNoise())
     places = where(Judged.of(jumps, robot), Replayer(robot), 0.1, 3, np.random.default_rng(0))
@@ -101,7 +102,7 @@ def test_where_finds_the_weak_joint_in_its_phases(robot: Robot, reference: Jump)
     assert places[0].phase in ("rear_contact", "lift_off")
 
 
-def test_where_is_told_above_noise(robot: Robot, reference: Jump) -> None:
+def test_where_is_told_above_noise(robot: Robot, reference: Log) -> None:
     """An effect that leaves less than noise in each place is found where logs without noise show it."""
     drag = effects.effect("aerodynamic_drag", coefficient=2.0)
     tops = []
@@ -112,7 +113,7 @@ def test_where_is_told_above_noise(robot: Robot, reference: Jump) -> None:
     assert tops[0] == tops[1]
 
 
-def test_clock_check_recovers_a_known_period(robot: Robot, reference: Jump) -> None:
+def test_clock_check_recovers_a_known_period(robot: Robot, reference: Log) -> None:
     slow = hardware(robot, reference, effects.effect("sample_period", scale=1.07), noise=SensorNoise(), jumps=2)
     check = checks.joint_clock(slow, robot, threshold=0.02)
     assert check is not None and not check.passed
@@ -123,12 +124,12 @@ def test_clock_check_recovers_a_known_period(robot: Robot, reference: Jump) -> N
         assert judge(true, robot, 0.02).passed
 
 
-def test_fall_and_planted_feet_pass_on_a_true_log_and_fail_on_a_false_one(robot: Robot, reference: Jump) -> None:
+def test_fall_and_planted_feet_pass_on_a_true_log_and_fail_on_a_false_one(robot: Robot, reference: Log) -> None:
     (jump,) = hardware(robot, reference, noise=SensorNoise())
     assert checks.free_fall([jump], robot, 0.08).passed
     assert checks.planted_feet([jump], robot, 0.01).passed
     drift = np.linspace(0, 0.05, len(jump))
-    false = Jump(
+    false = Log(
         "f",
         dict(jump.columns)
         | {"base_pos_z": jump["base_pos_z"] - 20 * drift**2, "base_pos_x": jump["base_pos_x"] + drift},

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.attribution import Plan
 from leapgap.diagnosis.diagnose import Settings, diagnose
 from leapgap.diagnosis.hypotheses import hypotheses_of
+from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.base import Effect, parameter
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.reports.report import html
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import ContactSchedule
 from leapgap.simulation.corrected import read_corrected, write_corrected
-from leapgap.view.report import html
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,12 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 
 @pytest.fixture(scope="module")
-def logs() -> list[Jump]:
+def logs() -> list[Log]:
     """Of an arm with a spring in its file."""
     return swung(f' stiffness="{STIFFNESS}"')
 
 
-def swung(elbow: str) -> list[Jump]:
+def swung(elbow: str) -> list[Log]:
     """By MuJoCo alone: an arm with more in its file, swung by its servos, and noise on what is read."""
     model = mujoco.MjModel.from_xml_string(ARM.format(elbow=elbow))
     rng, joints, found = np.random.default_rng(0), ("L_shoulder", "L_elbow"), []
@@ -91,7 +91,7 @@ def swung(elbow: str) -> list[Jump]:
             columns |= {f"cmd_tau/{joint}": 0 * time, f"cmd_kp/{joint}": 0 * time + 60, f"cmd_kd/{joint}": 0 * time + 1}
         columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
         found.append(
-            Jump(f"swing_{i}", columns, JumpInfo("arm", 0.001, ContactSchedule(), Target(0.0), "made for a test"))
+            Log(f"swing_{i}", columns, LogInfo("arm", 0.001, ContactSchedule(), Target(0.0), "made for a test"))
         )
     return found
 
@@ -100,7 +100,7 @@ SETTINGS = Settings(
     effects=["joint_damping", "joint_friction", "torque_gain", "armature"],
     folds=3,
     pieces_per_log=5,
-    plan=Plan(most_causes=1, shortlist=4),
+    plan=SearchSettings(most_causes=1, shortlist=4),
     tolerances={"armature.inertia": 0.0001},
     bootstrap_draws=100,
 )
@@ -119,7 +119,7 @@ def test_a_model_with_too_much_friction_is_told_so(tmp_path: Path, true: float) 
     assert report.closure_of_answer is not None and report.closure_of_answer.value > 0.9
 
 
-def test_a_users_effect_is_found_fitted_and_reported(arm: Robot, logs: list[Jump], tmp_path: Path) -> None:
+def test_a_users_effect_is_found_fitted_and_reported(arm: Robot, logs: list[Log], tmp_path: Path) -> None:
     found = diagnose(logs, arm, SETTINGS, own=[CableSpring])
     report, cause = found.report, found.report.causes[0]
     assert report.verdict == "named"

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis import checks
-from leapgap.diagnosis.evidence import Pieces, State
-from leapgap.diagnosis.whole_jumps import WholeJumps, WholePlan
-from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
+from leapgap.diagnosis.short_rollouts import Pieces, State
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import ContactSchedule
 from tests.conftest import standing
 
 
-def log(robot: Robot, rate_hz: int, seconds: float = 1.3, **changed: np.ndarray) -> Jump:
+def log(robot: Robot, rate_hz: int, seconds: float = 1.3, **changed: np.ndarray) -> Log:
     """A robot that stands still, logged at a rate."""
     rows = round(seconds * rate_hz) + 1
     jump = standing(robot, rows)
@@ -25,7 +25,7 @@ def log(robot: Robot, rate_hz: int, seconds: float = 1.3, **changed: np.ndarray)
 
 @pytest.mark.parametrize(("rate_hz", "rows"), [(1000, 20), (500, 10), (200, 4), (40, 1), (10, 1)])
 def test_a_time_is_as_many_rows_as_it_lasts_and_one_at_least(rate_hz: int, rows: int) -> None:
-    info = JumpInfo("a1", 1 / rate_hz, ContactSchedule(), Target(0.0), "a test")
+    info = LogInfo("a1", 1 / rate_hz, ContactSchedule(), Target(0.0), "a test")
     assert info.rows(0.02) == rows
 
 
@@ -36,7 +36,7 @@ def test_a_local_clock_has_a_value_every_20_ms(robot: Robot, rate_hz: int) -> No
     assert clocks["standing"] == pytest.approx(1.0, abs=0.01)
 
 
-def moving(jump: Jump, robot: Robot) -> Jump:
+def moving(jump: Log, robot: Robot) -> Log:
     """The same with joints that swing, positions the integral of velocities."""
     phase = 2 * np.pi * jump.time
     columns = dict(jump.columns)
@@ -78,7 +78,7 @@ def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> 
 def test_whole_jumps_are_compared_every_20_ms(robot: Robot, rate_hz: int, values: int) -> None:
     jumps = [log(robot, rate_hz, 1.0).first_rows(rate_hz)] * 2
     judged = SimpleNamespace(jumps=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
-    whole = WholeJumps(SimpleNamespace(judged=judged), WholePlan())  # type: ignore[arg-type]
+    whole = FullRollouts(SimpleNamespace(judged=judged), FullRolloutSettings())  # type: ignore[arg-type]
     errors = whole.compared([np.zeros((rows, 3)) for rows in judged.rows])
     assert np.bincount(whole.jump_of_value).tolist() == [3 * values] * 2
     assert len(errors.some) == 6 * values

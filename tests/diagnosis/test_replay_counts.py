@@ -9,27 +9,27 @@ from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.gap import Judged
 from leapgap.effects.sample_period import SamplePeriod
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.hardware import SensorNoise
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.sensors import SensorNoise
 from tests.diagnosis.test_diagnose import FEW
 from tests.diagnosis.test_gap import hardware
 
 
 @pytest.fixture(scope="module")
-def damped(robot: Robot, reference: Jump) -> list[Jump]:
+def damped(robot: Robot, reference: Log) -> list[Log]:
     return hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=3)
 
 
 def test_no_whole_jump_is_replayed_twice_with_the_same_effects(
-    robot: Robot, damped: list[Jump], monkeypatch: pytest.MonkeyPatch
+    robot: Robot, damped: list[Log], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From the log's first row, at the nominal step: each set of effects once, the nominal robot among them."""
     asked: Counter[tuple[str, tuple[object, ...]]] = Counter()
     original = Replayer.true_motions
 
-    def counting(self: Replayer, trials: list[Trial], rows: int | None = None) -> list[object]:
+    def counting(self: Replayer, trials: list[Rollout], rows: int | None = None) -> list[object]:
         for trial in trials:
             if trial.first_state is None and len(trial.jump) > 500 and self.largest_step_s > 0.001:
                 asked[trial.jump.name, trial.effects] += 1
@@ -51,10 +51,10 @@ def test_a_profile_of_the_judged_rows_goes_on_with_its_last_value() -> None:
     assert found.change_rows(np.ones(1000))[:700] != pytest.approx(judged, abs=0.02)  # what stretching would do
 
 
-def test_replays_of_all_rows_begin_as_those_of_the_judged_rows(robot: Robot, damped: list[Jump]) -> None:
+def test_replays_of_all_rows_begin_as_those_of_the_judged_rows(robot: Robot, damped: list[Log]) -> None:
     judged, replayer = Judged.of(damped, robot), Replayer(robot)
     effect = SamplePeriod(scale=1.05, profile=(0.95, 1.1, 0.98))
     for jump, cut in zip(damped, judged.jumps, strict=True):
-        (whole,) = replayer.motions([Trial(jump, (effect.continued(len(cut), len(jump)),))])
-        (part,) = replayer.motions([Trial(cut, (effect,))])
+        (whole,) = replayer.motions([Rollout(jump, (effect.continued(len(cut), len(jump)),))])
+        (part,) = replayer.motions([Rollout(cut, (effect,))])
         assert np.array_equal(whole.qpos[: len(cut)], part.qpos)

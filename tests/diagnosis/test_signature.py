@@ -6,8 +6,8 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.signature import CHANNELS, MARK, Signature, main, moderate_effects, signature
 from leapgap.errors import InputError
-from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import Jump
+from leapgap.logs import log as jump_log
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.code import ROOT
 
@@ -19,7 +19,7 @@ AT_GROUND = ("foot_compliance", "foot_friction", "ground_height", "ground_slope"
 
 
 @pytest.fixture(scope="module")
-def matrix(robot: Robot, reference: Jump) -> Signature:
+def matrix(robot: Robot, reference: Log) -> Signature:
     return signature(reference, robot, moderate_effects(robot))
 
 
@@ -61,15 +61,15 @@ def test_a_slow_motor_has_voltage_to_spare_while_all_feet_stand(matrix: Signatur
     assert matrix.of("torque_speed_limit", "lift_off")["joint_vel"] > 0.1
 
 
-def test_without_effects_there_is_no_trace(robot: Robot, reference: Jump) -> None:
+def test_without_effects_there_is_no_trace(robot: Robot, reference: Log) -> None:
     nominal = {name: effects.effect(name) for name in ("torque_gain", "ground_height")}
     assert np.abs(signature(reference, robot, nominal).values).max() == 0
 
 
-def test_page_names_every_effect_and_the_command_renews_its_tables(tmp_path, reference: Jump) -> None:
+def test_page_names_every_effect_and_the_command_renews_its_tables(tmp_path, reference: Log) -> None:
     kept = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert all(kept.count(f"| `{name}` |") == 1 for name in effects.known())
-    jump_log.write(reference, tmp_path / "reference.parquet")
+    jump_log.write_log(reference, tmp_path / "reference.parquet")
     page = tmp_path / "page.md"
     page.write_text(f"Words.\n\n{MARK}\nold tables\n", encoding="utf-8")
     main([str(tmp_path / "reference.parquet"), str(page)])

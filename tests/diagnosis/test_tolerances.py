@@ -7,15 +7,15 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.evidence import Evidence
 from leapgap.diagnosis.gap import Judged
 from leapgap.diagnosis.hypotheses import hypotheses_of, places
-from leapgap.diagnosis.responses import Responses, tolerance
+from leapgap.diagnosis.sensitivities import Sensitivities, tolerance
+from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.hardware import SensorNoise
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
 from tests.diagnosis.test_gap import hardware
 
@@ -64,11 +64,11 @@ def test_a_tolerance_of_nothing_is_refused(robot: Robot, name: str) -> None:
         diagnose([standing(robot, 50)] * 2, robot, Settings(tolerances={name: 0.1}))
 
 
-def test_a_nuisance_is_one_tolerance_of_its_column(robot: Robot, reference: Jump) -> None:
+def test_a_nuisance_is_one_tolerance_of_its_column(robot: Robot, reference: Log) -> None:
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
-    evidence = Evidence.of(Judged.of(jumps, robot).jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
+    evidence = ShortRollouts.of(Judged.of(jumps, robot).jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
     shares = {"payload.mass_kg": 0.01, "foot_friction.mu": 0.02}
-    responses = Responses.of(evidence, hypotheses_of(["payload"], robot, None), shares)
+    responses = Sensitivities.of(evidence, hypotheses_of(["payload"], robot, None), shares)
     by_place = {(key.effect, key.place): i for i, key in enumerate(responses.keys)}
     payload = responses.columns[:, :, by_place["payload", "all"]]
     assert np.abs(payload).max() > 0

@@ -3,10 +3,10 @@ import pytest
 
 from leapgap import effects
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 
 TABLE = {
     "aerodynamic_drag": (("coefficient", "N·s²/m²", 0, 0.3, 1, 3),),
@@ -35,11 +35,11 @@ AT_JOINTS = [name for name, kind in effects.known().items() if kind.places == "j
 
 
 @pytest.fixture(scope="module")
-def replay(robot: Robot, reference: Jump):
+def replay(robot: Robot, reference: Log):
     replayer, jump = Replayer(robot), reference.first_rows(900)
 
     def of(*found: effects.Effect) -> Motion:
-        return replayer.motions([Trial(jump, found)])[0]
+        return replayer.motions([Rollout(jump, found)])[0]
 
     return of
 
@@ -65,11 +65,11 @@ def test_nominal_changes_no_bit_and_any_other_value_does(name: str, replay) -> N
 
 
 @pytest.mark.parametrize("name", AT_JOINTS)
-def test_an_effect_acts_at_its_location_only(name: str, robot: Robot, reference: Jump) -> None:
+def test_an_effect_acts_at_its_location_only(name: str, robot: Robot, reference: Log) -> None:
     replayer = Replayer(robot)
     nominal, acting = (
-        Trial(reference),
-        Trial(reference, (effects.effect(name, location="RR_calf", **SIZES[name]),)),
+        Rollout(reference),
+        Rollout(reference, (effects.effect(name, location="RR_calf", **SIZES[name]),)),
     )
     bare, model = replayer.model(nominal), replayer.model(acting)
     at = robot.joints.index("RR_calf")
@@ -93,26 +93,26 @@ def test_an_effect_acts_at_its_location_only(name: str, robot: Robot, reference:
     assert any(changed.values())
 
 
-def test_torque_gain_scales_feed_forward_and_feedback_alike(robot: Robot, reference: Jump) -> None:
+def test_torque_gain_scales_feed_forward_and_feedback_alike(robot: Robot, reference: Log) -> None:
     import mujoco
 
     forces = []
     for scale in (1.0, 0.5):
         replayer = Replayer(robot)
-        model = replayer.model(Trial(reference, (effects.effect("torque_gain", scale=scale),)))
+        model = replayer.model(Rollout(reference, (effects.effect("torque_gain", scale=scale),)))
         data = mujoco.MjData(model)
         data.qpos[robot.joint_qpos] = reference.per_joint("joint_pos")[0] + 0.02
-        data.ctrl[robot.joint_actuators] = replayer._controls(Trial(reference), 2)[0]
+        data.ctrl[robot.joint_actuators] = replayer._controls(Rollout(reference), 2)[0]
         mujoco.mj_forward(model, data)
         forces.append(data.actuator_force.copy())
     assert forces[1] == pytest.approx(0.5 * forces[0])
 
 
-def test_a_slower_loop_lets_more_time_pass_a_row(robot: Robot, reference: Jump) -> None:
+def test_a_slower_loop_lets_more_time_pass_a_row(robot: Robot, reference: Log) -> None:
     columns = dict(reference.columns) | {"base_pos_z": reference["base_pos_z"] + 2.0}
-    air = Jump("air", columns, reference.info).first_rows(200)
+    air = Log("air", columns, reference.info).first_rows(200)
     slow = effects.effect("sample_period", scale=1.1)
-    nominal, slower = Replayer(robot).motions([Trial(air), Trial(air, (slow,))])
+    nominal, slower = Replayer(robot).motions([Rollout(air), Rollout(air, (slow,))])
     assert slower.qvel[-1, 2] / nominal.qvel[-1, 2] == pytest.approx(1.1, abs=0.02)
 
 
@@ -136,7 +136,7 @@ def test_bounds_hold_the_nominal_value_and_every_size(name: str, robot: Robot) -
         assert all(p.lower < size < p.upper for size in sizes)
 
 
-def test_effects_act_together_in_any_order(robot: Robot, reference: Jump) -> None:
+def test_effects_act_together_in_any_order(robot: Robot, reference: Log) -> None:
     """Each names a part of the same model: motors, ground, air, clock and measurement."""
     names = (
         *("motor_lag", "torque_speed_limit", "torque_gain", "encoder_bias", "command_delay", "sample_period"),
@@ -144,7 +144,7 @@ def test_effects_act_together_in_any_order(robot: Robot, reference: Jump) -> Non
     )
     found = tuple(effects.effect(name, **SIZES[name]) for name in names)
     jump = reference.first_rows(300)
-    one, other = Replayer(robot).motions([Trial(jump, found), Trial(jump, found[::-1])])
+    one, other = Replayer(robot).motions([Rollout(jump, found), Rollout(jump, found[::-1])])
     assert np.abs(one.qpos - other.qpos).max() < 5e-4  # a ground raised, then turned, is 0.1 mm from one turned first
 
 

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.terrain import Box
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 from tests.conftest import standing
 
 G = 9.81
 
 
-def settled(robot: Robot, jump: Jump, *found: effects.Effect, lift_m: float = 0.0) -> tuple[mujoco.MjData, Motion]:
+def settled(robot: Robot, jump: Log, *found: effects.Effect, lift_m: float = 0.0) -> tuple[mujoco.MjData, Motion]:
     """The robot after it has stood for the length of the jump: solved contacts, and its motion."""
-    replayer, trial = Replayer(robot), Trial(jump, found)
+    replayer, trial = Replayer(robot), Rollout(jump, found)
     start = replayer.first_state(trial)
     start[2] += lift_m
     (motion,) = replayer.true_motions([replace(trial, first_state=start)])
@@ -47,7 +47,7 @@ def foot_forces(robot: Robot, data: mujoco.MjData) -> np.ndarray:
 def test_feet_slide_at_the_cone_of_their_friction(robot: Robot, mu: float) -> None:
     """Thrown forward over the floor, each foot's tangential force is mu times its normal force."""
     jump = standing(robot, 20)
-    thrown = Jump("thrown", dict(jump.columns) | {"base_linvel_x": np.full(20, 1.0)}, jump.info)
+    thrown = Log("thrown", dict(jump.columns) | {"base_linvel_x": np.full(20, 1.0)}, jump.info)
     data, _ = settled(robot, thrown, effects.effect("foot_friction", mu=mu))
     force = foot_forces(robot, data)
     bearing = force[:, 2] > 5
@@ -122,7 +122,7 @@ def test_on_a_slope_the_floor_pushes_back_along_its_normal(robot: Robot, pitch: 
 def test_a_block_turns_with_the_slope_it_stands_on(robot: Robot) -> None:
     jump = standing(robot, 10)
     block = Box(0.5, 0.0, (0.2, 0.5, 0.1), 0.1)
-    trial = Trial(
+    trial = Rollout(
         replace(jump, info=replace(jump.info, terrain=(block,))), (effects.effect("ground_slope", pitch_rad=0.08),)
     )
     model = Replayer(robot).model(trial)
@@ -131,10 +131,10 @@ def test_a_block_turns_with_the_slope_it_stands_on(robot: Robot) -> None:
     assert model.geom("terrain_0").pos == pytest.approx([0.5 * c + centre * s, 0, -0.5 * s + centre * c])
 
 
-def falling(robot: Robot, rows: int, velocity: tuple[float, float, float]) -> Jump:
+def falling(robot: Robot, rows: int, velocity: tuple[float, float, float]) -> Log:
     jump = standing(robot, rows, height_m=50.0)
     names = ("base_linvel_x", "base_linvel_y", "base_linvel_z")
-    return Jump(
+    return Log(
         "air", dict(jump.columns) | {n: np.full(rows, v) for n, v in zip(names, velocity, strict=True)}, jump.info
     )
 
@@ -143,14 +143,14 @@ def falling(robot: Robot, rows: int, velocity: tuple[float, float, float]) -> Ju
 def test_drag_is_quadratic_against_the_velocity_in_any_direction(
     robot: Robot, velocity: tuple[float, float, float]
 ) -> None:
-    trial = Trial(falling(robot, 3, velocity), (effects.effect("aerodynamic_drag", coefficient=1.7),))
+    trial = Rollout(falling(robot, 3, velocity), (effects.effect("aerodynamic_drag", coefficient=1.7),))
     replayer = Replayer(robot)
     model = replayer.model(trial)
     data, state = mujoco.MjData(model), replayer.first_state(trial)
     data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
     data.qvel[3:6] = 0.0
     mujoco.mj_forward(model, data)
-    without = Replayer(robot).model(Trial(trial.jump))
+    without = Replayer(robot).model(Rollout(trial.jump))
     v = np.array(velocity)
     assert data.qfrc_fluid[:3] == pytest.approx(-1.7 * np.linalg.norm(v) * v, abs=1e-6)
     about_centre = data.qfrc_fluid[3:6] - np.cross(robot.model.body_ipos[1], data.qfrc_fluid[:3])
@@ -162,7 +162,7 @@ def test_drag_is_quadratic_against_the_velocity_in_any_direction(
 def test_a_robot_falls_at_last_with_its_terminal_velocity(robot: Robot) -> None:
     """From rest v = v_t tanh(g t / v_t), v_t² = m g / c."""
     jump = falling(robot, 1500, (0.0, 0.0, 0.0))
-    (motion,) = Replayer(robot).motions([Trial(jump, (effects.effect("aerodynamic_drag", coefficient=8.0),))])
+    (motion,) = Replayer(robot).motions([Rollout(jump, (effects.effect("aerodynamic_drag", coefficient=8.0),))])
     terminal = np.sqrt(robot.total_mass * G / 8.0)
     exact = -terminal * np.tanh(G * np.arange(1500) * 0.001 / terminal)
     assert motion.qvel[:, 2] == pytest.approx(exact, rel=0.01, abs=0.05)
@@ -172,14 +172,14 @@ def test_leg_mass_adds_up_and_trunk_and_inertia_scale(robot: Robot) -> None:
     replayer, jump = Replayer(robot), standing(robot, 5)
     link_masses = 0.696 + 1.013 + 0.226
     for location, legs in (("all", 4), ("front", 2), ("RR", 1)):
-        model = replayer.model(Trial(jump, (effects.effect("leg_mass", location=location, scale=1.3),)))
+        model = replayer.model(Rollout(jump, (effects.effect("leg_mass", location=location, scale=1.3),)))
         assert model.body_mass.sum() == pytest.approx(12.453 + 0.3 * legs * link_masses)
         assert model.body_subtreemass[1] == pytest.approx(model.body_mass.sum())
-    model = replayer.model(Trial(jump, (effects.effect("leg_mass", location="calf", scale=1.3),)))
+    model = replayer.model(Rollout(jump, (effects.effect("leg_mass", location="calf", scale=1.3),)))
     calf = model.body("RL_calf").id
     assert model.body_inertia[calf] == pytest.approx(1.3 * robot.model.body_inertia[calf])
     assert model.body_mass.sum() == pytest.approx(12.453 + 0.3 * 4 * 0.226)
-    model = replayer.model(Trial(jump, (effects.effect("trunk_inertia", scale=1.5),)))
+    model = replayer.model(Rollout(jump, (effects.effect("trunk_inertia", scale=1.5),)))
     assert model.body_inertia[1] == pytest.approx(1.5 * robot.model.body_inertia[1])
     assert model.body_mass.sum() == pytest.approx(12.453)
 
@@ -189,7 +189,7 @@ def test_a_heavier_trunk_inertia_turns_slower_under_the_same_moment(robot: Robot
     pitch = 4
     inertia = {}
     for scale in (1.0, 1.5):
-        model = Replayer(robot).model(Trial(standing(robot, 5), (effects.effect("trunk_inertia", scale=scale),)))
+        model = Replayer(robot).model(Rollout(standing(robot, 5), (effects.effect("trunk_inertia", scale=scale),)))
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         full = np.zeros((model.nv, model.nv))
@@ -209,7 +209,7 @@ def test_a_shifted_centre_of_mass_shifts_the_load_between_the_feet(robot: Robot)
         feet = {data.model.geom(int(max(c.geom))).name: c.pos[0] for c in data.contact}
         span = feet["FR"] - feet["RR"]
     assert front[0.03] - front[0.0] == pytest.approx(4.713 * G * 0.03 / span, rel=0.1)
-    model = Replayer(robot).model(Trial(jump, (effects.effect("com_offset", x_m=0.03, z_m=-0.02),)))
+    model = Replayer(robot).model(Rollout(jump, (effects.effect("com_offset", x_m=0.03, z_m=-0.02),)))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motors import MotorConstants
-from leapgap.robot.schedule import ContactSchedule
-from leapgap.simulation.replay import Motion, Replayer, Trial
+from leapgap.simulation.replay import Motion, Replayer, Rollout
 from tests.conftest import standing
 
 FOOT = 'condim="3" friction="0.8 0.02 0.01"\n            priority="1" solref="0.02 1" solimp="0.9 0.95 0.001"'
@@ -46,8 +46,8 @@ def with_feet_of(folder: Path, **friction: float) -> Robot:
 def slide(robot: Robot, *found: effects.Effect) -> Motion:
     """Thrown forward while it stands: the feet slide and the contacts give."""
     jump = standing(robot, 400)
-    thrown = Jump("thrown", dict(jump.columns) | {"base_linvel_x": np.full(400, 1.5)}, jump.info)
-    return Replayer(robot).motions([Trial(thrown, found)])[0]
+    thrown = Log("thrown", dict(jump.columns) | {"base_linvel_x": np.full(400, 1.5)}, jump.info)
+    return Replayer(robot).motions([Rollout(thrown, found)])[0]
 
 
 def same(one: Motion, other: Motion) -> bool:
@@ -150,9 +150,9 @@ def swing(folder: Path, *found: effects.Effect) -> np.ndarray:
     robot, rows = Robot.load(folder / "pendulum.xml"), 300
     quantities = ("joint_pos", "joint_vel", "cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
     columns = {f"{quantity}/{joint}": np.zeros(rows) for quantity in quantities for joint in robot.joints}
-    info = JumpInfo("pendulum", 0.001, ContactSchedule(), Target(0.0), "made for a test")
-    jump = Jump("fall", {"time": np.arange(rows) / 1000} | columns, info)
-    return Replayer(robot).motions([Trial(jump, found)])[0].qpos
+    info = LogInfo("pendulum", 0.001, ContactSchedule(), Target(0.0), "made for a test")
+    jump = Log("fall", {"time": np.arange(rows) / 1000} | columns, info)
+    return Replayer(robot).motions([Rollout(jump, found)])[0].qpos
 
 
 def plain(**numbers: float) -> np.ndarray:
@@ -191,7 +191,7 @@ def test_a_joint_that_has_less_than_is_taken_from_all_ends_at_zero(tmp_path: Pat
     jump = standing(robot, 5)
     weak = effects.effect("joint_damping", "calf", damping=0.1)
     less = effects.effect("joint_damping", damping=-0.25)
-    model = Replayer(robot).model(Trial(jump, (weak, less)))
+    model = Replayer(robot).model(Rollout(jump, (weak, less)))
     of_joints = model.dof_damping[robot.joint_dofs].reshape(4, 3)
     assert of_joints == pytest.approx(np.tile([0.0, 0.0, 0.05], (4, 1)))
 
@@ -202,10 +202,10 @@ def test_trunk_and_legs_may_weigh_far_less_than_the_model_says(robot: Robot) -> 
     assert payload.lower == pytest.approx(-0.9 * trunk) and payload.scale == trunk
     jump = standing(robot, 5)
     light = (effects.effect("payload", mass_kg=-4.0), effects.effect("leg_mass", scale=0.2))
-    model = Replayer(robot).model(Trial(jump, light))
+    model = Replayer(robot).model(Rollout(jump, light))
     legs = robot.total_mass - trunk
     assert model.body_mass.sum() == pytest.approx(trunk - 4.0 + 0.2 * legs)
-    emptied = Replayer(robot).model(Trial(jump, (effects.effect("payload", mass_kg=-50.0),)))
+    emptied = Replayer(robot).model(Rollout(jump, (effects.effect("payload", mass_kg=-50.0),)))
     assert emptied.body_mass[robot.base_body] == pytest.approx(0.1 * trunk)
 
 
@@ -220,8 +220,8 @@ def test_a_voltage_that_limits_nothing_is_computed_from_the_robot(tmp_path: Path
     law = effects.effect("torque_speed_limit", voltage_v=33.0)
     jump = standing(strong, 5)
     assert law.is_nominal_for(Robot.load()) and not law.is_nominal_for(strong)
-    assert np.isfinite(Replayer(strong).drive(Trial(jump, (law,))).voltage_v).all()
-    assert np.isinf(Replayer(Robot.load()).drive(Trial(jump, (law,))).voltage_v).all()
+    assert np.isfinite(Replayer(strong).drive(Rollout(jump, (law,))).voltage_v).all()
+    assert np.isinf(Replayer(Robot.load()).drive(Rollout(jump, (law,))).voltage_v).all()
 
 
 def test_the_resistance_is_the_robots(tmp_path: Path) -> None:
@@ -230,7 +230,7 @@ def test_the_resistance_is_the_robots(tmp_path: Path) -> None:
     for resistance in (0.5, 1.0):
         robot = Robot.load(DEFAULT_MODEL, MotorConstants(resistance, 21.0))
         assert robot.sha256 != Robot.load().sha256
-        model = Replayer(robot).model(Trial(jump, (effects.effect("torque_speed_limit", voltage_v=10.0),)))
+        model = Replayer(robot).model(Rollout(jump, (effects.effect("torque_speed_limit", voltage_v=10.0),)))
         data = mujoco.MjData(model)
         data.qvel[robot.joint_dofs] = 5.0
         data.ctrl[robot.joint_actuators] = 1000.0

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.recording.jump import Jump, JumpInfo, Target
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
-from leapgap.robot.schedule import ContactSchedule
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.robot.motors import MotorConstants
+from leapgap.simulation.replay import Replayer, Rollout
 from tests.conftest import standing
 
 DISC = """<mujoco model="disc"><option timestep="0.001" integrator="implicitfast"/><worldbody><body>
@@ -19,14 +20,14 @@ DISC = """<mujoco model="disc"><option timestep="0.001" integrator="implicitfast
   <actuator><general joint="j" biastype="affine" forcerange="-33.5 33.5"/></actuator></mujoco>"""
 
 
-def in_the_air(jump: Jump) -> Jump:
+def in_the_air(jump: Log) -> Log:
     return replace(jump, columns=dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] + 2.0})
 
 
-def random_forces(robot: Robot, jump: Jump, *found: effects.Effect) -> tuple[np.ndarray, ...]:
+def random_forces(robot: Robot, jump: Log, *found: effects.Effect) -> tuple[np.ndarray, ...]:
     """Commanded torque (by the joint PD's formula), joint velocity and delivered torque, at many random states."""
     replayer = Replayer(robot)
-    trial = Trial(jump, found)
+    trial = Rollout(jump, found)
     model = replayer.model(trial)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     control = replayer._controls(trial, 2)[0]
@@ -80,11 +81,11 @@ def test_a_weak_motor_with_a_voltage_limit_delivers_its_share_within_the_law(rob
     assert delivered == pytest.approx(np.clip(law, -0.5 * 33.5, 0.5 * 33.5), abs=1e-9)
 
 
-def test_a_motor_with_voltage_to_spare_moves_as_the_nominal_one(robot: Robot, reference: Jump) -> None:
+def test_a_motor_with_voltage_to_spare_moves_as_the_nominal_one(robot: Robot, reference: Log) -> None:
     """The DC motor and the affine actuator are two ways to the same joint PD, implicit damping included."""
     jump = reference.first_rows(500)
     ample = effects.effect("torque_speed_limit", voltage_v=32.9)
-    bare, same = Replayer(robot).motions([Trial(jump), Trial(jump, (ample,))])
+    bare, same = Replayer(robot).motions([Rollout(jump), Rollout(jump, (ample,))])
     assert np.abs(bare.qpos - same.qpos).max() < 1e-9
 
 
@@ -116,23 +117,23 @@ def spin_up(
 ) -> np.ndarray:
     """Velocity of a disc under a constant torque command (``first`` on its first row), by the replay itself."""
     (folder / "disc.xml").write_text(DISC)
-    disc = Robot.load(folder / "disc.xml")
+    disc = Robot.load(folder / "disc.xml", MotorConstants(resistance=0.34602, top_speed_rad_s=21.0))
     command = np.full(rows, torque)
     command[0] = torque if first is None else first
     still = {f"{q}/j": np.zeros(rows) for q in ("joint_pos", "joint_vel", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")}
-    info = JumpInfo("disc", 0.001, ContactSchedule(), Target(0.0), "made for a test")
-    jump = Jump("disc", {"time": np.arange(rows) / 1000, "cmd_tau/j": command} | still, info)
-    (motion,) = Replayer(disc).motions([Trial(jump, (found,))])
+    info = LogInfo("disc", 0.001, ContactSchedule(), Target(0.0), "made for a test")
+    jump = Log("disc", {"time": np.arange(rows) / 1000, "cmd_tau/j": command} | still, info)
+    (motion,) = Replayer(disc).motions([Rollout(jump, (found,))])
     return motion.qvel[:, 0]
 
 
 def test_a_standing_robot_with_lagging_motors_stands_from_its_first_row(robot: Robot) -> None:
     """Its motors start with the torque they are asked for, so nothing sags."""
     jump = standing(robot, 800)
-    (settled,) = Replayer(robot).motions([Trial(jump)])
+    (settled,) = Replayer(robot).motions([Rollout(jump)])
     start = np.concatenate([settled.qpos[-1], settled.qvel[-1]])
     (motion,) = Replayer(robot).motions(
-        [Trial(jump, (effects.effect("motor_lag", time_constant_s=0.005),), first_state=start)]
+        [Rollout(jump, (effects.effect("motor_lag", time_constant_s=0.005),), first_state=start)]
     )
     assert np.abs(motion.qpos - start[:19]).max() < 1e-3
 
@@ -141,22 +142,22 @@ def test_command_delay_shifts_whole_rows_and_keeps_the_impulse_of_parts(robot: R
     rows = 60
     rng = np.random.default_rng(2)
     jump = standing(robot, rows, **{f"cmd_tau/{j}": rng.standard_normal(rows) for j in robot.joints})
-    sent = Replayer(robot)._controls(Trial(jump), rows)
+    sent = Replayer(robot)._controls(Rollout(jump), rows)
     for delay in (0.003, 0.0045):
-        late = Replayer(robot)._controls(Trial(jump, (effects.effect("command_delay", delay_s=delay),)), rows)
+        late = Replayer(robot)._controls(Rollout(jump, (effects.effect("command_delay", delay_s=delay),)), rows)
         fine = np.repeat(sent, 10, axis=0)  # ten parts a row: a zero-order hold shifted by tenths of a row
         shift = round(delay * 10_000)
         exact = np.concatenate([np.repeat(fine[:1], shift, axis=0), fine])[: 10 * rows].reshape(rows, 10, -1)
         assert late == pytest.approx(exact.mean(axis=1))
     slow = (effects.effect("sample_period", scale=1.2), effects.effect("command_delay", delay_s=0.0036))
-    assert Replayer(robot)._controls(Trial(jump, slow), rows)[10:] == pytest.approx(sent[7:-3])
+    assert Replayer(robot)._controls(Rollout(jump, slow), rows)[10:] == pytest.approx(sent[7:-3])
 
 
 def test_a_biased_encoder_lets_the_joints_settle_off_by_its_bias(robot: Robot) -> None:
     """In the air, without gravity's help: reported angles reach the set points, the true ones miss by the bias."""
     jump = in_the_air(standing(robot, 500))
     bias = effects.effect("encoder_bias", location="front", bias_rad=0.03)
-    replayer, trial = Replayer(robot), Trial(jump, (bias,))
+    replayer, trial = Replayer(robot), Rollout(jump, (bias,))
     (true,), (reported,) = replayer.true_motions([trial]), replayer.motions([trial])
     expected = np.where(np.arange(12) < 6, 0.03, 0.0)
     wanted = jump.per_joint("cmd_pos")[0]
@@ -166,10 +167,10 @@ def test_a_biased_encoder_lets_the_joints_settle_off_by_its_bias(robot: Robot) -
     assert np.array_equal(reported.qpos[:, :7], true.qpos[:, :7])
 
 
-def test_state_latency_reports_the_base_of_before_and_the_joints_of_now(robot: Robot, reference: Jump) -> None:
+def test_state_latency_reports_the_base_of_before_and_the_joints_of_now(robot: Robot, reference: Log) -> None:
     replayer, jump = Replayer(robot), reference.first_rows(900)
     late = effects.effect("state_latency", delay_s=0.0155)
-    (true,), (reported,) = replayer.true_motions([Trial(jump, (late,))]), replayer.motions([Trial(jump, (late,))])
+    (true,), (reported,) = replayer.true_motions([Rollout(jump, (late,))]), replayer.motions([Rollout(jump, (late,))])
     middle = (true.qpos[100:800] + true.qpos[101:801]) / 2  # 15.5 rows ago
     assert reported.qpos[116:816, :3] == pytest.approx(middle[:, :3], abs=1e-12)
     assert reported.qvel[116:816, :6] == pytest.approx((true.qvel[100:800] + true.qvel[101:801])[:, :6] / 2)
@@ -177,15 +178,15 @@ def test_state_latency_reports_the_base_of_before_and_the_joints_of_now(robot: R
     assert np.linalg.norm(reported.qpos[:, 3:7], axis=1) == pytest.approx(1)
 
 
-def test_a_replay_starts_from_the_state_that_was_reported(robot: Robot, reference: Jump) -> None:
+def test_a_replay_starts_from_the_state_that_was_reported(robot: Robot, reference: Log) -> None:
     """Latency and bias are taken off the first row, and put on again in what the replay reports."""
     moving = {"base_linvel_x": 1.0, "base_linvel_z": 1.5, "base_angvel_y": 0.8}
     columns = dict(reference.columns) | {k: np.full(len(reference), v) for k, v in moving.items()}
-    jump = in_the_air(Jump("moving", columns, reference.info)).first_rows(50)
+    jump = in_the_air(Log("moving", columns, reference.info)).first_rows(50)
     found = (effects.effect("state_latency", delay_s=0.015), effects.effect("encoder_bias", bias_rad=0.05))
     replayer = Replayer(robot)
-    true, reported = replayer.true_motions([Trial(jump, found)])[0], replayer.motions([Trial(jump, found)])[0]
-    plain = replayer.first_state(Trial(jump))
+    true, reported = replayer.true_motions([Rollout(jump, found)])[0], replayer.motions([Rollout(jump, found)])[0]
+    plain = replayer.first_state(Rollout(jump))
     assert reported.qpos[0] == pytest.approx(plain[:19], abs=1e-12)
     assert true.qpos[0, 0] - plain[0] == pytest.approx(0.015)
     assert true.qpos[0, 2] - plain[2] == pytest.approx(0.015 * 1.5)

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
+from leapgap.logs.pair_force import per_pair
+from leapgap.logs.segments import ContactSchedule
 from leapgap.robot.kinematics import feet_in_world, joint_torque_to_foot_force
 from leapgap.robot.model import Robot
-from leapgap.robot.pair_force import per_pair
-from leapgap.robot.schedule import ContactSchedule
 from leapgap.robot.terrain import Box
 from tests.conftest import CROUCH
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.control.controller import Command, Controller, Estimate
-from leapgap.recording.jump import Jump
-from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.logs.log import Log
+from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Plant, Sensing, run_controlled
-from leapgap.simulation.hardware import Course, Plan, Prepared, SensorNoise, make_jumps, prepare
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.controller import Command, Controller, StateEstimate
+from leapgap.simulation.open_loop import Course, PlannedJump, PreparedJump, make_jumps, prepare
+from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
 
 SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
@@ -23,20 +24,20 @@ SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
 class Playback(Controller):
     """Sends a jump's commands row by row, whatever happens; remembers what it was told."""
 
-    def __init__(self, jump: Jump, robot: Robot) -> None:
+    def __init__(self, jump: Log, robot: Robot) -> None:
         quantities = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
         self.rows = [jump.per_joint(quantity, robot.joints) for quantity in quantities]
         self.force = jump.stack([f"mpc_force/{axis}" for axis in PAIR_FORCE_AXES])
-        self.told: list[Estimate] = []
+        self.told: list[StateEstimate] = []
 
-    def command(self, estimate: Estimate) -> Command:
+    def command(self, estimate: StateEstimate) -> Command:
         row = len(self.told)
         self.told.append(estimate)
         return Command(*(values[row] for values in self.rows), self.force[row])
 
 
-def ready_for(reference: Jump, robot: Robot, found: tuple[effects.Effect, ...], block_m: float = 0.0) -> Prepared:
-    return prepare([Plan("made", reference, block_m)], Replayer(robot), found, Course())[0]
+def ready_for(reference: Log, robot: Robot, found: tuple[effects.Effect, ...], block_m: float = 0.0) -> PreparedJump:
+    return prepare([PlannedJump("made", reference, block_m)], Replayer(robot), found, Course())[0]
 
 
 ALL_KINDS = (
@@ -53,20 +54,22 @@ ALL_KINDS = (
 
 @pytest.mark.parametrize("found", [(), ALL_KINDS], ids=["nominal", "with effects"])
 def test_closed_loop_of_known_commands_is_their_replay(
-    robot: Robot, reference: Jump, found: tuple[effects.Effect, ...]
+    robot: Robot, reference: Log, found: tuple[effects.Effect, ...]
 ) -> None:
     ready = ready_for(reference, robot, found, block_m=0.03)
     run = run_controlled(
         ready, Playback(ready.commanded, robot), Replayer(robot), found, Sensing(SILENT), np.random.default_rng(0)
     )
-    trial = Trial(ready.commanded, found, first_state=ready.start)
+    trial = Rollout(ready.commanded, found, first_state=ready.start)
     (truth,), (reported,) = Replayer(robot).true_motions([trial]), Replayer(robot).motions([trial])
     rounding = 1e-10 if found else 0.0  # a delay's share of two rows rounds differently by the row's number
     assert run.truth.qpos == pytest.approx(truth.qpos, abs=rounding, rel=0)
     assert run.truth.qvel == pytest.approx(truth.qvel, abs=100 * rounding, rel=0)
     assert run.log["base_pos_z"] == pytest.approx(reported.qpos[:, 2], abs=1e-12)
     assert run.log.per_joint("joint_pos") == pytest.approx(reported.qpos[:, robot.joint_qpos], abs=1e-12)
-    (open_loop,) = make_jumps([Plan("made", reference, 0.03)], robot, found, SILENT, Course(), np.random.default_rng(0))
+    (open_loop,) = make_jumps(
+        [PlannedJump("made", reference, 0.03)], robot, found, SILENT, Course(), np.random.default_rng(0)
+    )
     assert set(open_loop.columns) <= set(run.log.columns)
     assert all(run.log[name] == pytest.approx(open_loop[name], abs=1e-9) for name in open_loop.columns)
 
@@ -88,12 +91,12 @@ def test_a_delay_is_as_long_at_any_rate(robot: Robot, rate_hz: int, found: effec
         columns[f"cmd_pos/{joint}"] = still[f"cmd_pos/{joint}"] + 0.1 * np.sin(30 * columns["time"] + i)
     columns |= {f"mpc_force/{axis}": np.zeros(rows) for axis in PAIR_FORCE_AXES}
     jump = replace(still, columns=columns, info=replace(still.info, sample_period_s=1 / rate_hz))
-    start = Replayer(robot).first_state(Trial(jump))
-    ready = Prepared(Plan("waving", jump), jump, start)
+    start = Replayer(robot).first_state(Rollout(jump))
+    ready = PreparedJump(PlannedJump("waving", jump), jump, start)
     run = run_controlled(
         ready, Playback(jump, robot), Replayer(robot), (found,), Sensing(SILENT), np.random.default_rng(0)
     )
-    trial = Trial(jump, (found,), first_state=start)
+    trial = Rollout(jump, (found,), first_state=start)
     (truth,), (reported,) = Replayer(robot).true_motions([trial]), Replayer(robot).motions([trial])
     assert run.truth.qpos == pytest.approx(truth.qpos, abs=1e-9, rel=0)
     known = slice(math.ceil(found.delay_s * rate_hz) + 1, None)  # before, the log's start is all a memory has
@@ -101,7 +104,7 @@ def test_a_delay_is_as_long_at_any_rate(robot: Robot, rate_hz: int, found: effec
     assert np.ptp(truth.qpos[:, 2]) > 0.002
 
 
-def test_the_controller_is_told_what_the_log_holds_and_the_base_late(robot: Robot, reference: Jump) -> None:
+def test_the_controller_is_told_what_the_log_holds_and_the_base_late(robot: Robot, reference: Log) -> None:
     ready = ready_for(reference, robot, ())
     controller = Playback(ready.commanded, robot)
     sensing = Sensing(SensorNoise(), base_delay_s=0.004)
@@ -116,7 +119,7 @@ def test_the_controller_is_told_what_the_log_holds_and_the_base_late(robot: Robo
     assert all(np.array_equal(run.log[name], again.log[name]) for name in run.log.columns)
 
 
-def test_feet_touch_until_the_schedule_lifts_them_and_again_at_the_landing(robot: Robot, reference: Jump) -> None:
+def test_feet_touch_until_the_schedule_lifts_them_and_again_at_the_landing(robot: Robot, reference: Log) -> None:
     ready = ready_for(reference, robot, ())
     run = run_controlled(
         ready, Playback(ready.commanded, robot), Replayer(robot), (), Sensing(SILENT), np.random.default_rng(0)
@@ -130,7 +133,7 @@ def test_feet_touch_until_the_schedule_lifts_them_and_again_at_the_landing(robot
     assert run.touching[1190:].any(axis=0).all()
 
 
-def test_gains_that_change_act_at_once(robot: Robot, reference: Jump) -> None:
+def test_gains_that_change_act_at_once(robot: Robot, reference: Log) -> None:
     ready = ready_for(reference, robot, ())
     plant = Plant(Replayer(robot), ready, ())
     first = Playback(ready.commanded, robot).command(None)  # type: ignore[arg-type]
@@ -140,7 +143,7 @@ def test_gains_that_change_act_at_once(robot: Robot, reference: Jump) -> None:
     assert plant.data.actuator_force == pytest.approx(1.5)
 
 
-def test_ground_forces_are_the_impulse_that_moves_the_whole_robot(robot: Robot, reference: Jump) -> None:
+def test_ground_forces_are_the_impulse_that_moves_the_whole_robot(robot: Robot, reference: Log) -> None:
     """Newton for the robot as a whole: ∫ F dt = m Δv of the centre of mass + weight · time; in the air it is zero."""
     ready = ready_for(reference, robot, ())
     run = run_controlled(

@@ -4,18 +4,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.hardware import Course, Plan, prepare
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.open_loop import Course, PlannedJump, prepare
+from leapgap.simulation.replay import Replayer, Rollout
 
 
 @pytest.fixture(scope="module")
-def contacts(robot: Robot, reference: Jump) -> dict[str, np.ndarray]:
+def contacts(robot: Robot, reference: Log) -> dict[str, np.ndarray]:
     """Of every row: deepest foot, forces on it (normal, tangential), their sum in the world, momentum."""
     replayer = Replayer(robot)
-    (ready,) = prepare([Plan("made", reference)], replayer, (), Course())
-    trial = Trial(ready.commanded, first_state=ready.start)
+    (ready,) = prepare([PlannedJump("made", reference)], replayer, (), Course())
+    trial = Rollout(ready.commanded, first_state=ready.start)
     (motion,) = replayer.motions([trial])
     model = replayer.model(trial)
     data = mujoco.MjData(model)

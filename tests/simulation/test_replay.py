@@ -4,13 +4,13 @@ import pytest
 
 from leapgap import effects
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 from tests.conftest import standing
 
 
-def moving(robot: Robot, rows: int = 200, kp: float = 300.0) -> Jump:
+def moving(robot: Robot, rows: int = 200, kp: float = 300.0) -> Log:
     """Standing, with commands that move every joint its own way."""
     jump = standing(robot, rows, kp=kp)
     wave = {
@@ -21,11 +21,11 @@ def moving(robot: Robot, rows: int = 200, kp: float = 300.0) -> Jump:
     return standing(robot, rows, kp=kp, **wave, **push)
 
 
-def python_loop(robot: Robot, replayer: Replayer, jump: Jump) -> tuple[np.ndarray, np.ndarray]:
+def python_loop(robot: Robot, replayer: Replayer, jump: Log) -> tuple[np.ndarray, np.ndarray]:
     """The same by plain steps, checking each tick's torque against the law of the log's contract."""
-    model = replayer.model(Trial(jump))
+    model = replayer.model(Rollout(jump))
     data = mujoco.MjData(model)
-    state = replayer.first_state(Trial(jump))
+    state = replayer.first_state(Rollout(jump))
     data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
     positions = [data.qpos.copy()]
     worst = []
@@ -44,7 +44,7 @@ def python_loop(robot: Robot, replayer: Replayer, jump: Jump) -> tuple[np.ndarra
 
 def test_replay_is_the_plain_loop_and_its_torque_the_commanded_law(robot: Robot) -> None:
     jump, replayer = moving(robot), Replayer(robot)
-    (motion,) = replayer.motions([Trial(jump)])
+    (motion,) = replayer.motions([Rollout(jump)])
     positions, torque_errors = python_loop(robot, replayer, jump)
     assert np.array_equal(motion.qpos, positions)
     assert torque_errors.max() < 1e-9
@@ -54,18 +54,18 @@ def test_gains_that_change_on_the_way_act_from_their_row(robot: Robot) -> None:
     rows = 120
     kp = {f"cmd_kp/{joint}": np.where(np.arange(rows) < 60, 300.0, 40.0) for joint in robot.joints[:6]}
     base = moving(robot, rows)
-    jump = Jump(base.name, dict(base.columns) | kp, base.info)
+    jump = Log(base.name, dict(base.columns) | kp, base.info)
     replayer = Replayer(robot)
-    (motion,) = replayer.motions([Trial(jump)])
+    (motion,) = replayer.motions([Rollout(jump)])
     # Not to the bit: the contact solver starts cold where the gains change.
     assert np.abs(motion.qpos - python_loop(robot, replayer, jump)[0]).max() < 1e-6
 
 
-def test_alone_in_company_and_at_any_number_of_threads_bits_are_equal(robot: Robot, reference: Jump) -> None:
-    from leapgap.simulation.hardware import Course, Plan, with_block
+def test_alone_in_company_and_at_any_number_of_threads_bits_are_equal(robot: Robot, reference: Log) -> None:
+    from leapgap.simulation.open_loop import Course, PlannedJump, with_block
 
-    block = with_block(reference, Plan("b", reference, 0.03), robot, Course())
-    trials = [Trial(reference), Trial(block), Trial(reference, (effects.effect("payload", mass_kg=1.0),))] * 3
+    block = with_block(reference, PlannedJump("b", reference, 0.03), robot, Course())
+    trials = [Rollout(reference), Rollout(block), Rollout(reference, (effects.effect("payload", mass_kg=1.0),))] * 3
     together = Replayer(robot, terrain_slots=1, threads=2).motions(trials)
     for trial, motion in zip(trials[:3], together[:3], strict=True):
         (alone,) = Replayer(robot, terrain_slots=1, threads=1).motions([trial])
@@ -77,10 +77,10 @@ def test_alone_in_company_and_at_any_number_of_threads_bits_are_equal(robot: Rob
 def test_in_the_air_the_centre_of_mass_falls_and_angular_momentum_stays(robot: Robot) -> None:
     """Joint torques are internal: whatever they do, gravity alone moves the whole."""
     jump = moving(robot, 200)
-    air = Jump(jump.name, dict(jump.columns) | {"base_pos_z": np.full(200, 2.0)}, jump.info)
+    air = Log(jump.name, dict(jump.columns) | {"base_pos_z": np.full(200, 2.0)}, jump.info)
     replayer = Replayer(robot)
-    (motion,) = replayer.motions([Trial(air)])
-    model = replayer.model(Trial(air))
+    (motion,) = replayer.motions([Rollout(air)])
+    model = replayer.model(Rollout(air))
     data = mujoco.MjData(model)
     centre, momentum = [], []
     for q, v in zip(motion.qpos, motion.qvel, strict=True):
@@ -97,7 +97,7 @@ def test_in_the_air_the_centre_of_mass_falls_and_angular_momentum_stays(robot: R
 
 
 def test_a_standing_robot_stands(robot: Robot) -> None:
-    (motion,) = Replayer(robot).motions([Trial(standing(robot, 1000, kp=300.0))])
+    (motion,) = Replayer(robot).motions([Rollout(standing(robot, 1000, kp=300.0))])
     assert abs(motion.qpos[-1, 2] - 0.1726) < 0.02
     assert np.abs(motion.qvel[-1]).max() < 0.02
 
@@ -106,4 +106,4 @@ def test_a_log_of_another_robot_is_refused_by_its_joints(robot: Robot) -> None:
     jump = standing(robot, 10)
     renamed = {name.replace("RL_calf", "RL_knee"): values for name, values in jump.columns.items()}
     with pytest.raises(InputError, match="joints RL_knee and no RL_calf"):
-        Replayer(robot).motions([Trial(Jump("other", renamed, jump.info))])
+        Replayer(robot).motions([Rollout(Log("other", renamed, jump.info))])

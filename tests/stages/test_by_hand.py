@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.recording import jump as jump_log
+from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
 from tests.code import ROOT
 from tests.conftest import standing
-from tests.recording.test_importers import write_published
+from tests.logs.test_importers import write_published
 
 
 def stage(name: str, *arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess:
@@ -40,7 +40,7 @@ def refused(result: subprocess.CompletedProcess, *parts: str) -> None:
 @pytest.fixture
 def logs(tmp_path: Path, robot: Robot) -> Path:
     for i in range(2):
-        jump_log.write(standing(robot, 1300), tmp_path / "logs" / f"jump_{i}.parquet")
+        jump_log.write_log(standing(robot, 1300), tmp_path / "logs" / f"jump_{i}.parquet")
     return tmp_path / "logs"
 
 
@@ -55,7 +55,7 @@ def test_import_of_foreign_logs(tmp_path: Path, robot: Robot) -> None:
     )
     assert result.returncode == 0, result.stderr
     assert "1 jumps imported" in result.stdout
-    assert jump_log.read(out / "jump_03.parquet").info.target.x_m == 0.6
+    assert jump_log.read_log(out / "jump_03.parquet").info.target.x_m == 0.6
 
 
 def test_no_logs_is_a_stated_result(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_corrected_robot_can_be_simulated(tmp_path: Path, robot: Robot) -> Non
         ("b", ("collect.hardware=damped",)),
     ):
         assert stage("collect", *common, *extra, f"collect.out={tmp_path / out}").returncode == 0
-    made = [jump_log.read(next((tmp_path / out).glob("*.parquet"))) for out in "ab"]
+    made = [jump_log.read_log(next((tmp_path / out).glob("*.parquet"))) for out in "ab"]
     assert (made[0]["base_pos_x"] == made[1]["base_pos_x"]).all()
 
 

@@ -16,8 +16,8 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from leapgap.diagnosis.diagnose import Settings
-from leapgap.learning.experiment import TrainConfig
-from leapgap.recording.importers import formats
+from leapgap.jumping.learning.experiment import TrainConfig
+from leapgap.logs.importers import formats
 from stages.common import CONF, read_config
 from tests.code import ROOT
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.files import read_json
+from leapgap.atomic_io import read_json
 from tests.stages.test_by_hand import refused, stage
 
 SMALL = (

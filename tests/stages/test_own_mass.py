@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import Jump
+from leapgap.logs import log as jump_log
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.stages.test_by_hand import stage
 
@@ -32,14 +32,14 @@ def heavy(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
 
 
 @pytest.fixture(scope="module")
-def references(tmp_path_factory: pytest.TempPathFactory, reference: Jump) -> Path:
+def references(tmp_path_factory: pytest.TempPathFactory, reference: Log) -> Path:
     """The A1's plan: a pose to stand in and a motion to follow are all that is needed of it."""
     folder = tmp_path_factory.mktemp("references")
-    jump_log.write(reference, folder / "h00_d50.parquet")
+    jump_log.write_log(reference, folder / "h00_d50.parquet")
     return folder
 
 
-def upward(log: Jump, row: int) -> float:
+def upward(log: Log, row: int) -> float:
     """Planned vertical force of both pairs at a row, N."""
     return float(log["mpc_force/front_z"][row] + log["mpc_force/rear_z"][row])
 
@@ -58,7 +58,7 @@ def test_collect_holds_up_and_stands_with_the_robots_own_weight(
         *("collect.targets=[[0.5,0.0]]", f"collect.out={tmp_path / 'out'}", "executor=local"),
     )
     assert result.returncode == 0, result.stderr
-    log = jump_log.read(tmp_path / "out" / "ideal_00.parquet")
+    log = jump_log.read_log(tmp_path / "out" / "ideal_00.parquet")
     assert upward(log, 0) == pytest.approx(mass_kg * GRAVITY, rel=0.25)
     assert upward(log, -1) == pytest.approx(mass_kg * GRAVITY, rel=1e-3)
 
@@ -73,7 +73,7 @@ def test_land_predicts_and_stands_with_the_robots_own_weight(heavy: Path, refere
         *(f"land.out={tmp_path}", "executor=local"),
     )
     assert result.returncode == 0, result.stderr
-    log = jump_log.read(tmp_path / "runs/worn/nominal_variable/jump_50_0.parquet")
+    log = jump_log.read_log(tmp_path / "runs/worn/nominal_variable/jump_50_0.parquet")
     assert upward(log, 0) == pytest.approx(2 * A1_KG * GRAVITY, rel=0.25)
     touching = np.flatnonzero(log.stack(["contact/FR", "contact/FL", "contact/RR", "contact/RL"]).all(axis=1))
     assert upward(log, touching[-1]) == pytest.approx(2 * A1_KG * GRAVITY, rel=1e-3)

@@ -5,8 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from leapgap.recording import windows as windows_module
-from tests.learning.conftest import jumps, windows  # noqa: F401 - fixtures
+from leapgap.jumping.learning import windows as windows_module
+from tests.jumping.learning.conftest import jumps, windows  # noqa: F401 - fixtures
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.recording.jump import Jump
-from leapgap.recording.noise import noise_of
-from leapgap.recording.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
+from leapgap.logs.log import Log
+from leapgap.logs.noise import noise_of
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotations import pitch_of
@@ -80,17 +80,17 @@ def state_channels(robot: Robot) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-def logged_channels(jumps: Sequence[Jump], robot: Robot) -> tuple[Channel, ...]:
+def logged_channels(jumps: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
     """Channels of the state that every log knows."""
     return tuple(c for c in state_channels(robot) if all(is_logged(jump, c.name) for jump in jumps))
 
 
-def scaled_channels(jumps: Sequence[Jump], robot: Robot) -> tuple[Channel, ...]:
+def scaled_channels(jumps: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
     """Those of them with a scale: the base's headline channels, then joint positions and velocities."""
     return tuple(c for c in logged_channels(jumps, robot) if c.scale is not None)
 
 
-def is_logged(jump: Jump, channel: str) -> bool:
+def is_logged(jump: Log, channel: str) -> bool:
     """Whether a log has what a channel needs."""
     return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in jump
 
@@ -100,16 +100,16 @@ def table(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarr
     return np.stack([channel.values(motion, robot) for channel in channels], axis=1)
 
 
-def logged(jump: Jump, channel: str) -> np.ndarray:
+def logged(jump: Log, channel: str) -> np.ndarray:
     """One channel as logged, by its name, (rows,)."""
     return jump.pitch if channel == "base_pitch" else jump[channel]
 
 
-def measured(jump: Jump, channels: Sequence[Channel]) -> np.ndarray:
+def measured(jump: Log, channels: Sequence[Channel]) -> np.ndarray:
     """Channels as logged, (rows, channels)."""
     return np.stack([logged(jump, channel.name) for channel in channels], axis=1)
 
 
-def noise(jump: Jump, channels: Sequence[Channel]) -> np.ndarray:
+def noise(jump: Log, channels: Sequence[Channel]) -> np.ndarray:
     """Standard deviation of each channel's sensor noise, (channels,)."""
     return noise_of(np.diff(measured(jump, channels), axis=0), jump.info.sample_period_s)

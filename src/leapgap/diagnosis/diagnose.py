@@ -7,17 +7,20 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis import checks as consistency
-from leapgap.diagnosis.attribution import Plan, find
-from leapgap.diagnosis.beliefs import Found
+from leapgap.diagnosis.candidates import Found
 from leapgap.diagnosis.checks import Check
-from leapgap.diagnosis.closure import HeldOut, Yardstick, resamples
-from leapgap.diagnosis.evidence import Evidence
+from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, concluded, confirmed_by_jumps, first_shares
+from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares_of
+from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReduction, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
+from leapgap.diagnosis.localisation import where
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Report
-from leapgap.diagnosis.responses import FINE_STEP_S
-from leapgap.diagnosis.telling import (
+from leapgap.diagnosis.selection import SearchSettings, find
+from leapgap.diagnosis.sensitivities import FINE_STEP_S
+from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.diagnosis.summary import (
     causes_of,
     next_experiment,
     not_judged,
@@ -26,15 +29,12 @@ from leapgap.diagnosis.telling import (
     shared_closure,
     typical,
 )
-from leapgap.diagnosis.verdict import Conclusion, Doubts, concluded, confirmed_by_jumps, first_shares
-from leapgap.diagnosis.where import where
-from leapgap.diagnosis.whole_jumps import WholeJumps, WholePlan
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 
 TOLERANCES = {
     "armature.inertia": 0.05,
@@ -67,8 +67,8 @@ class Settings:
     """Pieces of each log that are replayed, where the logs are few."""
     most_pieces: int = 48
     """Pieces of all logs together that are replayed."""
-    plan: Plan = field(default_factory=Plan)
-    doubts: Doubts = field(default_factory=Doubts)
+    plan: SearchSettings = field(default_factory=SearchSettings)
+    doubts: DecisionThresholds = field(default_factory=DecisionThresholds)
     tolerances: dict[str, float] = field(default_factory=lambda: dict(TOLERANCES))
     """``effect.parameter`` → standard deviation of what no description of a robot has exactly, in units of the model's
     own (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""
@@ -77,7 +77,7 @@ class Settings:
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
     even_threshold: float = 0.03
-    whole: WholePlan = field(default_factory=WholePlan)
+    whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
     """Of the search in whole jumps, where a confirmed cause leaves most of the gap."""
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
@@ -100,7 +100,7 @@ class Diagnosis:
 
 
 def diagnose(
-    jumps: Sequence[Jump],
+    jumps: Sequence[Log],
     robot: Robot,
     settings: Settings,
     provenance: Provenance | None = None,
@@ -120,14 +120,14 @@ def diagnose(
     judged = Judged.of(jumps, robot)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
     rng = np.random.default_rng(settings.seed)
-    nominal = replayer.motions([Trial(jump) for jump in jumps])
+    nominal = replayer.motions([Rollout(jump) for jump in jumps])
     yardstick = yardstick_of(judged, replayer, nominal, settings, rng)
     gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged, robot, settings)
     hypotheses = hypotheses_of(kinds, robot, clock_of(checks, judged, robot))
     found = search(yardstick, hypotheses, settings, progress)
-    heldout = HeldOut(yardstick, jumps, nominal)
+    heldout = HeldOutReduction(yardstick, jumps, nominal)
     heldout.replays(found.steps)
     found = confirmed_by_jumps(found, [yardstick.closes(of) for of in heldout.of(found.steps)], settings.doubts)
     shares = first_shares(found, yardstick.draws) if found.rivals else np.zeros(0)
@@ -166,10 +166,10 @@ def diagnose(
 
 def yardstick_of(
     judged: Judged, replayer: Replayer, nominal: Sequence[Motion], settings: Settings, rng: np.random.Generator
-) -> Yardstick:
+) -> HeldOutGap:
     """Folds, nominal gap, noise floor and resamples of the logs; ``nominal`` are their replays by the nominal robot."""
     number = len(judged.jumps)
-    return Yardstick(
+    return HeldOutGap(
         judged,
         replayer,
         np.array(folds_of(judged, settings.folds)),
@@ -182,7 +182,7 @@ def yardstick_of(
 def conclude(
     found: Found,
     shares: np.ndarray,
-    heldout: HeldOut,
+    heldout: HeldOutReduction,
     hypotheses: Sequence[Hypothesis],
     settings: Settings,
     progress: Callable[[str], None],
@@ -202,7 +202,7 @@ def conclude(
     said = concluded(found, shares, gap, closes, settings.doubts)
     if said.verdict != "unknown" or not confirmed(found):
         return said
-    whole_jumps = WholeJumps(yardstick, settings.whole, progress)
+    whole_jumps = FullRollouts(yardstick, settings.whole, progress)
     return whole_jumps.concluded(found.before(1), hypotheses, settings.doubts.rival_share)
 
 
@@ -229,7 +229,7 @@ def folds_of(judged: Judged, folds: int) -> list[int]:
 
 
 def search(
-    yardstick: Yardstick,
+    yardstick: HeldOutGap,
     hypotheses: Sequence[Hypothesis],
     settings: Settings,
     progress: Callable[[str], None],
@@ -238,7 +238,7 @@ def search(
     jumps = yardstick.judged.jumps
     most = min(settings.most_pieces, settings.pieces_per_log * len(jumps))
     whole, coarse = (
-        Evidence.of(jumps, yardstick.replayer, settings.horizon_s, settings.every_s, pieces)
+        ShortRollouts.of(jumps, yardstick.replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
     return find(whole, coarse, hypotheses, settings.tolerances, yardstick.folds, settings.plan, progress)

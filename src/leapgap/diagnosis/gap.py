@@ -8,12 +8,12 @@ import numpy as np
 from leapgap.diagnosis.channels import HEADLINE, Channel, measured, noise, scaled_channels, state_channels, table
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump
-from leapgap.recording.state import motion_of
+from leapgap.logs.log import Log
+from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 
 GAIN_CHANGE_MARGIN_S = 0.010
 """Before a change of gains this much is left out: the change reaches the motors at an unknown instant near its row."""
@@ -23,7 +23,7 @@ FALLEN = 100.0
 """Scaled error given to a replay that left the world of numbers, so that it loses and nothing becomes NaN."""
 
 
-def headline_rows(jump: Jump, robot: Robot) -> int:
+def headline_rows(jump: Log, robot: Robot) -> int:
     """Rows that are judged: up to touch-down or the first change of gains, whichever is first."""
     rows = jump.rows_before_gain_change
     if rows < len(jump):
@@ -31,7 +31,7 @@ def headline_rows(jump: Jump, robot: Robot) -> int:
     return max(2, min(rows, touch_down_row(jump, robot)))
 
 
-def touch_down_row(jump: Jump, robot: Robot) -> int:
+def touch_down_row(jump: Log, robot: Robot) -> int:
     """First row, in the second half of the planned flight or later, in which a sole is at the ground."""
     schedule = jump.info.schedule
     if not robot.has_free_base or "base_pos_z" not in jump or not robot.feet:
@@ -64,13 +64,13 @@ def misplaced_at_the_end(motions: Sequence[Motion], judged: "Judged") -> list[fl
 class Judged:
     """Logs with what is compared of them."""
 
-    jumps: tuple[Jump, ...]
+    jumps: tuple[Log, ...]
     """Cut after the rows that are judged."""
     channels: tuple[Channel, ...]
     """Headline channels that every log has."""
 
     @staticmethod
-    def of(jumps: Sequence[Jump], robot: Robot) -> "Judged":
+    def of(jumps: Sequence[Log], robot: Robot) -> "Judged":
         """Fix rows and channels once, from the logs alone; every hypothesis is judged on the same."""
         if not jumps:
             raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
@@ -103,7 +103,7 @@ def scaled_errors(
     ``candidates[c][j]`` are the effects of candidate c on jump j; all of them roll out as one batch.
     """
     trials = [
-        Trial(jump, effects)
+        Rollout(jump, effects)
         for of_candidate in candidates
         for jump, effects in zip(judged.jumps, of_candidate, strict=True)
     ]
@@ -111,7 +111,7 @@ def scaled_errors(
     return [[scaled_error(next(motions), jump, judged, replayer.robot) for jump in judged.jumps] for _ in candidates]
 
 
-def scaled_error(motion: Motion, jump: Jump, judged: Judged, robot: Robot) -> np.ndarray:
+def scaled_error(motion: Motion, jump: Log, judged: Judged, robot: Robot) -> np.ndarray:
     """Simulated − measured, scaled, in the judged rows of a jump, (rows, channels); ``motion`` may go on longer."""
     difference = table(motion[: len(jump)], judged.channels, robot) - measured(jump, judged.channels)
     return np.clip(np.nan_to_num(difference / judged.scales, nan=FALLEN), -FALLEN, FALLEN)
@@ -156,13 +156,13 @@ def noise_floor(
     every = scaled_channels(judged.jumps, robot)
     total = np.zeros(len(judged.jumps))
     sigma = [dict(zip((c.name for c in every), noise(jump, every), strict=True)) for jump in judged.jumps]
-    motions = nominal or replayer.motions([Trial(jump) for jump in judged.jumps])
+    motions = nominal or replayer.motions([Rollout(jump) for jump in judged.jumps])
     true = [motion[: len(jump)] for motion, jump in zip(motions, judged.jumps, strict=True)]
     for _ in range(draws):
         trials = []
         for jump, own in zip(judged.jumps, sigma, strict=True):
-            state = replayer.first_state(Trial(jump))
-            trials.append(Trial(jump, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
+            state = replayer.first_state(Rollout(jump))
+            trials.append(Rollout(jump, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
         for j, motion in enumerate(replayer.motions(trials)):
             for c in judged.channels:
                 seen = c.values(true[j], robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]

@@ -116,9 +116,7 @@ def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:
 
 def usable(kind: type[Effect], robot: Robot) -> bool:
     """Whether a robot can have an effect at all."""
-    if kind.places == "feet":
-        return robot.has_free_base and bool(robot.feet)
-    return robot.has_free_base or not kind.needs_base
+    return kind.lacks(robot) is None
 
 
 def hypotheses_of(

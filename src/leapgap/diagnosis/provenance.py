@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.recording.jump import Jump
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 TOOLS = ("leapgap", "mujoco", "numpy")
@@ -29,14 +29,14 @@ class Provenance:
 
     @staticmethod
     def of(
-        jumps: Sequence[Jump], robot: Robot, config: Mapping[str, Any], files: Mapping[str, str] | None = None
+        jumps: Sequence[Log], robot: Robot, config: Mapping[str, Any], files: Mapping[str, str] | None = None
     ) -> "Provenance":
         """Of some logs; ``files`` holds the SHA-256 of the file of each log by its name, where there are files."""
         logs = {jump.name: content_sha256(jump) for jump in jumps} if files is None else dict(files)
         return Provenance(logs, {name: installed(name) for name in TOOLS}, robot.sha256, config)
 
 
-def content_sha256(jump: Jump) -> str:
+def content_sha256(jump: Log) -> str:
     """SHA-256 of the metadata and of all columns, whatever their order, by 64-bit floats."""
     digest = hashlib.sha256(jump.info.to_json().encode())
     for name in sorted(jump.columns):

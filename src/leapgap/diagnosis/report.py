@@ -6,15 +6,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from leapgap.diagnosis.checks import Check
-from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.gap_reduction import Interval
+from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.where import Place
 
 FORMAT_VERSION = 1
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """A parameter's value with its 95 % interval: noise, tolerances of the model, error of the simulation."""
 
     value: float
@@ -38,7 +38,7 @@ class Cause:
     location: str
     probability: float
     """How often it is part of the best set on held-out logs when the evidence is drawn again."""
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, ParameterEstimate]
     per_log: Mapping[str, Mapping[str, float]]
     closure: Interval
     gap: float

@@ -12,17 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.where import PHASES, phase_of_rows
+from leapgap.atomic_io import write_text
+from leapgap.diagnosis.localisation import PHASES, phase_of_rows
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.files import write_text
-from leapgap.recording import jump as jump_log
-from leapgap.recording.jump import Jump
+from leapgap.logs import log as jump_log
+from leapgap.logs.log import Log
 from leapgap.robot.kinematics import momenta
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotations import pitch_of
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.replay import Replayer, Rollout
 
 CHANNELS = {
     "com_acceleration_x": ("m/s²", 1.0),
@@ -84,7 +84,7 @@ def moderate_effects(robot: Robot) -> dict[str, Effect]:
     return found
 
 
-def signature(reference: Jump, robot: Robot, found: Mapping[str, Effect], horizon_s: float = 0.05) -> Signature:
+def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon_s: float = 0.05) -> Signature:
     """Traces of effects in the nominal robot's own jump: replay with the effect − replay without, from equal starts.
 
     The jump is cut into pieces of one horizon; each starts anew from the nominal motion, which is taken as what was
@@ -92,11 +92,11 @@ def signature(reference: Jump, robot: Robot, found: Mapping[str, Effect], horizo
     counts, when the start has settled.
     """
     replayer = Replayer(robot, terrain_slots=max(1, len(reference.info.terrain)))
-    (motion,) = replayer.motions([Trial(reference)])
+    (motion,) = replayer.motions([Rollout(reference)])
     pieces = pieces_of_phases(replayer.as_jump(motion, reference), horizon_s)
     phases = tuple(phase for phase in PHASES if any(p == phase for p, _ in pieces))
     candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in found.values())]
-    trials = [Trial(piece, of) for of in candidates for _, piece in pieces]
+    trials = [Rollout(piece, of) for of in candidates for _, piece in pieces]
     true = replayer.true_motions(trials)
     traces = [
         trace_of(replayer.reported(trial, whole), whole, trial, robot)
@@ -112,7 +112,7 @@ def signature(reference: Jump, robot: Robot, found: Mapping[str, Effect], horizo
     return Signature(tuple(found), phases, values)
 
 
-def pieces_of_phases(jump: Jump, horizon_s: float) -> list[tuple[str, Jump]]:
+def pieces_of_phases(jump: Log, horizon_s: float) -> list[tuple[str, Log]]:
     """Pieces of one horizon that lie within one phase each."""
     length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
     phases = phase_of_rows(jump)
@@ -137,7 +137,7 @@ class Trace:
     joint_vel: np.ndarray
 
 
-def trace_of(reported: Motion, true: Motion, trial: Trial, robot: Robot) -> Trace:
+def trace_of(reported: Motion, true: Motion, trial: Rollout, robot: Robot) -> Trace:
     """The channels of one piece; time is the log's clock, as a diagnosis would have it."""
     half = slice(len(true.qpos) // 2, None)
     momentum = momentum_of(true, robot)[half]
@@ -178,7 +178,7 @@ def main(arguments: Sequence[str]) -> None:
     """Write the signature in a reference's replay below the mark of a page."""
     if len(arguments) != 2:
         raise InputError("arguments", " ".join(arguments) or "none", "<reference.parquet> <page.md>", "give both")
-    reference, page = jump_log.read(Path(arguments[0])), Path(arguments[1])
+    reference, page = jump_log.read_log(Path(arguments[0])), Path(arguments[1])
     text = page.read_text(encoding="utf-8")
     if MARK not in text:
         raise InputError(page, "no mark", MARK, "put it where the tables are to begin")

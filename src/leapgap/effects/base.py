@@ -106,6 +106,13 @@ class Effect(ABC):
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
     @classmethod
+    def lacks(cls, robot: Robot) -> str | None:
+        """What a robot lacks to have this effect at all, in words; None where it may have it."""
+        if (cls.needs_base or cls.places == "feet") and not robot.has_free_base:
+            return "a free base"
+        return "feet" if cls.places == "feet" and not robot.feet else None
+
+    @classmethod
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """The parameters at a place of a robot, in the order of their declaration.
 

@@ -59,7 +59,7 @@ class Drive:
         model.actuator_ctrlspec[motors] = FEED_FORWARD_INPUT
         model.actuator_actearly[motors] = True
         model.actuator_gainprm[motors], model.actuator_biasprm[motors], model.actuator_dynprm[motors] = 0.0, 0.0, 0.0
-        model.actuator_gainprm[motors, 0], model.actuator_gainprm[motors, 1] = robot.motors.resistance, 1.0
+        model.actuator_gainprm[motors, 0], model.actuator_gainprm[motors, 1] = resistance_of(robot), 1.0
         model.actuator_gainprm[motors, 4], model.actuator_gainprm[motors, 6] = kp, kd
         model.actuator_gainprm[motors, 7] = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)[chosen]
         model.actuator_dynprm[motors, 0] = self.lag_s[chosen]
@@ -72,6 +72,11 @@ class Drive:
         model.actuator_biasprm[affine, 2] = -(kd * self.gain)[~chosen]
         model.actuator_gainprm[motors, 4] = (kp * self.gain)[chosen]
         model.actuator_gainprm[motors, 6] = (kd * self.gain)[chosen]
+
+
+def resistance_of(robot: Robot) -> float:
+    """Of the motors, V/(N·m); 1 where nobody states it, which a lag without a voltage limit does not feel."""
+    return 1.0 if robot.motors is None else robot.motors.resistance
 
 
 def add_lag(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> None:

@@ -7,17 +7,18 @@ import numpy as np
 
 from leapgap.effects.base import Effect, Parameter, parameter
 from leapgap.effects.drive import Drive
+from leapgap.errors import InputError
 from leapgap.robot.model import Robot
+from leapgap.robot.motors import RESISTANCE, TOP_SPEED, MotorConstants
 
 
 @dataclass(frozen=True)
 class TorqueSpeedLimit(Effect):
     """The delivered torque obeys |R τ + q̇| ≤ voltage (τ N·m, q̇ rad/s, at the joint), beside the model's own limit of τ.
 
-    R is the robot's (``MotorConstants``). Published for the A1 with 21.5 V and R = 0.34602: full torque up to
-    9.91 rad/s, none at 21.5 rad/s; beyond that the motor brakes. The nominal robot has no such law, whatever its
-    voltage; for a fit the least whole voltage stands for that which full torque at the joints' top speed does not
-    need.
+    R is the robot's (``MotorConstants``); a robot whose file does not state it is not asked for this effect. Beyond the
+    speed at which no torque is left the motor brakes. The nominal robot has no such law, whatever its voltage; for a
+    fit the least whole voltage stands for that which full torque at the joints' top speed does not need.
     """
 
     name = "torque_speed_limit"
@@ -26,10 +27,16 @@ class TorqueSpeedLimit(Effect):
     voltage_v: float | None = parameter(None, "V", 0.0, inf, limits=(0.0, inf))
 
     @classmethod
+    def lacks(cls, robot: Robot) -> str | None:
+        """The law needs the resistance of the motors."""
+        return super().lacks(robot) or ("constants of its motors" if robot.motors is None else None)
+
+    @classmethod
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """From 10/33 of the voltage that limits nothing up to it; a person notices a half."""
         torque = float(torque_limits(robot)[robot.joints_at(location)].max())
-        ample = float(ceil(robot.motors.resistance * torque + robot.motors.top_speed_rad_s))
+        motors = stated_motors(robot)
+        ample = float(ceil(motors.resistance * torque + motors.top_speed_rad_s))
         unit = cls.declared()["voltage_v"].unit
         return (Parameter("voltage_v", unit, ample, ample * 10 / 33, ample, ample * 16 / 33, ample),)
 
@@ -62,4 +69,17 @@ def torque_limits(robot: Robot) -> np.ndarray:
             np.where(model.jnt_actfrclimited[joints].astype(bool), by_joint, inf),
         ]
     )
-    return np.where(np.isfinite(found), found, robot.motors.top_speed_rad_s / robot.motors.resistance)
+    motors = stated_motors(robot)
+    return np.where(np.isfinite(found), found, motors.top_speed_rad_s / motors.resistance)
+
+
+def stated_motors(robot: Robot) -> MotorConstants:
+    """Constants of the motors; ``InputError`` where nobody states them."""
+    if robot.motors is None:
+        raise InputError(
+            robot.path,
+            "no constants of the motors",
+            f"the custom numbers {RESISTANCE} and {TOP_SPEED}",
+            "add them to the model file (docs/formats.md), or leave torque_speed_limit out",
+        )
+    return robot.motors

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.robot.motors import MotorConstants
+from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 
@@ -29,8 +29,8 @@ class Robot:
     """
 
     path: Path
-    motors: MotorConstants = field(default_factory=MotorConstants)
-    """What the model file does not state of the motors."""
+    stated_motors: MotorConstants | None = None
+    """Constants of the motors in place of those that the model file states."""
     names: PartNames | None = field(default=None, compare=False)
     """What the user calls its parts; None: by the tree of its bodies."""
 
@@ -39,7 +39,7 @@ class Robot:
         path: Path | str = DEFAULT_MODEL, motors: MotorConstants | None = None, names: PartNames | None = None
     ) -> "Robot":
         """Read and compile a model file; ``InputError`` where it is none, or lacks what a replay needs."""
-        robot = Robot(Path(path), motors or MotorConstants(), names)
+        robot = Robot(Path(path), motors, names)
         if not robot.path.is_file():
             raise InputError(path, "no such file", "a MuJoCo model (XML)", "name the robot's model file")
         try:
@@ -63,12 +63,17 @@ class Robot:
         return mujoco.MjModel.from_xml_path(str(self.path))
 
     @cached_property
+    def motors(self) -> MotorConstants | None:
+        """Constants of the motors, as stated beside the model file or in it; None where nobody says."""
+        return self.stated_motors or motors_of(self.model)
+
+    @cached_property
     def sha256(self) -> str:
         """Hash of the model file: exported networks and reports carry it.
 
-        Motors that are not the default ones are part of it, so that nothing is kept of a robot with others.
+        Motors stated beside the file are part of it, so that nothing is kept of a robot with others.
         """
-        motors = b"" if self.motors == MotorConstants() else repr(self.motors).encode()
+        motors = b"" if self.stated_motors is None else repr(self.stated_motors).encode()
         return hashlib.sha256(self.path.read_bytes() + motors).hexdigest()
 
     @cached_property

@@ -1,17 +1,26 @@
-"""Constants of a robot's motors that no MuJoCo model file states."""
+"""Constants of a robot's motors: MuJoCo has no field for them, so a model file states them as custom numbers."""
 
 from dataclasses import dataclass
+
+import mujoco
+
+RESISTANCE, TOP_SPEED = "motor_resistance", "motor_top_speed"
+"""Names of the custom numbers: ``<custom><numeric name="motor_resistance" data="…"/> …</custom>``."""
 
 
 @dataclass(frozen=True)
 class MotorConstants:
-    """Of every joint's motor, seen at the joint through its gear: the motor constant is 1 there, and 1 V is 1 rad/s.
+    """Of every joint's motor, seen at the joint through its gear: the motor constant is 1 there, and 1 V is 1 rad/s."""
 
-    The defaults are those of a small quadruped's joints, as published with the controller of the A1. Another robot
-    states its own; without a voltage limit or a motor lag among the effects they are not used.
-    """
-
-    resistance: float = 0.34602
-    """V/(N·m): R = 25 Kt² over (gear · Kt)² = 1, with Kt = 4/34."""
-    top_speed_rad_s: float = 21.0
+    resistance: float
+    """V/(N·m): R i with the current i as torque at the joint, hence the winding's R over (gear · Kt)²."""
+    top_speed_rad_s: float
     """The fastest that a joint is meant to turn."""
+
+
+def motors_of(model: mujoco.MjModel) -> MotorConstants | None:
+    """What a model file states of its motors; None where it states nothing, or not both numbers."""
+    stated = {model.numeric(i).name: float(model.numeric(i).data[0]) for i in range(model.nnumeric)}
+    if not {RESISTANCE, TOP_SPEED} <= stated.keys():
+        return None
+    return MotorConstants(stated[RESISTANCE], stated[TOP_SPEED])

@@ -45,6 +45,16 @@ class Topology:
                 return limb
         raise self._unknown(joint_or_foot)
 
+    @property
+    def sides(self) -> dict[str, str]:
+        """Joint → the first joint of its group in its pair: left and right legs of a pair taken as one."""
+        found: dict[str, str] = {}
+        for limbs in self.pairs.values():
+            for alike in self.groups.values():
+                of_pair = [joint for limb in limbs for joint in self.limbs[limb] if joint in alike]
+                found |= dict.fromkeys(of_pair, of_pair[0]) if of_pair else {}
+        return found
+
     def feet_of_pair(self, pair: str) -> tuple[str, ...]:
         """Feet of the ``front`` or ``rear`` pair."""
         return tuple(f for f in self.feet if any(f in self.feet_of_limb[limb] for limb in self.pairs.get(pair, ())))

@@ -11,14 +11,15 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from leapgap.control.controller import Command, Controller, Estimate
 from leapgap.effects.base import Commands, Effect
-from leapgap.recording.jump import Jump
-from leapgap.recording.schema import PAIR_FORCE_AXES
+from leapgap.logs.log import Log
+from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.hardware import NoiseRows, Prepared, SensorNoise, logged
-from leapgap.simulation.replay import Replayer, Trial
+from leapgap.simulation.controller import Command, Controller, StateEstimate
+from leapgap.simulation.open_loop import PreparedJump, logged
+from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.sensors import NoiseRows, SensorNoise
 
 ROUNDING = 1e-6
 """Of a number of periods, so that a whole one stays it."""
@@ -36,10 +37,10 @@ class Sensing:
 
 
 @dataclass(frozen=True)
-class Run:
+class ClosedLoopRun:
     """What came of one run: the log, and what truly happened."""
 
-    log: Jump
+    log: Log
     truth: Motion
     touching: np.ndarray
     """Whether each foot touches at each row, bool, (rows, feet)."""
@@ -50,8 +51,8 @@ class Run:
 class Plant:
     """One simulated robot with its effects on its terrain, stepped one control period at a time."""
 
-    def __init__(self, replayer: Replayer, ready: Prepared, effects: tuple[Effect, ...]) -> None:
-        self.trial = Trial(ready.commanded, effects, first_state=ready.start)
+    def __init__(self, replayer: Replayer, ready: PreparedJump, effects: tuple[Effect, ...]) -> None:
+        self.trial = Rollout(ready.commanded, effects, first_state=ready.start)
         self.robot, self.replayer = replayer.robot, replayer
         self.model = replayer.model(self.trial)
         self.data = mujoco.MjData(self.model)
@@ -144,13 +145,13 @@ def overriding(effects: Iterable[Effect], method: str) -> list[Effect]:
 
 
 def run_controlled(
-    ready: Prepared,
+    ready: PreparedJump,
     controller: Controller,
     replayer: Replayer,
     effects: tuple[Effect, ...],
     sensing: Sensing,
     rng: np.random.Generator,
-) -> Run:
+) -> ClosedLoopRun:
     """Let a controller make one jump; as many rows as the prepared commands have."""
     robot, rows, period = replayer.robot, len(ready.commanded), ready.commanded.info.sample_period_s
     errors = NoiseRows.draw(sensing.noise, rows, len(robot.joints), rng)
@@ -168,12 +169,12 @@ def run_controlled(
     told = Motion(np.concatenate([m.qpos for m in measured]), np.concatenate([m.qvel for m in measured]))
     truth = Motion(*(np.array(part) for part in zip(*plant.truth[:rows], strict=True)))
     log = logged(ready.plan.name, with_commands(ready.commanded, plant.sent, robot), told, robot)
-    return Run(log, truth, np.array(touching), np.array(force))
+    return ClosedLoopRun(log, truth, np.array(touching), np.array(force))
 
 
-def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.ndarray, robot: Robot) -> Estimate:
+def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.ndarray, robot: Robot) -> StateEstimate:
     """What the controller is told, of one measured row for the base and one for the joints."""
-    return Estimate(
+    return StateEstimate(
         time_s,
         of_base.base_position[0],
         of_base.base_quaternion[0],
@@ -185,7 +186,7 @@ def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.nda
     )
 
 
-def with_commands(commanded: Jump, sent: list[Command], robot: Robot) -> Jump:
+def with_commands(commanded: Log, sent: list[Command], robot: Robot) -> Log:
     """The jump with the commands that were truly sent, and the forces they stand for."""
     columns = {"time": commanded.time}
     for quantity, values in {

@@ -18,8 +18,8 @@ import numpy as np
 from leapgap.effects.base import Commands, Effect
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
-from leapgap.recording.jump import Jump
-from leapgap.recording.state import columns_of, motion_of
+from leapgap.logs.log import Log
+from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
@@ -30,10 +30,10 @@ MODELS_KEPT = 256
 
 
 @dataclass(frozen=True)
-class Trial:
+class Rollout:
     """One replay: a log, and the effects to add to the nominal robot."""
 
-    jump: Jump
+    jump: Log
     effects: tuple[Effect, ...] = ()
     first_state: np.ndarray | None = None
     """(nq + nv,): truly start from here instead of the log's first row."""
@@ -62,7 +62,7 @@ def held(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.nda
     return np.stack(steps)
 
 
-def joint_gains(jump: Jump, robot: Robot) -> np.ndarray:
+def joint_gains(jump: Log, robot: Robot) -> np.ndarray:
     """Gains of the joint PD in every row, (rows, 2 joints): N·m/rad of all joints, then N·m·s/rad."""
     return np.concatenate([jump.per_joint(gain, robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
 
@@ -107,14 +107,14 @@ class Replayer:
         other.data, other.own = {}, threading.local()
         return other
 
-    def motions(self, trials: Sequence[Trial], rows: int | None = None) -> list[Motion]:
+    def motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
         """Replay every trial over the first ``rows`` rows of its log (all, where it is None), as a log reports it.
 
         Trials whose gains change on the way go on in the robot with the new gains.
         """
         return [self.reported(t, m) for t, m in zip(trials, self.true_motions(trials, rows), strict=True)]
 
-    def true_motions(self, trials: Sequence[Trial], rows: int | None = None) -> list[Motion]:
+    def true_motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
         """The same replays as what truly happened, which no sensor sees late or biased."""
         for trial in trials:
             self.check_joints(trial.jump)
@@ -125,13 +125,13 @@ class Replayer:
             motions |= zip(chosen, self._same_kind([trials[i] for i in chosen], *kind[:2]), strict=True)
         return [motions[i] for i in range(len(trials))]
 
-    def reported(self, trial: Trial, motion: Motion) -> Motion:
+    def reported(self, trial: Rollout, motion: Motion) -> Motion:
         """A true motion as the trial's robot would log it."""
         for effect in trial.effects:
             motion = effect.change_measured(motion, trial.period_s, self.robot)
         return motion
 
-    def restarted(self, trials: Sequence[Trial], starts: Sequence["Starts"], rows: int) -> list[list[Motion]]:
+    def restarted(self, trials: Sequence[Rollout], starts: Sequence["Starts"], rows: int) -> list[list[Motion]]:
         """Replay pieces of ``rows`` rows, each from a state of its own, in the calling thread: one motion a start.
 
         Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
@@ -156,7 +156,7 @@ class Replayer:
         return [found[i] for i in range(len(trials))]
 
     def _restarts(
-        self, trial: Trial, starts: "Starts", rows: int
+        self, trial: Rollout, starts: "Starts", rows: int
     ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
         """Model, full first state, controls and steps of the rows of each piece of one trial."""
         self.check_joints(trial.jump)
@@ -177,7 +177,7 @@ class Replayer:
             counts.append(steps[row : row + rows - 1])
         return models, states, controls, counts
 
-    def _motion(self, trial: Trial, state: np.ndarray, counts: np.ndarray, out: np.ndarray) -> Motion:
+    def _motion(self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray) -> Motion:
         """A piece, of its full first state and those after every step, as the trial's robot would log it."""
         nq, piece = self.bare.nq, np.concatenate([state[None], out[np.cumsum(counts) - 1]])
         return self.reported(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv]))
@@ -190,7 +190,7 @@ class Replayer:
             start = effect.true_start(start, self.robot)
         return start.first_state
 
-    def _same_kind(self, trials: Sequence[Trial], rows: int, substeps: int) -> list[Motion]:
+    def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: int) -> list[Motion]:
         """Replay trials of one structure, equally many rows and steps a row, batch by batch of constant gains."""
         gains = [joint_gains(t.jump, self.robot)[:rows] for t in trials]
         # Rows 0 … rows−2 are each held for one period; the last row's command is not needed.
@@ -217,7 +217,7 @@ class Replayer:
         wholes = [np.concatenate(h) for h in history]
         return [Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv]) for whole in wholes]
 
-    def full_state(self, trial: Trial, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
+    def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
         """Time, positions, velocities and, of motors that have one, the torque the first command asks for."""
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
@@ -229,28 +229,28 @@ class Replayer:
                 activation[model.actuator_actadr[actuator]] = np.clip(asked, *model.actuator_forcerange[actuator])
         return np.concatenate([[0.0], state, activation])
 
-    def _data(self, trial: Trial) -> list[mujoco.MjData]:
+    def _data(self, trial: Rollout) -> list[mujoco.MjData]:
         """Working memory of each thread, for the trial's structure."""
         if trial.structure not in self.data:
             model = self._compiled(trial)
             self.data[trial.structure] = [mujoco.MjData(model) for _ in range(self.threads)]
         return self.data[trial.structure]
 
-    def _own_data(self, trial: Trial) -> mujoco.MjData:
+    def _own_data(self, trial: Rollout) -> mujoco.MjData:
         """Working memory of the calling thread, for the trial's structure."""
         memory: dict[tuple[Hashable, ...], mujoco.MjData] = self.own.__dict__  # type: ignore[assignment]
         if trial.structure not in memory:
             memory[trial.structure] = mujoco.MjData(self._compiled(trial))
         return memory[trial.structure]
 
-    def first_state(self, trial: Trial) -> np.ndarray:
+    def first_state(self, trial: Rollout) -> np.ndarray:
         """True positions and velocities at the log's first row, (nq + nv,), by what the log reports.
 
         Velocities that were not logged start at zero; a robot whose base pose was not logged cannot be replayed.
         """
         return self.true_state(trial.effects, motion_of(trial.jump, self.robot, slice(1)).first_state)
 
-    def foot_depths(self, trial: Trial) -> np.ndarray:
+    def foot_depths(self, trial: Rollout) -> np.ndarray:
         """How deep each foot is in its ground at the start, m, (feet,); 0 above it."""
         model = self.model(trial)
         data = mujoco.MjData(model)
@@ -264,7 +264,7 @@ class Replayer:
             depth[foot] = max((-c.dist for c in data.contact if geom in c.geom), default=0.0)
         return depth.clip(min=0.0)
 
-    def check_joints(self, jump: Jump) -> None:
+    def check_joints(self, jump: Log) -> None:
         """Refuse a log of another robot, naming the joints that differ."""
         missing, foreign = (
             set(self.robot.joints) - set(jump.joints),
@@ -278,11 +278,11 @@ class Replayer:
                 "name the model these logs were made with, or rename the columns",
             )
 
-    def substeps(self, jump: Jump) -> int:
+    def substeps(self, jump: Log) -> int:
         """Simulation steps of one control period of the log."""
         return max(1, int(np.ceil(jump.info.sample_period_s / self.largest_step_s)))
 
-    def row_steps(self, trial: Trial) -> np.ndarray:
+    def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
         lengths = np.ones(len(trial.jump))
         for effect in trial.effects:
@@ -290,7 +290,7 @@ class Replayer:
         ends = np.round(np.cumsum(lengths) * self.substeps(trial.jump)).astype(int)
         return np.maximum(np.diff(ends, prepend=0), 1)
 
-    def _controls(self, trial: Trial, rows: int) -> np.ndarray:
+    def _controls(self, trial: Rollout, rows: int) -> np.ndarray:
         """Controls of the affine actuators, (rows, actuators): τ + kp q* + kd q̇*, by the gains of each row."""
         jump, joints = trial.jump, self.robot.joints
         commands = Commands(*(jump.per_joint(c, joints)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
@@ -302,14 +302,14 @@ class Replayer:
         control[:, self.robot.joint_actuators] = asked * self.drive(trial).control_gain
         return control
 
-    def drive(self, trial: Trial) -> Drive:
+    def drive(self, trial: Rollout) -> Drive:
         """The trial's motors."""
         drive = Drive.ideal(len(self.robot.joints))
         for effect in trial.effects:
             drive = effect.change_drive(drive, self.robot)
         return drive
 
-    def model(self, trial: Trial, row: int = 0) -> mujoco.MjModel:
+    def model(self, trial: Rollout, row: int = 0) -> mujoco.MjModel:
         """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
         jump = trial.jump
         model = copy.copy(self._compiled(trial))
@@ -322,7 +322,7 @@ class Replayer:
             effect.change_model(model, self.robot)
         return model
 
-    def _compiled(self, trial: Trial) -> mujoco.MjModel:
+    def _compiled(self, trial: Rollout) -> mujoco.MjModel:
         """The bare robot on the log's terrain with the parts its effects need, compiled once and then shared."""
         terrain = trial.jump.info.terrain
         if len(terrain) > self.slots:
@@ -346,7 +346,7 @@ class Replayer:
                 self.compiled[key].opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
             return self.compiled[key]
 
-    def as_jump(self, motion: Motion, jump: Jump) -> Jump:
+    def as_jump(self, motion: Motion, jump: Log) -> Log:
         """The motion as a jump log with the commands it was made with: measured columns are the simulation's."""
         columns = {
             name: values[: len(motion)].copy()
@@ -354,4 +354,4 @@ class Replayer:
             if name == "time" or name.startswith("cmd_")
         }
         info = replace(jump.info, source=f"replay of {jump.name}")
-        return Jump(jump.name, columns | columns_of(motion, self.robot), info)
+        return Log(jump.name, columns | columns_of(motion, self.robot), info)

@@ -1,0 +1,147 @@
+"""Where the gap lies: its share by phase of the jump and channel, above what sensor noise leaves there."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.diagnosis.channels import Channel, measured, noise, scaled_channels, table
+from leapgap.diagnosis.gap import Judged, state_noise
+from leapgap.logs.log import Log
+from leapgap.simulation.replay import Replayer, Rollout
+
+PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
+LIFT_OFF_WINDOW_S = 0.050
+"""Lift-off is this long before and after the planned take-off."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """One field of the map of the gap."""
+
+    phase: str
+    channel: str
+    share: float
+    """Of the whole squared gap above noise, each channel measured in units of its noise."""
+    rms: float
+    """Of the gap as it is, noise included."""
+    unit: str
+
+
+def phase_of_rows(jump: Log) -> np.ndarray:
+    """Index into ``PHASES`` of each row, by the planned schedule, (rows,)."""
+    schedule = jump.info.schedule
+    return np.digitize(
+        jump.time + 1e-6,
+        [
+            schedule.front_lift_off_s,
+            schedule.take_off_s - LIFT_OFF_WINDOW_S,
+            schedule.take_off_s + LIFT_OFF_WINDOW_S,
+            schedule.landing_s,
+        ],
+    )
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Some rows of a log that a replay of their own is compared with, in the second half, when the start settled."""
+
+    jump: Log
+    phases: np.ndarray
+    """Index into ``PHASES`` of each row, (rows,)."""
+    sigma: np.ndarray
+    """Sensor noise of each channel of its log, (channels,)."""
+
+    def squares(self, errors: np.ndarray) -> np.ndarray:
+        """Sums of squares of errors (rows, channels) by phase, (phases, channels)."""
+        half = len(errors) // 2
+        return np.stack([(errors[half:][self.phases[half:] == p] ** 2).sum(axis=0) for p in range(len(PHASES))])
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Rows of each phase that are compared, (phases,)."""
+        return np.bincount(self.phases[len(self.phases) // 2 :], minlength=len(PHASES))
+
+
+def where(judged: Judged, replayer: Replayer, horizon_s: float, draws: int, rng: np.random.Generator) -> list[Place]:
+    """The gap by phase and channel, largest share first.
+
+    Replays start anew from the log every ``horizon_s``, so that an error counts where it arises and not where it
+    has grown to. What sensor noise leaves on average of ``draws`` is taken off the shares.
+    """
+    robot, channels = replayer.robot, scaled_channels(judged.jumps, replayer.robot)
+    sigma = {jump.name: noise(jump, channels) for jump in judged.jumps}
+    pieces = [
+        Piece(piece, phases, sigma[jump.name]) for jump in judged.jumps for piece, phases in pieces_of(jump, horizon_s)
+    ]
+    least = np.array([least_noise(c) for c in channels])
+    motions = replayer.motions([Rollout(piece.jump) for piece in pieces])
+    simulated_there = [table(motion, channels, robot) for motion in motions]
+    errors = [found - measured(piece.jump, channels) for piece, found in zip(pieces, simulated_there, strict=True)]
+    of_noise = noise_alone(pieces, simulated_there, channels, replayer, draws, rng)
+
+    def scaled(of: Sequence[np.ndarray]) -> np.ndarray:
+        return sum_of(p.squares(e / np.maximum(p.sigma, least)) for p, e in zip(pieces, of, strict=True))
+
+    above = np.maximum(scaled(errors) - sum_of(scaled(one) for one in of_noise) / draws, 0.0)
+    shares = above / max(above.sum(), 1e-300)
+    number = sum_of(piece.counts for piece in pieces)
+    square = sum_of(piece.squares(e) for piece, e in zip(pieces, errors, strict=True))
+    places = [
+        Place(PHASES[p], c.name, float(shares[p, k]), float(np.sqrt(square[p, k] / number[p])), c.unit)
+        for p in range(len(PHASES))
+        for k, c in enumerate(channels)
+        if number[p]
+    ]
+    return sorted(places, key=lambda place: -place.share)
+
+
+def noise_alone(
+    pieces: Sequence[Piece],
+    nominal: Sequence[np.ndarray],
+    channels: Sequence[Channel],
+    replayer: Replayer,
+    draws: int,
+    rng: np.random.Generator,
+) -> list[list[np.ndarray]]:
+    """Errors ``[draw][piece]`` (rows, channels) of a robot that is the nominal one, ``nominal`` its true motions.
+
+    Every piece is replayed from a first state that is off by sensor noise, and compared with noisy rows.
+    """
+    states = [replayer.first_state(Rollout(piece.jump)) for piece in pieces]
+    sigmas = [dict(zip((c.name for c in channels), piece.sigma, strict=True)) for piece in pieces]
+    off = [state_noise(sigma, replayer.robot) for sigma in sigmas]
+    trials = [
+        Rollout(piece.jump, first_state=state + rng.standard_normal(len(state)) * noise_there)
+        for _ in range(draws)
+        for piece, state, noise_there in zip(pieces, states, off, strict=True)
+    ]
+    motions = iter(replayer.motions(trials))
+    return [
+        [
+            table(next(motions), channels, replayer.robot) - true - rng.standard_normal(true.shape) * piece.sigma
+            for piece, true in zip(pieces, nominal, strict=True)
+        ]
+        for _ in range(draws)
+    ]
+
+
+def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:
+    """Of arrays of one shape."""
+    return np.sum(list(arrays), axis=0)
+
+
+def pieces_of(jump: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
+    """The judged rows cut to whole pieces of one horizon, with the phase of each row."""
+    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
+    phases = phase_of_rows(jump)
+    starts = range(0, len(jump) - length + 1, length - 1)
+    return [
+        (replace(jump, columns={k: v[s : s + length] for k, v in jump.columns.items()}), phases[s : s + length])
+        for s in starts
+    ]
+
+
+def least_noise(channel: Channel) -> float:
+    """Smallest noise a channel is credited with: a log rounded to its last digit is not exact."""
+    return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2}[channel.unit]

@@ -1,0 +1,190 @@
+"""What each effect does to the evidence: one column of whitened errors for each parameter and single place.
+
+Columns are secants, from the nominal robot to an effect of moderate size; those of a pair, a joint group or all joints
+are sums of the single ones. Some also serve as nuisances: what no description of a robot has exactly.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap import effects
+from leapgap.diagnosis.hypotheses import Hypothesis, places, usable
+from leapgap.diagnosis.robust_least_squares import Products
+from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.effects.base import Effect
+from leapgap.robot.model import Robot
+
+FINE_STEP_S, ROUGH_STEP_S = 0.00028, 0.0022
+"""Replays of short steps show what the nominal simulation's own step does; long ones will do for derivatives of what
+is searched, but not of nuisances: those must take off the last of an error."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """Which column: an effect's parameter at a single place."""
+
+    effect: str
+    number: int
+    place: str
+
+
+Acting = Sequence[tuple[Hypothesis, np.ndarray]]
+"""Hypotheses with their numbers."""
+
+
+@dataclass(frozen=True)
+class Departures:
+    """What hypotheses change in the evidence."""
+
+    evidence: ShortRollouts
+    around: Acting
+    start: np.ndarray
+    """Whitened errors without further hypotheses, (pieces, values)."""
+
+    @staticmethod
+    def of(evidence: ShortRollouts, around: Acting) -> "Departures":
+        """From a robot with some hypotheses in it."""
+        (start,) = evidence.residuals([on_logs(evidence, *around)])
+        return Departures(evidence, around, joined(start))
+
+    def __call__(self, further: Sequence[Acting]) -> list[np.ndarray]:
+        """Whitened changes of sets of further hypotheses, (pieces, values) each."""
+        found = self.evidence.residuals([on_logs(self.evidence, *self.around, *one) for one in further])
+        return [joined(of) - self.start for of in found]
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Columns of all effects and nuisances, in pieces of all logs in order."""
+
+    evidence: ShortRollouts
+    departures: Departures
+    """By long steps: twice as fast, and steps err on both sides."""
+    nominal: np.ndarray
+    """Whitened errors of the nominal robot, (pieces, values)."""
+    keys: tuple[Key, ...]
+    columns: np.ndarray
+    """One for each key, a unit of its parameter, (pieces, values, keys)."""
+    nuisances: np.ndarray
+    """One standard deviation each, (pieces, values, nuisances)."""
+    members: Mapping[tuple[str, str], tuple[str, ...]]
+    """(effect, location) → single places."""
+
+    @staticmethod
+    def of(
+        evidence: ShortRollouts,
+        hypotheses: Sequence[Hypothesis],
+        tolerances: Mapping[str, float],
+        around: Acting = (),
+    ) -> "Sensitivities":
+        """Roll out every effect of the hypotheses, and every effect with a tolerance, once at every single place.
+
+        All of them act on top of ``around``, whose effects are not tried again. Tolerances are shares of the model's
+        own numbers at each place (``Settings.tolerances``).
+        """
+        robot, kinds = evidence.state.robot, {**effects.known(), **{h.name: h.kind for h in hypotheses}}
+        present = {h.name for h, _ in around}
+        names = {h.name: h for h in hypotheses if h.name not in present}
+        for name in tolerances:
+            effect = name.partition(".")[0]
+            if effect not in present and effect not in names and usable(kinds[effect], robot):
+                names[effect] = Hypothesis(kinds[effect], robot)
+        members = {(name, at): of for name, h in names.items() for at, of in places(h.kind, robot).items()}
+        keys = tuple(
+            Key(name, k, place)
+            for name, h in names.items()
+            for k in range(len(h.parameters))
+            for place in members[name, "all"]
+        )
+        evidence = evidence.around(on_logs(evidence, *around))
+        exact = Departures.of(evidence, around)
+        rough = Departures.of(evidence.with_steps(ROUGH_STEP_S), around)
+        origin, free = exact.start, {name.partition(".")[0] for name in tolerances}
+        columns = np.zeros((*origin.shape, len(keys)))
+        for departures, chosen in (
+            (exact, [i for i, key in enumerate(keys) if key.effect in free]),
+            (rough, [i for i, key in enumerate(keys) if key.effect not in free]),
+        ):
+            changes = departures([[moved(names[keys[i].effect], keys[i])] for i in chosen])
+            for i, change in zip(chosen, changes, strict=True):
+                columns[:, :, i] = change / at_place(names[keys[i].effect], keys[i]).moderate[keys[i].number]
+        (stepped,) = evidence.with_steps(FINE_STEP_S).residuals([on_logs(evidence, *around)])
+        nuisances = [joined(stepped) - origin]
+        for name, share in tolerances.items():
+            effect, _, parameter = name.partition(".")
+            if effect not in names:
+                continue
+            which = [p.name for p in names[effect].of_effect].index(parameter)
+            nuisances += [
+                tolerance(kinds[effect], robot, key.place, parameter, share) * columns[:, :, i]
+                for i, key in enumerate(keys)
+                if (key.effect, key.number) == (effect, which)
+            ]
+        nominal = origin if not around else joined(evidence.residuals([evidence.same(())])[0])
+        return Sensitivities(evidence, rough, nominal, keys, columns, np.stack(nuisances, axis=2), members)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the effects that have columns."""
+        return frozenset(key.effect for key in self.keys)
+
+    def free(self, columns: np.ndarray) -> Products:
+        """Products of columns (pieces, values, columns) and the nuisances."""
+        return Products.of(np.concatenate([columns, self.nuisances], axis=2))
+
+    def beside(self, columns: np.ndarray, hypotheses: Sequence[Hypothesis]) -> Iterator[Products]:
+        """Products of columns, each hypothesis's own, and the nuisances; one a hypothesis."""
+        first, number = columns.shape[2], len(self.keys)
+        whole = Products.of(np.concatenate([columns, self.columns, self.nuisances], axis=2))
+        every = np.arange(whole.gram.shape[1])
+        fixed = np.concatenate([every[:first], every[first + number :]])
+        outer = whole.gram[:, fixed[:, None], fixed]
+        for h in hypotheses:
+            summed = [[first + i for i in self.at(h, k)] for k in range(len(h.parameters))]
+            cross = np.stack([whole.gram[:, rows].sum(axis=1) for rows in summed], axis=1)
+            inner = np.stack([cross[:, :, rows].sum(axis=2) for rows in summed], axis=2)
+            top = np.concatenate([outer, cross[:, :, fixed].transpose(0, 2, 1)], axis=2)
+            bottom = np.concatenate([cross[:, :, fixed], inner], axis=2)
+            order = np.concatenate([every[:first], len(fixed) + np.arange(len(summed)), np.arange(first, len(fixed))])
+            gram = np.concatenate([top, bottom], axis=1)[:, order[:, None], order]
+            yield Products(gram, whole.values)
+
+    def at(self, hypothesis: Hypothesis, number: int) -> list[int]:
+        """Which columns sum to a number of a hypothesis."""
+        places = self.members[hypothesis.name, hypothesis.location]
+        return [
+            i
+            for i, key in enumerate(self.keys)
+            if (key.effect, key.number) == (hypothesis.name, number) and key.place in places
+        ]
+
+
+def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, share: float) -> float:
+    """Standard deviation of an effect's parameter at a place, in its unit: a share of what the model has there."""
+    (scale,) = (p.scale for p in kind.parameters(robot, place) if p.name == parameter)
+    return share * scale
+
+
+def at_place(hypothesis: Hypothesis, key: Key) -> Hypothesis:
+    """The hypothesis at the single place of a key, whose own numbers may be others than those of all places."""
+    return replace(hypothesis, location=key.place)
+
+
+def moved(hypothesis: Hypothesis, key: Key) -> tuple[Hypothesis, np.ndarray]:
+    """The hypothesis at one place with one number at moderate size."""
+    there = at_place(hypothesis, key)
+    numbers = there.nominal
+    numbers[key.number] += there.moderate[key.number]
+    return there, numbers
+
+
+def on_logs(evidence: ShortRollouts, *acting: tuple[Hypothesis, np.ndarray]) -> list[tuple[Effect, ...]]:
+    """Effects of hypotheses with their numbers on every log."""
+    return [tuple(h.on(p.jump.name, numbers) for h, numbers in acting) for p in evidence.pieces]
+
+
+def joined(of_logs: Sequence[np.ndarray]) -> np.ndarray:
+    """Pieces of all logs in one, (pieces, values)."""
+    return np.concatenate(of_logs)

@@ -1,0 +1,265 @@
+"""The evidence: what short replays from the log leave of every logged channel, in units of what noise explains.
+
+Each log is cut to pieces. A piece is replayed from its own smoothed first state, and compared with the log at several
+ages. What sensor noise does to such an error is known: noise of the start grows as the robot's own dynamics let it
+(finite differences), noise of the comparison is white. Both together whiten the errors of a piece.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from leapgap.diagnosis.channels import Channel, logged_channels
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.logs.noise import noise_of
+from leapgap.logs.state import motion_of
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
+from leapgap.robot.rotations import turn_between
+from leapgap.simulation.replay import Replayer, Rollout, Starts
+
+Effects = tuple[Effect, ...]
+Batched = tuple[int, Effects, Starts]
+"""What to replay: number of the log, effects, starts."""
+
+SMOOTHED_S = 0.009
+"""A start is the value of a parabola through the rows of this long before and after it."""
+LEAST_NOISE = {
+    "base_pos": 1e-4,
+    "base_turn": 1e-4,
+    "base_linvel": 1e-3,
+    "base_angvel": 1e-3,
+    "joint_pos": 1e-4,
+    "joint_vel": 1e-3,
+}
+"""Smallest noise a quantity is credited with, m, rad, m/s, rad/s: a log rounded to its last digit is not exact."""
+ROLLOUTS_AT_ONCE = 200
+"""By one thread: bounds its memory."""
+SHARES = 3
+"""Of the work for each thread: several, so that no thread waits long for another."""
+
+
+@dataclass(frozen=True)
+class State:
+    """The channels of the robot's state that every log knows, and how they differ between two motions."""
+
+    robot: Robot
+    channels: tuple[Channel, ...]
+
+    @staticmethod
+    def of(jumps: Sequence[Log], robot: Robot) -> "State":
+        """Channels that every log has."""
+        return State(robot, logged_channels(jumps, robot))
+
+    @cached_property
+    def entries(self) -> np.ndarray:
+        """Where the channels stand in the tangent of the state (2 nv,), (channels,)."""
+        return np.array([channel.entry for channel in self.channels])
+
+    def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
+        """Simulated − logged in the channels, (rows, channels)."""
+        robot = self.robot
+        full = np.zeros((len(simulated), 2 * robot.model.nv))
+        if robot.has_free_base:
+            full[:, VELOCITY_SLICE] = simulated.base_position - logged.base_position
+            full[:, ANGULAR_VELOCITY_SLICE] = turn_between(logged.base_quaternion, simulated.base_quaternion)
+        full[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - logged.qpos[:, robot.joint_qpos]
+        full[:, robot.model.nv :] = simulated.qvel - logged.qvel
+        return full[:, self.entries]
+
+    def moved(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
+        """A state (nq + nv,) displaced in one channel."""
+        nq, nv = self.robot.model.nq, self.robot.model.nv
+        tangent = np.zeros(2 * nv)
+        tangent[self.entries[channel]] = by
+        qpos = state[:nq].copy()
+        mujoco.mj_integratePos(self.robot.model, qpos, tangent[:nv], 1.0)
+        return np.concatenate([qpos, state[nq:] + tangent[nv:]])
+
+    def noise(self, logged: Motion, period_s: float) -> np.ndarray:
+        """Standard deviation of each channel's sensor noise, (channels,)."""
+        found = noise_of(self.differences(logged[1:], logged[:-1]), period_s)
+        return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
+
+
+def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
+    """At most so many rows of all, evenly: others of each log, so that together they cover what all logs do."""
+    lengths = [len(own) for own in rows]
+    total = sum(lengths)
+    kept = np.zeros(total, bool)
+    kept[np.unique((np.arange(min(most, total)) * total / min(most, total)).astype(int))] = True
+    return [own[k] for own, k in zip(rows, np.split(kept, np.cumsum(lengths)[:-1]), strict=True)]
+
+
+def smoothed(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarray, float]:
+    """State at a row by a parabola through its neighbours, (nq + nv,), and the share of their noise that stays.
+
+    The log has ``rows`` rows; neighbours are those at most ``reach`` rows away.
+    """
+    first, last = max(0, row - reach), min(rows, row + reach + 1)
+    age = np.arange(first, last) - row
+    degree = 2 if first < row else 1  # at the log's beginning a parabola would swing
+    weights = np.linalg.pinv(np.vander(age, degree + 1, increasing=True))[0]
+    qpos, qvel = weights @ logged.qpos[first:last], weights @ logged.qvel[first:last]
+    return np.concatenate([qpos, qvel]), float(np.linalg.norm(weights))
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The pieces of one log."""
+
+    jump: Log
+    logged: Motion
+    starts: Starts
+    noise: np.ndarray
+    """Of the log's sensors, (channels,)."""
+    start_noise: np.ndarray
+    """Share of it that the smoothed starts keep, (pieces,)."""
+
+    @staticmethod
+    def of(jump: Log, rows: Sequence[int], state: State) -> "Pieces":
+        """Pieces that start at these rows."""
+        logged = motion_of(jump, state.robot)
+        found = [smoothed(logged, row, len(jump), jump.info.rows(SMOOTHED_S)) for row in rows]
+        states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
+        if state.robot.has_free_base:
+            states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
+        return Pieces(
+            jump,
+            logged,
+            Starts(rows, states),
+            state.noise(logged, jump.info.sample_period_s),
+            np.array([kept for _, kept in found]),
+        )
+
+    def every(self, rows: int) -> "Pieces":
+        """The same pieces of the log's every so many-th row; what is known of its noise stays."""
+        starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
+        return replace(self, jump=self.jump.every(rows), logged=self.logged[::rows], starts=starts)
+
+
+@dataclass(frozen=True)
+class ShortRollouts:
+    """Logs in pieces, and what noise does to them."""
+
+    state: State
+    replayer: Replayer
+    pieces: tuple[Pieces, ...]
+    ages: np.ndarray
+    """Rows after the start at which a piece is compared."""
+    whitening: tuple[np.ndarray, ...]
+    """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
+
+    @staticmethod
+    def of(jumps: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
+        """Cut logs to pieces of a horizon, at most so many in all, compared every so often; no noise known yet."""
+        state = State.of(jumps, replayer.robot)
+        period = jumps[0].info.sample_period_s
+        ages = np.arange(1, round(horizon_s / every_s) + 1) * max(1, round(every_s / period))
+        length = ages[-1] + 1
+        rows = spread([np.arange(0, len(jump) - length + 1, length - 1) for jump in jumps], most)
+        if not any(map(len, rows)):
+            longest = max(len(jump) for jump in jumps) * period
+            raise InputError("diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log whole jumps")
+        pieces = [Pieces.of(jump, own.tolist(), state) for jump, own in zip(jumps, rows, strict=True)]
+        return ShortRollouts(state, replayer, tuple(pieces), ages, ())
+
+    def around(self, effects: Sequence[Effects]) -> "ShortRollouts":
+        """The same with what noise does to a robot with these effects, one set a log."""
+        return replace(self, whitening=tuple(self._whitening(effects)))
+
+    @property
+    def size(self) -> int:
+        """Number of pieces of all logs."""
+        return sum(len(p.starts.rows) for p in self.pieces)
+
+    @property
+    def log_of_piece(self) -> np.ndarray:
+        """Index of the log that each piece is of, (pieces,)."""
+        return np.repeat(np.arange(len(self.pieces)), [len(p.starts.rows) for p in self.pieces])
+
+    def same(self, effects: Effects) -> list[Effects]:
+        """The same effects on every log."""
+        return [effects] * len(self.pieces)
+
+    def with_steps(self, largest_step_s: float) -> "ShortRollouts":
+        """The same pieces, compared at the same instants, by replays of other steps: of several rows, if need be."""
+        replayer = self.replayer.with_steps(largest_step_s)
+        period = self.pieces[0].jump.info.sample_period_s
+        begun = [row for of in self.pieces for row in of.starts.rows]
+        every = math.gcd(*self.ages.tolist(), *begun, max(1, round(largest_step_s / period)))
+        pieces = tuple(of.every(every) for of in self.pieces)
+        return replace(self, replayer=replayer, pieces=pieces, ages=self.ages // every)
+
+    def errors(self, trials: Sequence[Batched]) -> Iterator[np.ndarray]:
+        """Simulated − logged of trials (log, effects, starts): (pieces, values) each, by all threads."""
+        sizes = [len(starts.rows) for _, _, starts in trials]
+        most = min(ROLLOUTS_AT_ONCE, -(-sum(sizes) // (SHARES * self.replayer.threads)))
+        batches: list[list[Batched]] = []
+        room = 0
+        for trial, size in zip(trials, sizes, strict=True):
+            if room <= 0:
+                batches.append([])
+                room = most
+            batches[-1].append(trial)
+            room -= size
+        with ThreadPoolExecutor(self.replayer.threads) as pool:
+            yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
+
+    def _batch(self, batch: Sequence[Batched]) -> list[np.ndarray]:
+        found = []
+        trials = [Rollout(self.pieces[log].jump, effects) for log, effects, _ in batch]
+        motions = self.replayer.restarted(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
+        for (log, _, starts), of_trial in zip(batch, motions, strict=True):
+            logged = self.pieces[log].logged
+            errors = [
+                self._difference(motion, logged, row).ravel() for motion, row in zip(of_trial, starts.rows, strict=True)
+            ]
+            found.append(np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.channels)))
+        return found
+
+    def _difference(self, motion: Motion, logged: Motion, row: int) -> np.ndarray:
+        return self.state.differences(motion[self.ages], logged[row + self.ages])
+
+    def residuals(self, candidates: Sequence[Sequence[Effects]]) -> list[list[np.ndarray]]:
+        """Whitened errors ``[candidate][log]``, (pieces, values), of effects ``candidates[candidate][log]``."""
+        logs = range(len(self.pieces))
+        trials = [(log, of[log], self.pieces[log].starts) for of in candidates for log in logs]
+        errors = self.errors(trials)
+        return [[self.whitened(log, next(errors)) for log in logs] for _ in candidates]
+
+    def whitened(self, log: int, error: np.ndarray) -> np.ndarray:
+        """Errors of one log (pieces, values) in units of noise, (pieces, values)."""
+        finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
+        return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
+
+    def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:
+        """Inverse Cholesky factors of each piece's covariance: starts that are a little wrong, and white noise."""
+        trials = [
+            (log, effects[log], starts)
+            for log, own in enumerate(self.pieces)
+            for starts in (own.starts, *self._displaced(own))
+        ]
+        errors = self.errors(trials)
+        for own in self.pieces:
+            base = next(errors)
+            growth = np.nan_to_num(np.stack([next(errors) - base for _ in self.state.channels], axis=2))
+            white = np.tile(own.noise, len(self.ages)) ** 2  # growth: (pieces, values, channels)
+            covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
+            yield np.linalg.inv(np.linalg.cholesky(covariance))
+
+    def _displaced(self, own: Pieces) -> Iterator[Starts]:
+        """The starts of a log, a standard deviation of their noise off in one channel after the other."""
+        sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
+        for c in range(len(self.state.channels)):
+            by = sign * own.start_noise * own.noise[c]
+            states = [self.state.moved(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
+            yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

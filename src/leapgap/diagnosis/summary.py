@@ -1,0 +1,222 @@
+"""How a diagnosis is told: causes with their numbers, one sentence, the next experiment, and what logs lack."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from leapgap import effects
+from leapgap.diagnosis.candidates import Candidate, Found
+from leapgap.diagnosis.channels import HEADLINE, is_logged
+from leapgap.diagnosis.decision import Answer, Conclusion, probability
+from leapgap.diagnosis.gap import Judged, squares
+from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReduction, Interval, effects_on
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
+from leapgap.effects.base import Effect
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+SIGMAS = 1.96
+"""Of a 95 % interval."""
+OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
+"""Of further jumps that may tell causes apart, unless one as far was logged."""
+OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
+NOTICEABLE = 0.05
+"""A share of the gap; of a smaller one no percentage is told."""
+
+
+def causes_of(
+    found: Found,
+    said: Conclusion,
+    shares: np.ndarray,
+    heldout: HeldOutReduction,
+    model_error: float,
+) -> list[Cause]:
+    """The believed causes, then those that could stand in their place, then every effect alone, best first.
+
+    ``model_error`` as in ``Settings``.
+    """
+    yardstick = heldout.yardstick
+
+    def told(belief: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]) -> Cause:
+        (squares_left,) = heldout.of([step])
+        closes, gap = yardstick.closure(squares_left), yardstick.gap(squares_left)
+        return cause_of(belief, which, sure, rivals, closes, gap, yardstick.judged, model_error)
+
+    believed = said.steps[-1] if said.steps else found.nominal
+    causes = [
+        told(believed, k, step, sure, names[1:])
+        for k, (names, step, sure) in enumerate(zip(said.answer, said.steps, said.sure, strict=True))
+    ]
+    known, others = {(cause.effect, cause.location) for cause in causes}, []
+    for fit in found.alternatives:
+        newest = fit.hypotheses[-1]
+        if (newest.name, newest.location) not in known:
+            known.add((newest.name, newest.location))
+            sure = probability(newest.name, found, shares) if newest.name not in believed.names else 0.0
+            others.append(told(fit, len(fit.hypotheses) - 1, fit, sure, ()))
+    return causes + sorted(others, key=lambda cause: -cause.probability)
+
+
+def cause_of(
+    fit: Candidate,
+    which: int,
+    sure: float,
+    rivals: tuple[str, ...],
+    closes: Interval,
+    gap: float,
+    judged: Judged,
+    model_error: float,
+) -> Cause:
+    """One hypothesis of a fit in words of the report."""
+    hypothesis, numbers = fit.hypotheses[which], fit.split()[which]
+    spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
+    logs = [jump.name for jump in judged.jumps]
+    half = SIGMAS * np.hypot(spread, model_error * np.abs(numbers - hypothesis.nominal))
+
+    def typical_value(of: np.ndarray, name: str) -> float:
+        return float(np.median([hypothesis.values(log, hypothesis.clipped(of))[name] for log in logs]))
+
+    parameters = {}
+    for p in hypothesis.of_effect:
+        ends = sorted(typical_value(numbers + side * half, p.name) for side in (-1, 1))
+        parameters[p.name] = ParameterEstimate(
+            typical_value(numbers, p.name), (ends[0], ends[1]), p.nominal, p.unit, hypothesis.at_bound(numbers)
+        )
+    per_log = {} if hypothesis.per_log is None else {log: hypothesis.values(log, numbers) for log in logs}
+    return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, closes, gap, rivals)
+
+
+def shared_closure(believed: Candidate, heldout: np.ndarray, yardstick: HeldOutGap) -> Interval | None:
+    """Closure of the answer where every jump gets the median of the other folds' values instead of its own."""
+    if not believed.hypotheses:
+        return None
+    if not any(h.per_log for h in believed.hypotheses):
+        return yardstick.closure(heldout)
+    judged, candidate = yardstick.judged, []
+    for fold in yardstick.folds.tolist():
+        others = [jump.name for jump, f in zip(judged.jumps, yardstick.folds, strict=True) if f != fold]
+        candidate.append(typical(believed, others, fold))
+    return yardstick.closure(squares(judged, yardstick.replayer, [candidate])[0])
+
+
+def typical(fit: Candidate, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
+    """The effects of a fit at the median of some logs' values."""
+    of_logs = [effects_on(fit, log, fold) for log in logs]
+    found = []
+    for same in zip(*of_logs, strict=True):
+        middle = {name: float(np.median([one.values[name] for one in same])) for name in same[0].values}
+        found.append(replace(same[0].changing(()), **middle))
+    return tuple(found)
+
+
+def profiles_of(found: Found) -> list[Profile]:
+    """Each effect's valley, with its place and unit."""
+    profiles = []
+    for valley in found.profiles:
+        h, parameter = valley.hypothesis, valley.hypothesis.parameters[0]
+        label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the clocks' own estimate"
+        where = "" if h.location == "all" else f" at {h.location}"
+        profiles.append(Profile(h.name + where, label, tuple(valley.values.tolist()), tuple(valley.loss.tolist())))
+    return profiles
+
+
+def sentence(
+    said: Conclusion,
+    believed: Candidate,
+    nominal: float,
+    corrected: float,
+    closes: Interval | None,
+    judged: Judged,
+) -> str:
+    """The report in one sentence, with numbers."""
+    verdict, answer = said.verdict, said.answer
+    if verdict == "none":
+        return (
+            f"The simulation agrees with the {len(judged.jumps)} jumps within sensor noise and the tolerances of the "
+            f"model (gap {nominal:.2f})."
+        )
+    if not answer or closes is None:
+        return (
+            f"A gap of {nominal:.2f} remains that no known effect explains on jumps it was not fitted on; the map "
+            "below says where it lies."
+        )
+    parts = [
+        f"{effects.describe(h.kind)} ({sized(h, numbers, judged)})"
+        + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
+        for h, numbers, names in zip(believed.hypotheses, believed.split(), answer, strict=True)
+    ]
+    if closes.value < NOTICEABLE:
+        return (
+            f"{' and '.join(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
+            f"shrink the gap of whole jumps, which stays {nominal:.2f}."
+        )
+    rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
+    return (
+        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on jumps not "
+        f"fitted on: it shrinks from {nominal:.2f} to {corrected:.2f}{rest}."
+    )
+
+
+def share_in_words(closes: Interval) -> str:
+    """A share of the gap with its interval: per cent, or ``all`` where the value rounds to 100."""
+    share = closes.at_most_all
+    value, low, high = (f"{100 * part:.0f}" for part in (share.value, share.low, share.high))
+    if value != "100":
+        return f"{value} % (95 %: {low} to {high}) of the gap"
+    return "all of the gap" if low == "100" else f"all of the gap (95 %: {low} % or more)"
+
+
+def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: Judged) -> str:
+    """``joint_damping at RR: damping 0.4``; the median and range where values differ by log."""
+    of_logs = [hypothesis.values(jump.name, numbers) for jump in judged.jumps]
+    sizes = []
+    for name in of_logs[0]:
+        values = [of[name] for of in of_logs]
+        by_log = f", {min(values):.3g} to {max(values):.3g} by jump" if hypothesis.per_log else ""
+        sizes.append(f"{name} {np.median(values):.3g}{by_log}")
+    place = "" if hypothesis.location == "all" else f" at {hypothesis.location}"
+    return f"{hypothesis.name}{place}: {', '.join(sizes)}"
+
+
+def next_experiment(answer: Answer, jumps: Sequence[Log], robot: Robot) -> dict[str, Any] | None:
+    """What would tell apart the first causes that these logs cannot: other jumps than were logged.
+
+    ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
+    """
+    separates = next((list(names) for names in answer if len(names) > 1), None)
+    if separates is None:
+        return None
+    trace = f"These jumps leave the same trace for {' and '.join(separates)}: "
+    if not robot.has_free_base:
+        sentence = f"{trace}log faster and slower motions, and diagnose all logs together."
+        return {"sentence": sentence, "separates": separates}
+    logged = np.array([jump.info.target.x_m for jump in jumps])
+    far = [x for x in OTHER_DISTANCES_M if np.abs(logged - x).min() > LOGGED_ALREADY_M] or list(OTHER_DISTANCES_M)
+    number = max(len(far), min(2 * len(jumps), MOST_FURTHER_JUMPS))
+    low, high = OTHER_BLOCKS_M
+    sentence = (
+        f"{trace}log {number} further jumps, to {', '.join(f'{100 * x:g}' for x in far)} cm, with the front feet on "
+        f"blocks of {100 * low:g} to {100 * high:g} cm, and diagnose all logs together."
+    )
+    targets = ",".join(f"[{x:g},0.0]" for x in far)
+    collect = [f"collect.targets=[{targets}]", f"collect.jumps={number}", f"collect.block_height_m=[{low:g},{high:g}]"]
+    return {"sentence": sentence, "separates": separates, "collect": collect}
+
+
+def not_judged(jumps: Sequence[Log], robot: Robot) -> list[str]:
+    """Columns some log lacks, and what cannot be said without them."""
+    wanted = [*HEADLINE, *(f"base_angvel_{axis}" for axis in "xz")] if robot.has_free_base else []
+    wanted += [f"{quantity}/{robot.joints[0]}" for quantity in ("joint_pos", "joint_vel", "tau")]
+    wanted += ["imu_acc_z", "supply_voltage"]
+    lacking = [name for name in wanted if not all(is_logged(jump, name) for jump in jumps)]
+    meaning = {
+        "tau": "the torque the motors delivered",
+        "base_angvel_x": "roll rate (taken as zero at the start)",
+        "base_angvel_z": "yaw rate (taken as zero at the start)",
+        "imu_acc_z": "the IMU's accelerations",
+        "supply_voltage": "sag of the supply",
+    }
+    return [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking]

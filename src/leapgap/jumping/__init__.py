@@ -1,0 +1,1 @@
+"""The application: a jumping quadruped that is planned, controlled, learned from and measured."""

@@ -1,0 +1,175 @@
+"""The MPC's condensed QP in the contact forces, with everything but its first step prepared ahead of time.
+
+The prediction is ζ⁺ = ζ + Δt (b + B u), q⁺ = q + Δt ζ + c Δt² (b + B u) with b and B given at each step (paper,
+residual and MPC; there c = 0).
+The states after the first step are x₁ and, from there, affine in x₁ and the later forces U:
+
+    q_k = q₁ + (t_k − t₁) ζ₁ + Σ_{1≤j<k} (t_k − t_{j+1} + c Δt_j) Δt_j (b_j + B_j u_j)
+    ζ_k = ζ₁ + Σ_{1≤j<k} Δt_j (b_j + B_j u_j)
+
+b_j and B_j for j ≥ 1 are taken at the reference, so the cost of the whole rest of the horizon is one quadratic function
+of (x₁, U), a constant of the jump: the ``Rest``. What is left to do online is x₁ = free + E u₀ put into it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from leapgap.jumping.control.horizon import Horizon
+from leapgap.jumping.control.qp import Qp
+from leapgap.jumping.models.affine_model import AffineModel
+from leapgap.jumping.models.rigid_body import POSITION, VELOCITY, advance
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
+
+STATES = 6
+
+
+@dataclass(frozen=True)
+class ForceLimits:
+    """What the ground can do to a pair of feet: |F_x| ≤ μ F_z and F_min ≤ F_z ≤ F_max."""
+
+    friction: float = 0.6
+    largest_n: float = 350.0
+    smallest_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.friction > 0 and 0 <= self.smallest_n < self.largest_n):
+            raise ValueError(f"{self}: friction above 0 and 0 <= smallest_n < largest_n")
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Cost after the first step, ½ zᵀ P z + pᵀ z of z = (x₁, U), and where the QP's forces belong."""
+
+    horizon: Horizon
+    quadratic: np.ndarray
+    """P, (6 + m, 6 + m)."""
+    linear: np.ndarray
+    """p, (6 + m,)."""
+    pushing: np.ndarray
+    """Which forces of front x z, rear x z at each step are variables, the others being zero, bool, (n, 4)."""
+    first: np.ndarray
+    """Which of the four forces are variables in the first step, their numbers, (m₀,)."""
+    first_push_s: np.ndarray
+    """How long each of them pushes in the first step, (m₀,)."""
+    curvature: float
+    """c."""
+    force_weight: float
+    first_force: np.ndarray
+    """Their reference, (m₀,), N."""
+    lower: np.ndarray
+    upper: np.ndarray
+    rows: np.ndarray
+    row_upper: np.ndarray
+    """Bounds and friction cone of all variables, as in ``Qp``."""
+
+    def qp(self, state: np.ndarray, first: AffineModel) -> Qp:
+        """The problem from a state (6,), with the model's word for the first step: ``AffineModel`` of one moment."""
+        free = advance(state, first.bias[0], self.step_s, self.curvature)
+        gained = first.by_force[0][:, self.first] * self.first_push_s
+        enters = np.concatenate([self.curvature * self.step_s * gained, gained])  # of x₁, (6, m₀)
+        of_states, m0 = self.quadratic[:STATES], len(self.first)
+        of_rest = enters.T @ of_states
+        hessian = self._hessian.copy()
+        hessian[:m0, :m0] += of_rest[:, :STATES] @ enters
+        hessian[:m0, m0:] = of_rest[:, STATES:]
+        hessian[m0:, :m0] = of_rest[:, STATES:].T
+        slope = free @ of_states + self.linear
+        of_first = slope[:STATES] @ enters - 2 * self.force_weight * self.first_force
+        gradient = np.concatenate([of_first, slope[STATES:]])
+        return Qp(hessian, gradient, self.lower, self.upper, self.rows, self.row_upper)
+
+    @cached_property
+    def _hessian(self) -> np.ndarray:
+        """What of the Hessian does not depend on the first step."""
+        m0 = len(self.first)
+        hessian = np.zeros((m0 + len(self.linear) - STATES,) * 2)
+        hessian[:m0, :m0] = 2 * self.force_weight * np.eye(m0)
+        hessian[m0:, m0:] = self.quadratic[STATES:, STATES:]
+        return hessian
+
+    @cached_property
+    def step_s(self) -> float:
+        """Length of the first step."""
+        return float(self.horizon.step_s[0])
+
+    def forces(self, x: np.ndarray) -> np.ndarray:
+        """Forces of every step, front x z, rear x z, N, (n, 4), of the QP's variables."""
+        forces = np.zeros(self.pushing.shape)
+        forces[self.pushing] = x
+        return forces
+
+
+def weighed(affine: AffineModel, share: np.ndarray) -> AffineModel:
+    """A pair that pushes for a part of its step pushes that much less: share (n, 2)."""
+    return AffineModel(affine.bias, affine.by_force * per_axis(share)[:, None, :])
+
+
+def rest(
+    horizon: Horizon,
+    later: AffineModel,
+    target: np.ndarray,
+    force: np.ndarray,
+    state_weight: np.ndarray,
+    force_weight: float,
+    limits: ForceLimits,
+    curvature: float = 0.0,
+) -> Rest:
+    """Prepare Σ_{k=1..n} ‖x_k − target_k‖²_Q + w Σ_{k=0..n−1} ‖u_k − force_k‖² for any first state.
+
+    ``later`` is the model at the steps 1…n − 1; ``target`` (n, 6) the states wanted at the ends of the
+    steps; ``force`` (n, 4) in N; ``state_weight`` (6,) the diagonal of Q; at least one step.
+    """
+    pushing = per_axis(horizon.share > 0)
+    by_state, by_force, drift = after_first_step(horizon, weighed(later, horizon.share[1:]), curvature)
+    by_force = by_force[:, :, pushing[1:]]
+    z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
+    weight = np.tile(state_weight, len(horizon))[:, None]
+    quadratic = 2 * z.T @ (weight * z)
+    linear = 2 * z.T @ (weight[:, 0] * (drift - target).ravel())
+    of_forces = np.arange(STATES, len(linear))
+    quadratic[of_forces, of_forces] += 2 * force_weight
+    linear[STATES:] -= 2 * force_weight * force[1:][pushing[1:]]
+    first = np.flatnonzero(pushing[0])
+    push_s = horizon.step_s[0] * per_axis(horizon.share[0])[first]
+    limited = constraints(pushing, limits)
+    return Rest(horizon, quadratic, linear, pushing, first, push_s, curvature, force_weight, force[0][first], *limited)
+
+
+def after_first_step(
+    horizon: Horizon, later: AffineModel, curvature: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States at the ends of the steps as by_state x₁ + by_force U + drift: (n, 6, 6), (n, 6, n − 1, 4), (n, 6)."""
+    n, end = len(horizon), horizon.time_s[1:]
+    reach = end[:, None] - end[None, 1:]  # how long a push of step j (1…n−1) has moved the body when step k ends
+    acts = reach > -1e-9
+    impulse = horizon.step_s[1:, None] * later.bias
+    impulse_by_force = horizon.step_s[1:, None, None] * later.by_force
+    by_state = np.tile(np.eye(STATES), (n, 1, 1))
+    by_state[:, POSITION, VELOCITY] += (end - end[0])[:, None, None] * np.eye(3)
+    by_force = np.zeros((n, STATES, n - 1, FORCES))
+    moves = acts * (reach + curvature * horizon.step_s[1:])
+    by_force[:, POSITION] = np.einsum("kj,jia->kija", moves, impulse_by_force)
+    by_force[:, VELOCITY] = np.einsum("kj,jia->kija", acts, impulse_by_force)
+    drift = np.concatenate([moves @ impulse, acts @ impulse], axis=1)
+    return by_state, by_force, drift
+
+
+def constraints(pushing: np.ndarray, limits: ForceLimits) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Bounds and friction cone of the forces that are variables: lower, upper, rows, row_upper."""
+    count = int(pushing.sum())
+    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
+    is_z = np.zeros_like(pushing)
+    is_z[:, FORCE_Z] = pushing[:, FORCE_Z]
+    z = np.flatnonzero(is_z[pushing])
+    x = z - 1  # F_x of the same pair stands just before it
+    lower[z], upper[z] = limits.smallest_n, limits.largest_n
+    rows = np.zeros((2 * len(z), count))
+    up, down = np.arange(0, len(rows), 2), np.arange(1, len(rows), 2)
+    rows[up, x], rows[down, x] = 1.0, -1.0
+    rows[up, z] = rows[down, z] = -limits.friction
+    return lower, upper, rows, np.zeros(len(rows))
+
+
+assert FORCE_X.start == FORCE_Z.start - 1, "the friction cone above relies on x before z"

@@ -1,0 +1,139 @@
+"""Trained models as the MPC reads them: NumPy alone, a few matrix products an update.
+
+``learning.export`` writes them with every scaling folded in. In each phase the fifteen numbers of an ``AffineModel``
+(bias, then by_force row by row) are
+
+    constant + feet · foot + Σ parts(known),        known = ``prediction.rows``, (n, 17)
+
+where a part is a perceptron (an ensemble of one hidden layer is one wide one) or a kernel.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from leapgap.atomic_io import read_json
+from leapgap.errors import InputError
+from leapgap.jumping.learning.windows import Purpose, read_npz
+from leapgap.jumping.models.affine_model import KNOWN_FOOT, AffineModel, PredictionModel, Situation, rows
+
+FORMAT_VERSION = 2
+OUTPUTS = 15
+"""bias (3), by_force (3 × 4)."""
+PHASES = ("contact", "flight")
+
+
+def perceptron(arrays: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    """tanh between layers ``weight_i`` (in, out), ``bias_i`` (out,); single precision, as it was trained."""
+    count = sum(name.startswith("weight_") for name in arrays)
+    layers = [
+        tuple(np.ascontiguousarray(arrays[f"{kind}_{i}"], np.float32) for kind in ("weight", "bias"))
+        for i in range(count)
+    ]
+
+    def outputs(known: np.ndarray) -> np.ndarray:
+        hidden = known.astype(np.float32)
+        for weight, bias in layers[:-1]:
+            hidden = hidden @ weight
+            hidden += bias
+            np.tanh(hidden, out=hidden)
+        weight, bias = layers[-1]
+        return hidden @ weight + bias
+
+    return outputs
+
+
+def kernel(arrays: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    """Σ exp(−‖s − centre‖²/2) coefficients, with s = known · ``select`` − ``shift``."""
+    select, shift, centres, coefficients = (
+        np.ascontiguousarray(arrays[name]) for name in ("select", "shift", "centres", "coefficients")
+    )
+    squared_centres = (centres**2).sum(axis=1)
+
+    def outputs(known: np.ndarray) -> np.ndarray:
+        at = known @ select - shift
+        squared = (at**2).sum(axis=1)[:, None] + squared_centres - 2 * at @ centres.T
+        return np.exp(-np.maximum(squared, 0) / 2) @ coefficients
+
+    return outputs
+
+
+PARTS = {"perceptron": perceptron, "kernel": kernel}
+
+
+@dataclass(frozen=True)
+class Phase:
+    """What is predicted while feet push, or in flight."""
+
+    constant: np.ndarray
+    """(15,)."""
+    feet: np.ndarray
+    """(4, 15), of foot − base, front x z, rear x z: the moments of the nominal body."""
+    parts: tuple[Callable[[np.ndarray], np.ndarray], ...]
+    """Each (n, 17) → (n, 15)."""
+
+    def __call__(self, known: np.ndarray) -> np.ndarray:
+        """(n, 17) → (n, 15)."""
+        found = self.constant + known[:, KNOWN_FOOT] @ self.feet
+        for part in self.parts:
+            found += part(known)
+        return found
+
+
+@dataclass(frozen=True)
+class ExportedModel(PredictionModel):
+    """A trained model, for one time grid, schedule and robot."""
+
+    name: str
+    purpose: Purpose
+    contact: Phase
+    flight: Phase
+    curvature: float = 0.0
+    deviation: np.ndarray | None = None
+    """Standard deviations of predicted states, by the step of the jump at which the prediction starts and by the step
+    predicted, (starts, K, 6), m, rad, m/s, rad/s; calibrated on training jumps left out in turn. ``None``: unknown."""
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        """At n moments of contact or flight (bool, (n,)), in one batch a phase."""
+        known, contact = rows(situation), np.asarray(contact, bool)
+        found = np.empty((len(known), OUTPUTS))
+        for phase, mask in ((self.contact, contact), (self.flight, ~contact)):
+            if mask.all():
+                found = phase(known)
+            elif mask.any():
+                found[mask] = phase(known[mask])
+        return AffineModel(found[:, :3], found[:, 3:].reshape(-1, 3, 4))
+
+
+def load(folder: Path, name: str, needed: Purpose) -> ExportedModel:
+    """Read ``<name>.json`` and ``<name>.npz``; a model for another grid, schedule or robot is an ``InputError``."""
+    path = folder / f"{name}.json"
+    about = read_json(path)
+    if about.get("format_version") != FORMAT_VERSION:
+        raise InputError(
+            path, f"format_version {about.get('format_version')}", str(FORMAT_VERSION), "run stages.train anew"
+        )
+    arrays = read_npz(folder / f"{name}.npz")
+    try:
+        purpose = Purpose.from_json(about)
+        curvature = float(about["curvature"])
+        contact, flight = (read_phase(of(arrays, phase), about["parts"][phase]) for phase in PHASES)
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            path, f"a model that does not fit ({error!r})", "a model of this version", "run stages.train anew"
+        ) from None
+    purpose.require(needed, path)
+    return ExportedModel(name, purpose, contact, flight, curvature, arrays.get("deviation"))
+
+
+def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:
+    """Constant, feet, and the parts ``0/…``, ``1/…`` of the stated kinds."""
+    parts = tuple(PARTS[kind](of(arrays, str(i))) for i, kind in enumerate(kinds))
+    return Phase(arrays["constant"], arrays["feet"], parts)
+
+
+def of(arrays: Mapping[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
+    """Arrays below a name, without it."""
+    return {name.removeprefix(f"{place}/"): a for name, a in arrays.items() if name.startswith(f"{place}/")}

@@ -1,0 +1,128 @@
+"""The landing: forces that bring the body to rest over its feet, planned from the touch-down of both pairs on."""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.jumping.control.condensed_qp import ForceLimits, rest
+from leapgap.jumping.control.gains import JointGains
+from leapgap.jumping.control.guarded_solve import NOT_FINITE, Demands, guarded_solve
+from leapgap.jumping.control.horizon import ROUNDING_S, Horizon
+from leapgap.jumping.control.leg_kinematics import LegKinematics
+from leapgap.jumping.control.mpc import StateWeights
+from leapgap.jumping.control.qp import Qp, QpConfig, solver
+from leapgap.jumping.control.reference import StartFrame
+from leapgap.jumping.models.affine_model import AffineModel, Situation
+from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, RigidBody, X, Z
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES
+from leapgap.robot.model import Robot
+from leapgap.simulation.controller import Command, Controller, StateEstimate
+
+
+@dataclass(frozen=True)
+class LandingConfig:
+    """Of the landing's MPC; steps, length and soft joint gains as published, weights of our own."""
+
+    steps: int = 10
+    step_s: float = 0.025
+    """Also between updates."""
+    duration_s: float = 0.2
+    height_m: float = 0.18
+    """Of the base over the soles of its feet, at rest."""
+    weights: StateWeights = field(
+        default_factory=lambda: StateWeights(x=50.0, z=100.0, pitch=100.0, vx=10.0, vz=5.0, pitch_rate=5.0)
+    )
+    force_weight: float = 1e-5
+    """Around the weight of the robot, evenly on both pairs, per N²."""
+    limits: ForceLimits = field(default_factory=lambda: ForceLimits(friction=0.6, largest_n=350.0, smallest_n=10.0))
+    gains: JointGains = field(default_factory=lambda: JointGains(5.0, 1.0))
+    qp: QpConfig = field(default_factory=QpConfig)
+    demands: Demands = field(default_factory=Demands)
+
+
+class LandingMpc(Controller):
+    """All feet push; the goal is rest at a height over the feet, level, in the middle between them.
+
+    ``pose`` (joints,) rad is what the soft joint PD pulls towards. An update that fails sends the robot's weight.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        pose: np.ndarray,
+        config: LandingConfig,
+        body: RigidBody,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.robot, self.pose, self.config, self.clock = robot, pose, config, clock
+        self.model = RigidBodyModel(body)
+        self.legs = LegKinematics(robot)
+        self.solver = solver(config.qp)
+        self.fallbacks: Counter[str] = Counter()
+        self.force = standing_force(self.model.body)
+        self._next_update_s = -np.inf
+
+    def command(self, estimate: StateEstimate) -> Command:
+        """As said in ``Controller``."""
+        if estimate.time_s > self._next_update_s - ROUNDING_S:
+            self._next_update_s = estimate.time_s + self.config.step_s
+            self.force = self._plan(estimate)
+        frame = StartFrame.of(estimate)  # along the present heading; whose origin does not matter to a force
+        return stand(self.robot, self.legs, estimate, frame, self.force, self.pose, self.config.gains)
+
+    def _plan(self, estimate: StateEstimate) -> np.ndarray:
+        """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
+        made = guarded_solve(lambda: self._problem(estimate), self.solver, self.config.demands, self.clock)
+        if made.fault is None and made.solution is not None:
+            return made.solution.x[: len(self.force)]
+        self.fallbacks[made.fault or NOT_FINITE] += 1
+        return standing_force(self.model.body)
+
+    def _problem(self, estimate: StateEstimate) -> Qp | None:
+        """From here to the goal, the feet staying where they are; the model taken on the straight way there."""
+        config, frame = self.config, StartFrame.of(estimate)
+        state, foot = frame.state(estimate), frame.foot(estimate, self.legs)
+        if not (np.isfinite(state).all() and np.isfinite(foot).all()):
+            return None
+        goal = np.zeros(6)
+        goal[X] = state[X] + foot[FORCE_X].mean()
+        goal[Z] = state[Z] + foot[FORCE_Z].mean() - float(self.robot.foot_radius.mean()) + config.height_m
+        steps = Horizon(config.step_s * np.arange(config.steps + 1), np.ones((config.steps, 2)))
+        way = state + (goal - state) * np.linspace(0, 1, config.steps + 1)[:-1, None]
+        feet = np.tile(foot, (config.steps, 1))
+        feet[:, FORCE_X] -= (way - state)[:, POSITION][:, [X]]
+        feet[:, FORCE_Z] -= (way - state)[:, POSITION][:, [Z]]
+        there = Situation(way, feet, steps.time_s[:-1], np.tile(state, (config.steps, 1)))
+        affine = self.model.affine(there, np.ones(config.steps, bool))
+        later, first = (AffineModel(affine.bias[part], affine.by_force[part]) for part in (slice(1, None), slice(1)))
+        targets = np.tile(goal, (config.steps, 1))
+        force = np.tile(standing_force(self.model.body), (config.steps, 1))
+        prepared = rest(steps, later, targets, force, config.weights.diagonal, config.force_weight, config.limits)
+        return prepared.qp(state, first)
+
+
+def standing_force(body: RigidBody) -> np.ndarray:
+    """The body's weight, half on each pair, (4,), N."""
+    force = np.zeros(FORCES)
+    force[FORCE_Z] = body.mass_kg * GRAVITY / 2
+    return force
+
+
+def stand(
+    robot: Robot,
+    legs: LegKinematics,
+    estimate: StateEstimate,
+    frame: StartFrame,
+    force: np.ndarray,
+    pose: np.ndarray,
+    gains: JointGains,
+) -> Command:
+    """All feet push with the given planar forces (4,), and the joint PD pulls towards a pose (joints,)."""
+    finite = np.isfinite(estimate.base_quaternion).all() and np.isfinite(estimate.joint_pos).all()
+    torque = legs.torque(estimate.base_quaternion, estimate.joint_pos, frame.in_world(force)) if finite else 0 * pose
+    still = np.zeros(len(robot.joints))
+    return Command(torque, pose, still, still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad, force)

@@ -1,0 +1,151 @@
+"""From the present state to the ground forces of the horizon, or to a safe substitute with its reason."""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.jumping.control.condensed_qp import ForceLimits, Rest, rest
+from leapgap.jumping.control.guarded_solve import NOT_FINITE, Demands, guarded_solve
+from leapgap.jumping.control.horizon import ROUNDING_S, Horizon, horizon
+from leapgap.jumping.control.qp import Qp, QpConfig, QpSolution, QpSolver, solver
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.learning.windows import TimeGrid
+from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
+from leapgap.logs.pair_force import FORCES, per_axis
+
+
+@dataclass(frozen=True)
+class StateWeights:
+    """Diagonal of Q: how much a deviation from the reference costs, by state; as used on the robot."""
+
+    x: float = 50.0
+    z: float = 2.5
+    pitch: float = 50.0
+    vx: float = 10.0
+    vz: float = 0.2
+    pitch_rate: float = 10.0
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """In the order of the state, (6,)."""
+        return np.array([self.x, self.z, self.pitch, self.vx, self.vz, self.pitch_rate])
+
+
+@dataclass(frozen=True)
+class MpcConfig:
+    """The MPC's problem; as published."""
+
+    grid: TimeGrid = field(default_factory=TimeGrid)
+    period_s: float = 0.025
+    """Between updates; the first force is held meanwhile."""
+    weights: StateWeights = field(default_factory=StateWeights)
+    force_weight: float = 1e-6
+    """Around the reference force, per N²."""
+    limits: ForceLimits = field(default_factory=ForceLimits)
+    qp: QpConfig = field(default_factory=QpConfig)
+    demands: Demands = field(default_factory=Demands)
+    plan_valid_s: float = 0.1
+    """An update without a solution goes on with the last plan if that is no older, else with the reference."""
+
+    def __post_init__(self) -> None:
+        if self.period_s <= 0 or self.force_weight <= 0 or self.weights.diagonal.min() < 0:
+            raise ValueError("period_s and force_weight above 0, weights not below 0")
+
+
+@dataclass(frozen=True)
+class ForcePlan:
+    """Forces of the steps of a horizon, and where they come from."""
+
+    horizon: Horizon
+    force: np.ndarray
+    """Front x z, rear x z on the robot, N, constant during each step, (n, 4)."""
+    solution: QpSolution | None = None
+    fallback: str | None = None
+    """Why there is no solution of this moment, or None."""
+
+    def at(self, time_s: float) -> np.ndarray:
+        """Force planned for a moment, (4,); zero outside of the horizon."""
+        step = int(np.searchsorted(self.horizon.time_s, time_s + ROUNDING_S, side="right")) - 1
+        return self.force[step] if 0 <= step < len(self.force) else np.zeros(FORCES)
+
+
+class ForcePlanner:
+    """Solves the MPC's problem at the moments it is asked, along one reference with one prediction model.
+
+    What does not depend on the measured state is prepared when the planner is made, for every update of the jump.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        model: PredictionModel,
+        config: MpcConfig,
+        clock: Callable[[], float] = time.perf_counter,
+        qp_solver: QpSolver | None = None,
+    ) -> None:
+        self.reference, self.model, self.config, self.clock = reference, model, config, clock
+        self.solver = qp_solver or solver(config.qp)
+        self.fallbacks: Counter[str] = Counter()
+        self._good: ForcePlan | None = None
+        updates = np.arange(0.0, reference.schedule.take_off_s - ROUNDING_S, config.period_s)
+        self._prepared = {microseconds(t): self._prepare(float(t)) for t in updates}
+
+    def plan(self, time_s: float, state: np.ndarray, foot: np.ndarray) -> ForcePlan:
+        """From a measured state (6,) and foot − base (4,), both in the start frame, at a time since the start."""
+        if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
+            return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
+        prepared = self._prepared.get(microseconds(time_s)) or self._prepare(time_s)
+        made = guarded_solve(lambda: self._problem(prepared, state, foot), self.solver, self.config.demands, self.clock)
+        if made.fault is None and made.solution is not None:
+            self._good = ForcePlan(prepared.horizon, prepared.forces(made.solution.x), made.solution)
+            return self._good
+        reason = made.fault or NOT_FINITE
+        self.fallbacks[reason] += 1
+        return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), made.solution, reason)
+
+    def _problem(self, prepared: Rest, state: np.ndarray, foot: np.ndarray) -> Qp | None:
+        if not (np.isfinite(state).all() and np.isfinite(foot).all()):
+            return None
+        now = Situation(state[None], foot[None], prepared.horizon.time_s[:1], state[None])
+        return prepared.qp(state, self.model.affine(now, IN_CONTACT))
+
+    def _substitute(self, steps: Horizon) -> np.ndarray:
+        """The last plan shifted to these steps while it is young enough, else the reference's forces."""
+        good, begin = self._good, steps.time_s[:-1]
+        planned = self.reference.mean_force(steps.time_s)
+        if good is None or begin[0] - good.horizon.time_s[0] > self.config.plan_valid_s + ROUNDING_S:
+            return planned
+        within = begin < good.horizon.time_s[-1] - ROUNDING_S
+        shifted = np.array([good.at(float(t)) for t in begin])
+        return np.where(within[:, None], shifted, planned) * per_axis(steps.share > 0)
+
+    def _prepare(self, time_s: float) -> Rest:
+        """The model and the reference at all but the first step, and their part of the QP."""
+        config, reference = self.config, self.reference
+        steps = horizon(config.grid, reference.schedule, time_s)
+        rows = reference.rows(steps.time_s)
+        later = rows[1:-1]
+        start = np.tile(reference.state[rows[0]], (len(later), 1))
+        there = Situation(reference.state[later], reference.foot[later], steps.time_s[1:-1], start)
+        affine = self.model.affine(there, steps.contact[1:]) if len(later) else AffineModel(np.zeros((0, 3)), NO_STEPS)
+        return rest(
+            steps,
+            affine,
+            reference.state[rows[1:]],
+            reference.mean_force(steps.time_s),
+            config.weights.diagonal,
+            config.force_weight,
+            config.limits,
+            self.model.curvature,
+        )
+
+
+NO_STEPS, IN_CONTACT = np.zeros((0, 3, FORCES)), np.array([True])
+
+
+def microseconds(time_s: float) -> int:
+    """A time as a key."""
+    return round(time_s * 1e6)

@@ -1,0 +1,74 @@
+"""The paper's controller of a jump: variable-frequency MPC for the ground forces, joint PD at every tick."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.horizon import ROUNDING_S
+from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner, MpcConfig
+from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.models.affine_model import PredictionModel
+from leapgap.logs.pair_force import per_axis
+from leapgap.robot.model import Robot
+from leapgap.simulation.controller import StateEstimate
+
+POSE_NOT_FINITE = "pose not finite"
+
+
+class JumpMpc(JumpController):
+    """Plans at the MPC's period from the measured state, holds the first force, maps it to torques at every tick.
+
+    Gravity, momentum and pitch are planned as a planar body along the heading of the start; ``model`` is the nominal
+    ``RigidBodyModel`` or a learned one. ``plan_now`` is the latest plan.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        robot: Robot,
+        gains: PhaseGains,
+        model: PredictionModel,
+        config: MpcConfig,
+        level_m: float | None = 0.0,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        super().__init__(reference, robot, gains, level_m)
+        self.config = config
+        self.planner = ForcePlanner(reference, model, config, clock)
+        self.fallbacks = self.planner.fallbacks
+        self.plan_now: ForcePlan | None = None
+        self._updates = 0
+        self._pose: tuple[np.ndarray, np.ndarray] | None = None
+
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
+        push = per_axis(self.reference.schedule.in_contact(np.array(time_s)))
+        if not push.any():
+            return self.nothing()
+        if time_s > self._updates * self.config.period_s - ROUNDING_S:
+            self._update(time_s, estimate, frame)
+        assert self.plan_now is not None
+        force = self.plan_now.force[0] * push
+        return self.legs.torque(*self._measured_pose(time_s, estimate), frame.in_world(force)), force
+
+    def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
+        """Plan anew; the next update is due at the next whole period."""
+        self._updates = int((time_s + ROUNDING_S) / self.config.period_s) + 1
+        self.plan_now = self.planner.plan(time_s, frame.state(estimate), frame.foot(estimate, self.legs))
+        if self.plan_now.fallback is not None:
+            self.substituted.append((time_s, self.plan_now.fallback))
+
+    def _measured_pose(self, time_s: float, estimate: StateEstimate) -> tuple[np.ndarray, np.ndarray]:
+        """Orientation and joints, (4,) and (joints,); if they are no numbers the last good ones or the reference's."""
+        pose = (estimate.base_quaternion, estimate.joint_pos)
+        if np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all():
+            self._pose = pose
+            return pose
+        self.fallbacks[POSE_NOT_FINITE] += 1
+        self.substituted.append((time_s, POSE_NOT_FINITE))
+        if self._pose is not None:
+            return self._pose
+        return np.array([1.0, 0.0, 0.0, 0.0]), self.reference.joint_pos[self.reference.row(time_s)]

@@ -1,0 +1,75 @@
+"""Controllers of one jump: joint PD along the reference, with a feed-forward that each of them decides."""
+
+from abc import abstractmethod
+from collections import Counter
+
+import numpy as np
+
+from leapgap.jumping.control.gains import JointTargets, PhaseGains
+from leapgap.jumping.control.leg_kinematics import LegKinematics
+from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.models.rigid_body import Z
+from leapgap.logs.pair_force import FORCES
+from leapgap.robot.model import Robot
+from leapgap.simulation.controller import Command, Controller, StateEstimate
+
+
+class JumpController(Controller):
+    """Follows one reference from its first command on; after the reference's end, holds its last pose.
+
+    ``fallbacks`` counts by reason how often something else was sent than what the controller stands for,
+    ``substituted`` says when, s since the start, and why.
+    """
+
+    def __init__(self, reference: Reference, robot: Robot, gains: PhaseGains, level_m: float | None = 0.0) -> None:
+        """``level_m``: height in the world of the ground at the start; None: as the base's measured height says."""
+        self.reference, self.robot = reference, robot
+        self.targets = JointTargets.of(reference, gains, robot)
+        self.level_m = level_m
+        self.legs = LegKinematics(robot)
+        self.fallbacks: Counter[str] = Counter()
+        self.substituted: list[tuple[float, str]] = []
+        self.start_s: float | None = None
+        self.frame: StartFrame | None = None
+
+    def command(self, estimate: StateEstimate) -> Command:
+        """As said in ``Controller``."""
+        if self.start_s is None:
+            self.start_s = estimate.time_s
+        if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
+            self.frame = self._start_frame(estimate)
+        time_s = estimate.time_s - self.start_s
+        torque, force = self.feed_forward(time_s, estimate, self.frame or StartFrame(0.0, 0.0, 0.0))
+        row, targets = self.reference.row(time_s), self.targets
+        moving = time_s <= self.reference.schedule.landing_s
+        return Command(
+            torque=torque,
+            position=targets.position[row],
+            velocity=targets.velocity[row] * moving,
+            kp=targets.kp[row],
+            kd=targets.kd[row],
+            planned_force=force,
+        )
+
+    @abstractmethod
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Joint torques, N·m, (joints,), and the planar pair forces they stand for, N, (4,), since the start."""
+
+    def _start_frame(self, estimate: StateEstimate) -> StartFrame:
+        level = float(estimate.base_position[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m
+        return StartFrame.of(estimate, level)
+
+    def nothing(self) -> tuple[np.ndarray, np.ndarray]:
+        """No feed-forward."""
+        return np.zeros(len(self.robot.joints)), np.zeros(FORCES)
+
+
+class JointPd(JumpController):
+    """Joint PD and the torques of the plan: what every MPC has to beat."""
+
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """As planned."""
+        if time_s > self.reference.schedule.landing_s:
+            return self.nothing()
+        row = self.reference.row(time_s)
+        return self.reference.torque[row], self.reference.force[row]

@@ -1,0 +1,85 @@
+"""How a jump ended: where, how upright, and whether it stood; from what truly happened, not from sensors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap.logs.log import Log
+from leapgap.robot.kinematics import feet_positions
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from leapgap.robot.rotations import pitch_of, upright_cosine, yaw_of
+from leapgap.simulation.closed_loop import ClosedLoopRun
+
+LARGEST_PITCH_RAD = np.deg2rad(15)
+STANDS_AFTER_S = 0.5
+"""A landing that succeeds is upright this long after it."""
+UPRIGHT_COSINE = np.cos(np.deg2rad(30))
+"""Of the angle between the base's vertical axis and the world's."""
+FOOT_ABOVE_SURFACE_M = 0.03
+"""A foot whose lowest point is no farther from the target surface, or the blocks on it, stands on it."""
+
+
+@dataclass(frozen=True)
+class Landing:
+    """Errors are target distance − displacement along the heading at take-off, cm; positive is short."""
+
+    error_cm: float
+    """At the end of the scheduled flight."""
+    contact_error_cm: float | None
+    """When the first foot touches again; None where none does."""
+    pitch_deg: float
+    """At the end of the scheduled flight, nose-down."""
+    apex: float
+    """Greatest height of the base over the one it stood at, in multiples of that."""
+    success: bool
+    """All feet on the target surface, pitch below 15°, and upright half a second later."""
+
+
+def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float | None = None) -> Landing:
+    """Of the jump that begins at row ``first``; its target is the log's unless a distance is named."""
+    jump, truth = run.log, run.truth
+    schedule, period = jump.info.schedule, jump.info.sample_period_s
+    target_x = jump.info.target.x_m if target_x_m is None else target_x_m
+    row, take_off = (
+        min(len(jump) - 1, first + round(seconds / period)) for seconds in (schedule.landing_s, schedule.take_off_s)
+    )
+    end = min(len(jump) - 1, row + round(STANDS_AFTER_S / period))
+    position = truth.base_position
+    yaw = yaw_of(truth.base_quaternion[first])
+    forward = (position - position[first])[:, :2] @ np.array([np.cos(yaw), np.sin(yaw)])
+    airborne = np.flatnonzero(~run.touching[take_off:row].any(axis=1))
+    left = take_off + airborne[0] if len(airborne) else row
+    touched = np.flatnonzero(run.touching[left:].any(axis=1))
+    pitch = float(pitch_of(truth.base_quaternion[row]))
+    return Landing(
+        error_cm=float(100 * (target_x - forward[row])),
+        contact_error_cm=float(100 * (target_x - forward[left + touched[0]])) if len(touched) else None,
+        pitch_deg=float(np.rad2deg(pitch)),
+        apex=float(position[first : end + 1, 2].max() / position[first, 2]),
+        success=bool(abs(pitch) < LARGEST_PITCH_RAD and stands(truth, robot, end, jump.info.target.z_m, jump)),
+    )
+
+
+def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Log) -> bool:
+    """Whether at a row the base is upright and all feet are on the target surface: on the box, where there is one."""
+    feet = feet_positions(robot, truth.qpos[row : row + 1])[0]
+    height = feet[:, 2] - robot.foot_radius - surface_z_m
+    highest = max((box.top_m - surface_z_m for box in jump.info.terrain), default=0.0)
+    on_surface = (height > -FOOT_ABOVE_SURFACE_M) & (height < max(highest, 0.0) + FOOT_ABOVE_SURFACE_M)
+    for box in jump.info.terrain:
+        if surface_z_m > 0 and box.top_m == surface_z_m:
+            on_surface &= np.abs(feet[:, 0] - box.x_m) < box.size_m[0] / 2
+    return bool(on_surface.all() and upright_cosine(truth.base_quaternion[row]) > UPRIGHT_COSINE)
+
+
+def landing_error_cm(jump: Log) -> float:
+    """Target distance − displacement of the base along its heading at the start, at the planned landing, cm.
+
+    Positive is short. Read from the log, hence with its noise.
+    """
+    row = min(len(jump) - 1, int(np.searchsorted(jump.time, jump.info.schedule.landing_s - 1e-9)))
+    dx = jump["base_pos_x"][row] - jump["base_pos_x"][0]
+    dy = jump["base_pos_y"][row] - jump["base_pos_y"][0]
+    heading = jump.yaw[0]
+    return float(100 * (jump.info.target.x_m - (dx * np.cos(heading) + dy * np.sin(heading))))

@@ -1,0 +1,49 @@
+"""What every landing method is: data that makes the controllers of a task."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.logs.log import Log
+from leapgap.logs.segments import Target
+from leapgap.robot.model import Robot
+
+References = Mapping[Target, Log]
+"""Plans from level ground, by their targets."""
+
+
+@dataclass(frozen=True)
+class Method(ABC):
+    """Makes the controllers of a task; data, so that it travels to worker processes."""
+
+    robot: Robot
+    references: References
+    gains: PhaseGains = field(default_factory=PhaseGains)
+
+    def __call__(self, task: JumpTask) -> Sequence[JumpController]:
+        """Fresh controllers of the task's jumps, in their order."""
+        return [self.controller(task, self.reference(task)) for _ in range(task.jumps)]
+
+    def reference(self, task: JumpTask) -> Reference:
+        """The plan of one of the task's jumps."""
+        return Reference.of(self.references[task.target], self.robot)
+
+    @abstractmethod
+    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
+        """A fresh controller of one jump along its plan."""
+
+
+def shifted(target: Target, shift_m: float) -> Target:
+    """A target farther away, to the millimetre."""
+    return Target(round(target.x_m + shift_m, 3), target.z_m)
+
+
+def crouch(references: References, robot: Robot) -> np.ndarray:
+    """Joints that the plans begin with, (joints,), rad."""
+    return next(iter(references.values())).per_joint("cmd_pos", robot.joints)[0]

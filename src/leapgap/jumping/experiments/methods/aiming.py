@@ -1,0 +1,36 @@
+"""Plans from the measured stance to the goal that a landing model says will land on the target."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump, JumpPlanner
+from leapgap.jumping.experiments.landing_model import LandingModel, best_goal
+from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.logs.segments import Target
+
+
+@dataclass(frozen=True)
+class ByAiming(Method):
+    """Plans from the measured stance to the goal that a landing model says will land on the target."""
+
+    planner: JumpPlanner | None = None
+    landing: LandingModel | None = None
+    offset: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """By task: how much farther than predicted its jumps have landed, (3,)."""
+    beyond: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Added to each goal, to try something new, (3,)."""
+
+    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
+        """A jump that is planned when it is due."""
+        assert self.planner is not None
+        offset = self.offset.get(task.name)
+
+        def aim(target: Target, stance_pitch: float) -> np.ndarray:
+            return best_goal(self.landing, target, stance_pitch, offset) + self.beyond
+
+        return GoalDirectedJump(task.target, reference, self.planner, aim, self.robot, self.gains)

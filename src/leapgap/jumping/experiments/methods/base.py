@@ -1,0 +1,44 @@
+"""The settings from which a landing method is prepared."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, ClassVar
+
+from leapgap.jumping.experiments.method import Method
+
+if TYPE_CHECKING:
+    from leapgap.jumping.experiments.rig import LandSettings, Rig
+
+
+class PlanSource(Enum):
+    """Which robot a method's jumps are planned for."""
+
+    own = "own"
+    """The nominal robot."""
+    published = "published"
+    """The planar robot of the published planner."""
+    corrected = "corrected"
+    """The robot that a diagnosis corrected."""
+
+
+@dataclass(frozen=True)
+class MethodSettings(ABC):
+    """How a method is configured. A subclass in a file of this package is all that a further method takes.
+
+    An entry of ``land.method_settings`` names the class by ``kind`` and gives its fields; a class whose fields all
+    have defaults can be asked for by its own name, without an entry.
+    """
+
+    name: ClassVar[str]
+
+    def check(self, name: str, settings: "LandSettings") -> None:
+        """Refuse, with an ``InputError``, what cannot work, before anything is run; ``name`` is the method's."""
+        del name, settings
+
+    @abstractmethod
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
+        """The method on one simulated robot, after whatever it has to learn there.
+
+        None, and one printed line, where something that it needs is not there: the method is then left out.
+        """

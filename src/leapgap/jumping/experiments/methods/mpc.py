@@ -1,0 +1,89 @@
+"""The paper's MPC of the ground forces, predicting with the nominal rigid body or with a learned model."""
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from leapgap.jumping.control.inference import load
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_controller import JumpMpc
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.methods.base import MethodSettings, PlanSource
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.learning.windows import Purpose
+from leapgap.jumping.models.affine_model import PredictionModel
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+
+if TYPE_CHECKING:
+    from leapgap.jumping.experiments.rig import LandSettings, Rig
+
+
+@dataclass(frozen=True)
+class ByMpc(Method):
+    """The paper's MPC with a prediction model."""
+
+    model: PredictionModel | None = None
+    config: MpcConfig = field(default_factory=MpcConfig)
+
+    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
+        """The MPC along the plan."""
+        assert self.model is not None
+        return JumpMpc(reference, self.robot, self.gains, self.model, self.config)
+
+
+@dataclass(frozen=True)
+class NominalMpcSettings(MethodSettings):
+    """Predicts with the rigid body of the robot that is planned for."""
+
+    name = "nominal_mpc"
+
+    grid: str
+    """Steps of the MPC: a key of ``land.grids``."""
+    plans: PlanSource = PlanSource.own
+
+    def check(self, name: str, settings: "LandSettings") -> None:
+        """The grid must be known, and the plans need their inputs."""
+        settings.check_plans(self.plans)
+        settings.grid(self.grid, name)
+
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
+        """Nothing has to be learned."""
+        plans = rig.plans(self.plans)
+        if plans is None:
+            return None
+        config = replace(rig.settings.mpc, grid=rig.settings.grid(self.grid, name))
+        return ByMpc(rig.robot, plans.references, model=RigidBodyModel(plans.body), config=config)
+
+
+@dataclass(frozen=True)
+class LearnedMpcSettings(MethodSettings):
+    """Predicts with the model ``land.model`` that was trained on all jumps, for these steps."""
+
+    name = "learned_mpc"
+
+    grid: str
+    """Steps of the MPC: a key of ``land.grids``."""
+    models: str
+    """Folder of stage train: a key of ``land.models``."""
+    plans: PlanSource = PlanSource.own
+
+    def check(self, name: str, settings: "LandSettings") -> None:
+        """Grid and folder must be known, and the plans need their inputs."""
+        settings.check_plans(self.plans)
+        settings.grid(self.grid, name)
+        settings.folder(self.models, name)
+
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
+        """Read the exported model; without one the method is left out."""
+        plans = rig.plans(self.plans)
+        if plans is None:
+            return None
+        settings = rig.settings
+        folder = settings.folder(self.models, name) / "exported"
+        if not folder.is_dir():
+            print(f"{name}: no trained models in {folder}, left out", flush=True)
+            return None
+        grid = settings.grid(self.grid, name)
+        model = load(folder, settings.model, Purpose(grid, settings.schedule, rig.robot.name, rig.robot.sha256))
+        return ByMpc(rig.robot, plans.references, model=model, config=replace(settings.mpc, grid=grid))

@@ -1,0 +1,144 @@
+"""Trials and their results, as data that travels between processes and to files."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.effects.base import Effect
+from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump
+from leapgap.jumping.experiments.landing import Landing
+from leapgap.jumping.experiments.landing_model import Tried
+from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.run_metrics import RunMetrics, pair_force
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.trial import TrialOutcome, TrialSetup, attempt_task
+from leapgap.jumping.models.rigid_body import GRAVITY
+from leapgap.logs.log import Log
+from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
+from leapgap.logs.segments import ContactSchedule
+from leapgap.robot.model import Robot
+from leapgap.robot.rotations import pitch_of, yaw_of
+
+LEAVES_WITHIN_S = 0.05
+"""Feet that touch up to so long after the planned take-off have not left yet."""
+UPRIGHT_RAD = 0.5
+"""A jump that is pitched more when it lands teaches nothing about aiming."""
+
+
+@dataclass(frozen=True)
+class TrialSpec:
+    """One closed-loop run to make: who jumps, what, on which robot, from which seed."""
+
+    place: str
+    """Where its result is kept, ``<hardware>/<method>/<task>_<number>``: different for every trial of an experiment."""
+    task: JumpTask
+    method: Method
+    reference: Log
+    """The plan of its jumps from level ground."""
+    effects: tuple[Effect, ...]
+    world: TrialSetup
+    seed: int
+    with_log: bool = False
+
+    def run(self) -> "TrialResult":
+        """Simulate the run; the same specification gives the same result bit for bit."""
+        outcome = attempt_task(
+            self.task, self.method, self.reference, self.effects, self.world, np.random.default_rng(self.seed)
+        )
+        return TrialResult(
+            landings=outcome.landings,
+            total_error_cm=outcome.total_error_cm,
+            fallbacks=outcome.fallbacks,
+            substituted=outcome.substituted,
+            conduct=outcome.conduct,
+            tried=tried_in(outcome),
+            log=log_of(outcome, self.world.robot, Path(self.place).name) if self.with_log else None,
+        )
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """Landings of a trial, and how its controller behaved."""
+
+    landings: tuple[Landing, ...]
+    total_error_cm: float | None
+    fallbacks: Mapping[str, int]
+    substituted: tuple[tuple[float, str], ...]
+    """When, s, and why a controller sent something else than what it stands for."""
+    conduct: RunMetrics
+    tried: Tried = field(default_factory=Tried)
+    log: Log | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """All fields but the log, which is a file of its own."""
+        return {
+            "landings": [asdict(one) for one in self.landings],
+            "total_error_cm": self.total_error_cm,
+            "fallbacks": dict(self.fallbacks),
+            "substituted": [list(one) for one in self.substituted],
+            "conduct": asdict(self.conduct),
+            "tried": {name: values.tolist() for name, values in asdict(self.tried).items()},
+        }
+
+    @staticmethod
+    def from_json(raw: Mapping[str, Any], log: Log | None) -> "TrialResult":
+        """The inverse of ``to_json``; numbers in JSON keep all their digits."""
+        empty = Tried()
+        tried = {n: np.array(v, float).reshape(-1, *getattr(empty, n).shape[1:]) for n, v in raw["tried"].items()}
+        return TrialResult(
+            landings=tuple(Landing(**one) for one in raw["landings"]),
+            total_error_cm=raw["total_error_cm"],
+            fallbacks=raw["fallbacks"],
+            substituted=tuple((time_s, reason) for time_s, reason in raw["substituted"]),
+            conduct=RunMetrics(**raw["conduct"]),
+            tried=Tried(**tried),
+            log=log,
+        )
+
+
+def log_of(outcome: TrialOutcome, robot: Robot, name: str) -> Log:
+    """The log with what a simulation knows besides: contacts, and the true forces of the ground."""
+    columns = dict(outcome.run.log.columns)
+    columns |= {f"contact/{foot}": outcome.run.touching[:, i].astype(float) for i, foot in enumerate(robot.feet)}
+    force = pair_force(outcome.run, robot)
+    columns |= {f"ground_force/{axis}": force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
+    return replace(outcome.run.log, name=name, columns=columns)
+
+
+def tried_in(outcome: TrialOutcome) -> Tried:
+    """What a method that aims has tried in a run, and where it came down as its sensors tell."""
+    rows = []
+    for first, jump in zip(outcome.starts, outcome.controllers, strict=False):  # those never begun have no start
+        if not isinstance(jump, GoalDirectedJump) or jump.goal is None:
+            continue
+        landing = came_down(outcome, first, jump.reference.schedule, jump.standing_height_m)
+        if abs(landing[2]) <= UPRIGHT_RAD:
+            rows.append((jump.goal, jump.stance_pitch, landing))
+    if not rows:
+        return Tried()
+    goals, stances, landings = (np.array(column) for column in zip(*rows, strict=True))
+    return Tried(goals, stances, landings)
+
+
+def came_down(outcome: TrialOutcome, first: int, schedule: ContactSchedule, standing_height_m: float) -> np.ndarray:
+    """Pose (x, z, pitch) that the jump begun at row ``first`` has at the end of its scheduled flight, by its log.
+
+    A foot that touches earlier stops the flight: from there on it is continued as a free one, so that landings
+    depend smoothly on what was tried. x from the start along the heading, z over a robot that stands on the floor.
+    """
+    log, period = outcome.run.log, outcome.run.log.info.sample_period_s
+    take_off, end = (first + round(seconds / period) for seconds in (schedule.take_off_s, schedule.landing_s))
+    settled = take_off + round(LEAVES_WITHIN_S / period)
+    touched = np.flatnonzero(outcome.run.touching[settled:end].any(axis=1))
+    row = settled + touched[0] - 1 if len(touched) else end
+    left_s = (end - row) * period
+    quaternion = log.stack(BASE_QUATERNION)
+    yaw = yaw_of(quaternion[first])
+    ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    position, velocity = (log.stack(columns) for columns in (BASE_POSITION, BASE_VELOCITY))
+    flown = position[row] + left_s * velocity[row] - np.array([0.0, 0.0, GRAVITY * left_s**2 / 2])
+    pitch = pitch_of(quaternion[row]) + left_s * log["base_angvel_y"][row]
+    return np.array([(flown - position[first]) @ ahead, flown[2] - standing_height_m, pitch])

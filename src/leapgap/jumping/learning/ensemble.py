@@ -1,0 +1,90 @@
+"""The mean of several residual models: their errors differ, so the mean's is smaller."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from leapgap.jumping.learning.flat_model import FlatPhase, average_flat_models
+from leapgap.jumping.learning.initialisation import NetworksConfig
+from leapgap.jumping.learning.kernel import KernelConfig, KernelModel
+from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
+from leapgap.jumping.learning.network import NetworkModel
+from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
+from leapgap.jumping.models.affine_model import AffineModel, Situation
+
+MEMBER_CLASSES: dict[str, type[ResidualModel]] = {member.kind: member for member in (KernelModel, NetworkModel)}
+
+
+@dataclass(frozen=True)
+class ModelEnsemble(ResidualModel):
+    """Accelerations are the members' mean, so it is affine in the force as they are."""
+
+    kind: ClassVar[str] = "blend"
+    members: tuple[ResidualModel, ...]
+
+    @property
+    def nominal(self) -> Nominal:  # type: ignore[override]
+        """The nominal body of the first member, from which the residual is counted."""
+        return self.members[0].nominal
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        """The mean of the members' accelerations."""
+        terms = [member.affine(situation, contact) for member in self.members]
+        return AffineModel(np.mean([t.bias for t in terms], axis=0), np.mean([t.by_force for t in terms], axis=0))
+
+    def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        """What the members' mean adds to the nominal body."""
+        whole, nominal = self.affine(situation, contact), self.nominal.at(situation.foot)
+        return AffineModel(whole.bias - nominal.bias, whole.by_force - nominal.by_force)
+
+    def flatten(self) -> dict[str, FlatPhase]:
+        """The mean of the members' flat forms."""
+        return average_flat_models([member.flatten() for member in self.members])
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The members' arrays, as ``0/…``."""
+        return {f"{i}/{name}": a for i, member in enumerate(self.members) for name, a in member.arrays().items()}
+
+    def settings(self) -> dict[str, Any]:
+        """The members' kinds and settings."""
+        return {"members": [{"kind": member.kind, "settings": member.settings()} for member in self.members]}
+
+    @classmethod
+    def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "ModelEnsemble":
+        """The ensemble of stored members."""
+        members = []
+        for i, about in enumerate(settings["members"]):
+            mine = {name.removeprefix(f"{i}/"): a for name, a in arrays.items() if name.startswith(f"{i}/")}
+            members.append(MEMBER_CLASSES[about["kind"]].from_parts(mine, about["settings"]))
+        return cls(tuple(members))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnsembleRecipe(ModelRecipe):
+    """The mean of models that other recipes fitted on the same split before."""
+
+    model: ClassVar[type[Model]] = ModelEnsemble
+    settings: ClassVar[tuple[type, ...]] = (NetworksConfig, KernelConfig)
+    members: tuple[str, ...]
+    """Names of those recipes."""
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Nothing is fitted anew: the members are read."""
+        members = []
+        for name in self.members:
+            member = task.member(name)
+            assert isinstance(member, ResidualModel)
+            members.append(member)
+        return ModelEnsemble(tuple(members)), []
+
+
+RECIPES: tuple[ModelRecipe, ...] = (
+    EnsembleRecipe(name="blend", members=("networks", "kernel"), colour="#7c3aed", uncertainty_from="kernel"),
+    EnsembleRecipe(
+        name="blend_no_phase",
+        members=("networks_no_phase", "kernel_no_phase"),
+        colour="#bb9bf3",
+        uncertainty_from="kernel_no_phase",
+    ),
+)

@@ -1,0 +1,100 @@
+"""How each model is fitted to the jumps of a split."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from leapgap.errors import InputError
+from leapgap.jumping.learning import uncertainty
+from leapgap.jumping.learning.initialisation import NetworksConfig, PublishedRecipeConfig
+from leapgap.jumping.learning.kernel import KernelConfig, KernelModel
+from leapgap.jumping.learning.model import Model
+from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, TrainingRun
+from leapgap.jumping.learning.registry import RECIPES
+from leapgap.jumping.learning.splits import Split
+from leapgap.jumping.learning.store import is_stored, load
+from leapgap.jumping.learning.windows import Windows
+from leapgap.jumping.models.rigid_body import RigidBody
+
+MODELS = (
+    *("nominal_published", "nominal", "nominal_fitted", "constant_velocity", "playback", "published_recipe"),
+    *("networks", "networks_no_phase", "kernel", "kernel_no_phase", "blend", "blend_no_phase"),
+    *("networks_forecast", "kernel_forecast"),
+)
+"""Fitted unless others are asked for."""
+NOT_IN_SESSIONS = ("published_recipe", "networks_forecast", "kernel_forecast")
+"""Models that take long, or that are only compared with others of the same folds."""
+TRAINER = {"accelerator": "cpu", "devices": 1, "enable_progress_bar": True}
+
+
+@dataclass
+class TrainConfig:
+    """The section ``train`` of the configuration: data, splits, models and their settings."""
+
+    windows: str
+    sessions: list[list[str]] | None
+    """Patterns of the names of the jumps of each session; None: no sessions are held out."""
+    out: str | None = None
+    models: list[str] = field(default_factory=lambda: list(MODELS))
+    """Which of the models to fit, by name."""
+    not_in_sessions: list[str] = field(default_factory=lambda: list(NOT_IN_SESSIONS))
+    """Those left out where whole sessions are held out, to save time."""
+    folds: int = 4
+    """Fold f holds out jumps f, f + folds, …"""
+    seed: int = 0
+    mass_kg: float = 12.453
+    pitch_inertia_kgm2: float = 0.347
+    """Of the nominal body that residuals correct."""
+    curvature: float = 0.5
+    """Of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
+    kernel: KernelConfig = field(default_factory=KernelConfig)
+    networks: NetworksConfig = field(default_factory=NetworksConfig)
+    published_recipe: PublishedRecipeConfig = field(default_factory=PublishedRecipeConfig)
+    steps_an_epoch: int = 25
+    threads: int = 1
+    """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
+    processes: int = 2
+    """Splits fitted at the same time."""
+    trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
+    """What Lightning's Trainer is told."""
+
+    def models_of(self, split: Split) -> list[str]:
+        """Names of the models that are fitted on a split."""
+        skipped = self.not_in_sessions if split.name.startswith("session") else []
+        judged = bool(split.held_out)  # forecasts are judged, never used
+        return [name for name in self.models if name not in skipped and (judged or not RECIPES[name].is_forecast)]
+
+    @property
+    def body(self) -> RigidBody:
+        """The nominal body that residuals correct."""
+        return RigidBody(self.mass_kg, self.pitch_inertia_kgm2)
+
+
+def fit_task(
+    config: TrainConfig, split: Split, name: str, train: Windows, held_out: Windows, folder: Path, scratch: Path
+) -> FitTask:
+    """What a recipe is given for one model of one split; ``folder`` holds the models fitted on the split before."""
+
+    def member(other: str) -> Model:
+        if other not in config.models_of(split) or not is_stored(folder, other):
+            raise InputError("train.models", f"{name} before {other}", f"{other} before it", "correct conf/train")
+        return load(folder, other).model
+
+    run = TrainingRun(
+        config.seed, config.threads, config.trainer, scratch, f"{split.name} {name}", config.steps_an_epoch
+    )
+    sections = (config.kernel, config.networks, config.published_recipe)
+    return FitTask(train, held_out, config.body, config.curvature, sections, run, member)
+
+
+def fit_uncertainty(windows: Windows, config: TrainConfig, recipe: ModelRecipe, path: Path) -> None:
+    """Learn the errors of a kernel by leaving out each training jump in turn, and write them."""
+
+    def fit_kernel(train: Windows) -> KernelModel:
+        split = Split("", train.jumps, ())
+        task = fit_task(config, split, recipe.name, train, train.of_jumps([]), path.parent, path.parent)
+        model, _ = recipe.fit(task)
+        assert isinstance(model, KernelModel)
+        return model
+
+    uncertainty.save(uncertainty.fit(windows, fit_kernel, config.kernel), path)

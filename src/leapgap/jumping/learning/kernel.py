@@ -1,0 +1,234 @@
+"""Kernel ridge regression of the residual acceleration, affine in the force, in closed form."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from leapgap.jumping.learning.flat_model import Part
+from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
+from leapgap.jumping.learning.nominal import fit_gains
+from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, configured_inputs
+from leapgap.jumping.learning.transitions import Transitions, extract_transitions
+from leapgap.jumping.learning.windows import RolloutInputs, Windows
+from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
+from leapgap.jumping.models.rigid_body import RigidBody
+
+PHASES = {"contact": True, "flight": False}
+
+
+INPUTS = {
+    **{"z": 0.2, "pitch": 0.2, "vx": 0.15, "vz": 0.15, "pitch_rate": 0.8},
+    **{"front_foot_x": 0.4, "front_foot_z": 0.4, "rear_foot_x": 0.4, "rear_foot_z": 0.4, "phase": 6.0},
+}
+"""Of the kernel model, chosen by cross-validation over jumps of one contact schedule."""
+
+
+@dataclass
+class KernelConfig:
+    """How smooth the kernel model is. Lengths are in weighted standard deviations of the training inputs."""
+
+    inputs: dict[str, float] = field(default_factory=lambda: dict(INPUTS))
+    """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
+    force_scale: float = 8.0
+    """Standard deviations of a force that count like the constant: large trusts the nominal model's B(r)."""
+    length_contact: float = 1.0
+    length_flight: float = 0.6
+    ridge_contact: float = 0.02
+    ridge_flight: float = 0.3
+    """Noise variance over signal variance, per training step."""
+
+
+@dataclass(frozen=True)
+class KernelPart:
+    """The fit of one phase: n training steps, f inputs."""
+
+    input_mean: np.ndarray
+    """Mean of the raw training inputs, (f,)."""
+    input_scale: np.ndarray
+    """Divides the inputs: standard deviation over weight, length and √f, (f,)."""
+    force_mean: np.ndarray
+    """Mean of the training forces, (4,), N."""
+    force_scale: np.ndarray
+    """Divides the forces after their mean is taken off, (4,), N."""
+    inputs: np.ndarray
+    """Scaled training inputs, (n, f)."""
+    forces: np.ndarray
+    """Scaled training forces, (n, 4)."""
+    weights: np.ndarray
+    """Of the training steps, in accelerations, (n, 3)."""
+    mean: np.ndarray
+    """Mean training residual, (3,)."""
+
+    def at(self, inputs: np.ndarray) -> AffineModel:
+        """h and G at scaled inputs (m, f).
+
+        With k((x, u), (x', u')) = exp(−‖x − x'‖²/2) (1 + ũ·ũ'), ũ = (u − mean) / scale, the prediction Σ k a is
+        affine in u: the coefficient of each force is Σ exp(…) ũ' a / scale.
+        """
+        similar = gauss(inputs, self.inputs)
+        by_scaled_force = np.einsum("mn,nj,ni->mij", similar, self.forces, self.weights, optimize=True)
+        by_force = by_scaled_force / self.force_scale
+        return AffineModel(self.mean + similar @ self.weights - by_force @ self.force_mean, by_force)
+
+
+def gauss(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """exp(−‖a_i − b_j‖²/2), shape (len(a), len(b))."""
+    squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
+    return np.exp(-np.maximum(squared, 0) / 2)
+
+
+@dataclass(frozen=True)
+class KernelModel(ResidualModel):
+    """Residual h(x) + G(x) u by kernel ridge, separate for contact and flight."""
+
+    kind: ClassVar[str] = "kernel"
+    nominal: Nominal
+    names: tuple[str, ...]
+    contact: KernelPart | None
+    flight: KernelPart | None
+
+    def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        """h and G; a phase that had no training step has none."""
+        bias, by_force = np.zeros((len(contact), 3)), np.zeros((len(contact), 3, 4))
+        for part, mask in ((self.contact, contact), (self.flight, ~contact)):
+            if part is not None and mask.any():
+                inputs = np.stack(columns(self.names, situation.at(mask)), axis=-1)
+                found = part.at((inputs - part.input_mean) / part.input_scale)
+                bias[mask], by_force[mask] = found.bias, found.by_force
+        return AffineModel(bias, by_force)
+
+    def flat_residual(self, phase: str) -> tuple[np.ndarray, tuple[Part, ...]]:
+        """The mean training residual and one kernel; a phase that had no training step has none."""
+        part: KernelPart | None = getattr(self, phase)
+        return (np.zeros(3), ()) if part is None else (part.mean, (flatten_kernel(self.names, part),))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The parts' arrays, as ``contact/weights``."""
+        parts = {"contact": self.contact, "flight": self.flight}
+        return {f"{phase}/{name}": value for phase, part in parts.items() if part for name, value in vars(part).items()}
+
+    def settings(self) -> dict[str, Any]:
+        """Nominal body and inputs."""
+        return {"nominal": self.nominal.to_json(), "inputs": list(self.names)}
+
+    @classmethod
+    def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "KernelModel":
+        """The model of stored parts."""
+        parts = {}
+        for phase in PHASES:
+            mine = {name.removeprefix(f"{phase}/"): a for name, a in arrays.items() if name.startswith(f"{phase}/")}
+            parts[phase] = KernelPart(**mine) if mine else None
+        return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), **parts)
+
+
+def flatten_kernel(names: tuple[str, ...], part: KernelPart) -> Part:
+    """h and G as coefficients of the same similarities."""
+    by_force = part.weights[:, :, None] * (part.forces / part.force_scale)[:, None, :]
+    bias = part.weights - by_force @ part.force_mean
+    return Part(
+        "kernel",
+        {
+            "select": selection(names) / part.input_scale,
+            "shift": part.input_mean / part.input_scale,
+            "centres": part.inputs,
+            "coefficients": np.concatenate([bias, by_force.reshape(len(bias), 12)], axis=1),
+        },
+    )
+
+
+@dataclass(frozen=True)
+class KernelForecast(KernelModel):
+    """Predicts from the first state and the phase alone; measured feet and forces are not looked at."""
+
+    kind: ClassVar[str] = "kernel_forecast"
+
+    def predict(self, inputs: RolloutInputs) -> np.ndarray:
+        """Roll out without forces."""
+        return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
+
+
+def fit_forecast(windows: Windows, config: KernelConfig, curvature: float = 0.0) -> KernelForecast:
+    """Fit whole accelerations to state and phase: h alone, no G, no nominal body under it."""
+    kept = configured_inputs(config.inputs, uses_phase=True, uses_feet=False)
+    nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf), curvature=curvature)
+    fitted = fit(windows, nothing, replace(config, inputs=kept, force_scale=np.inf))
+    return KernelForecast(fitted.nominal, fitted.names, fitted.contact, fitted.flight)
+
+
+def fit(windows: Windows, nominal: Nominal, config: KernelConfig) -> KernelModel:
+    """Fit the residual of the nominal body to the measured steps of some windows."""
+    names = tuple(config.inputs)
+    check_names(names, "train.kernel.inputs")
+    steps, parts = extract_transitions(windows), {}
+    for phase, pushing in PHASES.items():
+        mine = steps.at(steps.contact == pushing)
+        parts[phase] = fit_part(mine, nominal, config, pushing) if len(mine.step) else None
+    return KernelModel(nominal, names, **parts)
+
+
+def fit_part(steps: Transitions, nominal: Nominal, config: KernelConfig, pushing: bool) -> KernelPart:
+    """One phase in closed form: (K + λ σ² I) a = y, one output a velocity row."""
+    length = config.length_contact if pushing else config.length_flight
+    ridge = config.ridge_contact if pushing else config.ridge_flight
+    raw = np.stack(columns(tuple(config.inputs), steps.situation), axis=-1)
+    input_mean = raw.mean(axis=0)
+    weight = np.array(list(config.inputs.values()))
+    input_scale = (raw.std(axis=0) + 1e-9) / weight * length * np.sqrt(len(weight))
+    force_mean = steps.force.mean(axis=0)
+    force_scale = (steps.force.std(axis=0) + 1e-9) * config.force_scale if pushing else np.ones(4)
+    inputs, forces = (raw - input_mean) / input_scale, (steps.force - force_mean) / force_scale
+    residual = steps.acceleration - nominal.at(steps.situation.foot).acceleration(steps.force)
+    mean = residual.mean(axis=0)
+    gram = gauss(inputs, inputs) * (1 + forces @ forces.T)
+    weights = np.linalg.solve(gram + ridge * np.eye(len(gram)), residual - mean)
+    return KernelPart(input_mean, input_scale, force_mean, force_scale, inputs, forces, weights, mean)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KernelRecipe(ModelRecipe):
+    """Kernel ridge on the residual of the body with fitted gains."""
+
+    model: ClassVar[type[Model]] = KernelModel
+    settings: ClassVar[tuple[type, ...]] = (KernelConfig,)
+    uses_phase: bool = True
+    """Whether the phase of the jump stays among the configured inputs."""
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Solve for the weights of the training steps."""
+        config = task.settings(KernelConfig)
+        config = replace(config, inputs=configured_inputs(config.inputs, self.uses_phase))
+        return fit(task.train, fit_gains(task.train, task.body, task.curvature), config), []
+
+
+@dataclass(frozen=True, kw_only=True)
+class KernelForecastRecipe(ModelRecipe):
+    """Kernel ridge from the first state and the phase; what acts later is not known to it."""
+
+    model: ClassVar[type[Model]] = KernelForecast
+    settings: ClassVar[tuple[type, ...]] = (KernelConfig,)
+    is_forecast: ClassVar[bool] = True
+    can_be_exported: ClassVar[bool] = False
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Fit without feet and forces among the inputs."""
+        return fit_forecast(task.train, task.settings(KernelConfig), task.curvature), []
+
+
+RECIPES: tuple[ModelRecipe, ...] = (
+    KernelRecipe(name="kernel", colour="#14804a", uncertainty_from="kernel", uncertainty_file="spread"),
+    KernelRecipe(
+        name="kernel_no_phase",
+        uses_phase=False,
+        colour="#7fc4a0",
+        uncertainty_from="kernel_no_phase",
+        uncertainty_file="spread_no_phase",
+    ),
+    KernelForecastRecipe(
+        name="kernel_forecast",
+        colour="#b5dec7",
+        forecast_name="kernel",
+        uncertainty_from="kernel_forecast",
+        uncertainty_file="spread_forecast",
+    ),
+)

@@ -1,0 +1,211 @@
+"""All models on all splits: fitted where they are not in the cache, kept where they are."""
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.atomic_io import read_json, whole_file, write_json
+from leapgap.cache import ResultCache, result_key
+from leapgap.errors import InputError
+from leapgap.jumping.learning import export
+from leapgap.jumping.learning.experiment import TrainConfig, fit_task, fit_uncertainty
+from leapgap.jumping.learning.recipe import ModelRecipe
+from leapgap.jumping.learning.registry import RECIPES
+from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
+from leapgap.jumping.learning.store import StoredModel, load, save
+from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows, read_npz
+
+EXPORTED = "exported"
+"""Folder of the models fitted on all jumps as others read them: ``jumping.control.inference``, ONNX."""
+CURVES, SPLITS, NOTE = "curves.csv", "splits.json", "note.json"
+
+
+def train(
+    windows: Windows, config: TrainConfig, out: Path, progress: Callable[[str], None] = lambda _: None
+) -> list[str]:
+    """Fit every model on every split into ``<out>/<split>/<model>``; the names of what had to be fitted.
+
+    A model whose data, settings and code are unchanged is kept; models nobody asked for are removed. Beside them:
+    ``splits.json``, and ``curves.csv`` of those that were trained in steps.
+    """
+    unknown = [name for name in config.models if name not in RECIPES]
+    if unknown:
+        raise InputError("train.models", ", ".join(unknown), f"some of {', '.join(RECIPES)}", "correct conf/train")
+    out.mkdir(parents=True, exist_ok=True)
+    cache = ResultCache(out)
+    if not len(windows):
+        cache.sweep()
+        for name in (CURVES, SPLITS):
+            (out / name).unlink(missing_ok=True)
+        write_json(out / NOTE, {"note": "no logs: nothing was trained"})
+        return []
+    (out / NOTE).unlink(missing_ok=True)
+    splits = [
+        *folds(windows.jumps, config.folds),
+        *sessions(windows.jumps, config.sessions or []),
+        train_on_all(windows.jumps),
+    ]
+    jobs = [SplitJob(windows, config, split, keys_of(windows, split, config), cache) for split in splits]
+    for place, key in [pair for job in jobs for pair in job.places()] + exports(jobs[-1]):
+        cache.expect(place, key)
+    cache.sweep()
+    fitted: list[str] = []
+    for number, done in enumerate(each(jobs, config.processes)):
+        fitted += done
+        progress(f"{splits[number].name} ({number + 1} of {len(splits)}): {len(done)} models fitted")
+    write_json(
+        out / SPLITS,
+        {
+            split.name: {"models": config.models_of(split), "train": split.train, "held_out": split.held_out}
+            for split in splits
+        },
+    )
+    export_models(jobs[-1])
+    write_all_curves(out, {split.name: config.models_of(split) for split in splits})
+    return fitted
+
+
+@dataclass(frozen=True)
+class SplitJob:
+    """All models of one split."""
+
+    windows: Windows
+    config: TrainConfig
+    split: Split
+    keys: dict[str, str]
+    """By model."""
+    cache: ResultCache
+
+    @property
+    def uncertainty_keys(self) -> dict[str, str]:
+        """Keys of the learned errors, by the model whose errors they are."""
+        return {
+            recipe.name: result_key(fit_uncertainty, self.keys[recipe.name])
+            for recipe in uncertainty_recipes(self.config, self.split)
+        }
+
+    def places(self) -> list[tuple[str, str]]:
+        """Places and keys of all results."""
+        models = [(f"{self.split.name}/{name}", key) for name, key in self.keys.items()]
+        return models + [(uncertainty_place(self.split, name), key) for name, key in self.uncertainty_keys.items()]
+
+    def run(self) -> list[str]:
+        """Fit what is not in the cache; the names of what was fitted."""
+        fitted = []
+        train_on, held_out = (self.windows.of_jumps(jumps) for jumps in (self.split.train, self.split.held_out))
+        for name, key in self.keys.items():
+            place = f"{self.split.name}/{name}"
+            if self.cache.get(place, key) is None:
+                with self.cache.store(place, key) as folder:
+                    of_split, scratch = self.cache.folder / self.split.name, self.cache.scratch(place, key)
+                    task = fit_task(self.config, self.split, name, train_on, held_out, of_split, scratch)
+                    model, curve = RECIPES[name].fit(task)
+                    write_json(folder / f"{name}.curve.json", {"rows": curve})
+                    save(StoredModel(model, Purpose.of(self.windows), self.split.train, key), folder, name)
+                fitted.append(place)
+        for name, key in self.uncertainty_keys.items():
+            place = uncertainty_place(self.split, name)
+            if self.cache.get(place, key) is None:
+                with self.cache.store(place, key) as folder:
+                    fit_uncertainty(train_on, self.config, RECIPES[name], folder / f"{Path(place).name}.npz")
+        return fitted
+
+
+def each(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
+    """Run splits side by side, in their order; they share nothing, so results do not depend on how many."""
+    if min(processes, len(jobs)) <= 1:
+        yield from map(SplitJob.run, jobs)
+        return
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(SplitJob.run, jobs)
+
+
+def exports(job: SplitJob) -> list[tuple[str, str]]:
+    """Places and keys of the models of all jumps in the form that others read."""
+    uncertainties = sorted(job.uncertainty_keys.items())
+    return [
+        (f"{EXPORTED}/{name}", result_key(export.write, (name, key, uncertainties)))
+        for name, key in job.keys.items()
+        if RECIPES[name].can_be_exported
+    ]
+
+
+def export_models(job: SplitJob) -> None:
+    """Write the models of all jumps for others, where they changed."""
+    for place, key in exports(job):
+        if job.cache.get(place, key) is None:
+            name = Path(place).name
+            model = load(job.cache.folder / job.split.name, name)
+            with job.cache.store(place, key) as folder:
+                export.write(model, folder, name, deviation_of(job.cache.folder, job.split, name))
+
+
+def uncertainty_recipes(config: TrainConfig, split: Split) -> list[ModelRecipe]:
+    """Recipes whose errors on left-out training jumps are learned on a split.
+
+    A whole session held out is another distribution, which no training jump foresees.
+    """
+    if split.name.startswith("session") or len(split.train) < 2:
+        return []
+    names = config.models_of(split)
+    return [recipe for recipe in RECIPES.values() if recipe.uncertainty_file and recipe.name in names]
+
+
+def uncertainty_place(split: Split, name: str) -> str:
+    """Where the learned errors of a model are kept: ``<split>/spread``."""
+    return f"{split.name}/{RECIPES[name].uncertainty_file}"
+
+
+def deviation_of(out: Path, split: Split, name: str) -> np.ndarray | None:
+    """Expected errors of a model in familiar situations, (starts, K, 6), where they were learned."""
+    source = RECIPES[name].uncertainty_from
+    path = out / f"{uncertainty_place(split, source)}.npz" if source in RECIPES else None
+    return np.sqrt(read_npz(path)["variance"]) if path and path.is_file() else None
+
+
+def keys_of(windows: Windows, split: Split, config: TrainConfig) -> dict[str, str]:
+    """The keys of all models of a split."""
+    return {name: key_of(windows, split, name, config) for name in config.models_of(split)}
+
+
+def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:
+    """Hash of a model's windows, settings and code; its held-out windows only shape its curve."""
+    jumps = windows.of_jumps(split.train + split.held_out)
+    inputs = {
+        "model": {key: value for key, value in vars(RECIPES[name]).items() if key != "colour"},
+        "settings": settings_of(name, config),
+        "train": split.train,
+        "held_out": split.held_out,
+        "windows": {array: getattr(jumps, array) for array in ARRAYS},
+        "purpose": Purpose.of(windows),
+    }
+    return result_key(fit_task, inputs)
+
+
+def settings_of(name: str, config: TrainConfig) -> dict[str, Any]:
+    """The part of the settings that one model depends on."""
+    settings = asdict(config)
+    for place in ("windows", "out", "models", "not_in_sessions", "folds", "sessions", "processes"):
+        settings.pop(place)
+    for section in ("kernel", "networks", "published_recipe"):
+        if not isinstance(getattr(config, section), RECIPES[name].settings):
+            settings.pop(section)
+    settings["trainer"].pop("enable_progress_bar", None)
+    return settings
+
+
+def write_all_curves(out: Path, models: dict[str, list[str]]) -> None:
+    """``curves.csv``: the losses along all trainings, by split and model."""
+    with whole_file(out / CURVES) as beside, beside.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["split", "model", "step", "train_loss", "validation_loss"])
+        for split, names in models.items():
+            for name in names:
+                rows = read_json(out / split / f"{name}.curve.json")["rows"]
+                writer.writerows([split, name, *("" if v is None else f"{v:.6g}" for v in row)] for row in rows)

@@ -1,0 +1,108 @@
+"""A flattened model as an ONNX graph, for whoever reads no NumPy: batches of any length, both phases.
+
+Inputs as in ``Situation`` and ``contact`` (bool); outputs ``bias`` (n, 3) and ``by_force`` (n, 3, 4). Perceptrons
+run in single precision, kernels in double. What the model is for stands in the metadata, as JSON under ``leapgap``.
+"""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from leapgap.jumping.learning.flat_model import FlatPhase, Part
+
+OPSET = 18
+IR_VERSION = 10
+INPUTS = {"state": 6, "foot": 4, "time_s": None, "start": 6}
+
+
+class Graph:
+    """Nodes and constants, named in the order they are added."""
+
+    def __init__(self) -> None:
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: list[onnx.TensorProto] = []
+
+    def constant(self, value: np.ndarray) -> str:
+        """Add a constant; its name in the graph."""
+        name = f"constant_{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.ascontiguousarray(value), name))
+        return name
+
+    def node(self, kind: str, *inputs: str, out: str | None = None, **attributes: Any) -> str:
+        """Add a node; the name of its output."""
+        out = out or f"value_{len(self.nodes)}"
+        self.nodes.append(helper.make_node(kind, list(inputs), [out], **attributes))
+        return out
+
+
+def serialise(phases: Mapping[str, FlatPhase], about: Mapping[str, object], known_size: int) -> bytes:
+    """The model's bytes; the same model gives the same."""
+    graph = Graph()
+    time = graph.node("Unsqueeze", "time_s", graph.constant(np.array([1])))
+    raw = graph.node("Concat", "state", "start", "foot", time, axis=1)
+    relative = np.eye(known_size)  # x from the start of the prediction
+    relative[6, 0], relative[6, 6] = -1.0, 0.0
+    known = graph.node("MatMul", raw, graph.constant(relative))
+    feet = graph.node("Identity", "foot")
+    by_phase = [add_phase(graph, phases[phase], known, feet) for phase in ("contact", "flight")]
+    contact = graph.node("Unsqueeze", "contact", graph.constant(np.array([1])))
+    both = graph.node("Where", contact, *by_phase)
+    bounds = [graph.constant(np.array([value])) for value in (0, 3, 15, 1)]
+    graph.node("Slice", both, bounds[0], bounds[1], bounds[3], out="bias")
+    flat = graph.node("Slice", both, bounds[1], bounds[2], bounds[3])
+    graph.node("Reshape", flat, graph.constant(np.array([-1, 3, 4])), out="by_force")
+    inputs = [
+        helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["n"] if size is None else ["n", size])
+        for name, size in INPUTS.items()
+    ]
+    inputs.append(helper.make_tensor_value_info("contact", TensorProto.BOOL, ["n"]))
+    outputs = [
+        helper.make_tensor_value_info("bias", TensorProto.DOUBLE, ["n", 3]),
+        helper.make_tensor_value_info("by_force", TensorProto.DOUBLE, ["n", 3, 4]),
+    ]
+    model = helper.make_model(
+        helper.make_graph(graph.nodes, "leapgap", inputs, outputs, graph.constants),
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="leapgap",
+    )
+    helper.set_model_props(model, {"leapgap": json.dumps(about, sort_keys=True)})
+    onnx.checker.check_model(model)
+    return model.SerializeToString(deterministic=True)
+
+
+def add_phase(graph: Graph, phase: FlatPhase, known: str, feet: str) -> str:
+    """Add one phase to the graph: constant + feet · foot + Σ parts, (n, 15)."""
+    add = {"perceptron": add_perceptron, "kernel": add_kernel}
+    total = graph.node("Add", graph.node("MatMul", feet, graph.constant(phase.feet)), graph.constant(phase.constant))
+    for part in phase.parts:
+        total = graph.node("Add", total, add[part.kind](graph, part, known))
+    return total
+
+
+def add_perceptron(graph: Graph, part: Part, known: str) -> str:
+    """Add a perceptron with tanh between its layers, (n, 15); ``known`` is (n, inputs)."""
+    hidden, layers = graph.node("Cast", known, to=TensorProto.FLOAT), len(part.arrays) // 2
+    for i in range(layers):
+        weight, bias = (graph.constant(part.arrays[f"{kind}_{i}"]) for kind in ("weight", "bias"))
+        hidden = graph.node("Add", graph.node("MatMul", hidden, weight), bias)
+        if i < layers - 1:
+            hidden = graph.node("Tanh", hidden)
+    return graph.node("Cast", hidden, to=TensorProto.DOUBLE)
+
+
+def add_kernel(graph: Graph, part: Part, known: str) -> str:
+    """Add a kernel, (n, 15): Σ exp(−‖s − c‖²/2) coefficients = exp(s·c − ‖s‖²/2 − ‖c‖²/2) coefficients."""
+    select, shift, centres = (part.arrays[name] for name in ("select", "shift", "centres"))
+    at = graph.node("Sub", graph.node("MatMul", known, graph.constant(select)), graph.constant(shift))
+    mine = graph.node("ReduceSumSquare", at, graph.constant(np.array([1])), keepdims=1)
+    half = graph.node("Mul", graph.node("Add", mine, graph.constant((centres**2).sum(axis=1))), graph.constant(HALF))
+    exponent = graph.node("Sub", graph.node("MatMul", at, graph.constant(centres.T)), half)
+    return graph.node("MatMul", graph.node("Exp", exponent), graph.constant(part.arrays["coefficients"]))
+
+
+HALF = np.array([0.5])

@@ -1,0 +1,105 @@
+"""What the pipeline asks of every named model: the base class of recipes, and the task that a recipe fits.
+
+A recipe says how a ``Model`` is fitted, judged, exported and shown. Each kind is a class in a file of its own; its
+variants are instances, listed in ``registry``. Names are keys of files and metrics and are never read for a meaning.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+from leapgap.jumping.learning.model import Model
+from leapgap.jumping.learning.windows import Windows
+from leapgap.jumping.models.rigid_body import RigidBody
+
+LearningCurve = list[list[float | None]]
+"""Rows of step, training loss and held-out loss; empty for what is fitted at once."""
+Settings = TypeVar("Settings")
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """How a gradient descent is run; what is trained is not said here."""
+
+    seed: int
+    threads: int
+    trainer: dict[str, Any]
+    """Passed to Lightning's Trainer: accelerator, devices, …"""
+    scratch: Path
+    """Folder of the checkpoints, removed at the end."""
+    title: str
+    """Shown before the progress bar."""
+    steps_an_epoch: int
+    """Steps between checkpoints, and between points of the curve."""
+
+
+@dataclass(frozen=True)
+class FitTask:
+    """The data and settings from which a recipe fits one model of one split."""
+
+    train: Windows
+    held_out: Windows
+    """Looked at for the learning curve only; nothing is chosen by them."""
+    body: RigidBody
+    """The nominal body that residuals correct."""
+    curvature: float
+    """Of the steps' positions, as in ``rigid_body.advance``."""
+    sections: tuple[object, ...]
+    """The settings of all kinds of models; ``settings`` finds those of one kind."""
+    run: TrainingRun
+    member: Callable[[str], Model]
+    """The model of another recipe fitted on the same split before, by name; ``InputError`` where there is none."""
+
+    def settings(self, kind: type[Settings]) -> Settings:
+        """The settings that are instances of a dataclass."""
+        return next(section for section in self.sections if isinstance(section, kind))
+
+
+def configured_inputs(inputs: dict[str, float], uses_phase: bool, uses_feet: bool = True) -> dict[str, float]:
+    """The configured inputs of a model with their weights, without the phase or the feet where it does not use them."""
+    return {
+        name: weight
+        for name, weight in inputs.items()
+        if (uses_phase or name != "phase") and (uses_feet or "foot" not in name)
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelRecipe(ABC):
+    """A named model: how it is fitted, judged, exported and shown."""
+
+    model: ClassVar[type[Model]]
+    """The class of the fitted model, which saves and loads itself."""
+    settings: ClassVar[tuple[type, ...]] = ()
+    """Dataclasses of the settings that its fit reads; other settings do not change it."""
+    is_forecast: ClassVar[bool] = False
+    """Whether it is given no feet and forces measured after the first step. Forecasts are judged on held-out jumps
+    and never used, so none is fitted on all jumps."""
+    can_be_exported: ClassVar[bool] = True
+    """Whether it says how forces move the base, which is what a controller asks of an exported model."""
+    label_is_plural: ClassVar[bool] = False
+    """Whether sentences about it take a plural verb."""
+    shown_by_step: ClassVar[bool] = True
+    """Whether the figure of errors by step shows it; large errors would spoil the figure's scale."""
+
+    name: str
+    """Key of its files and of its figures in the metrics."""
+    colour: str = "#555555"
+    """In figures, as #rrggbb."""
+    forecast_name: str | None = None
+    """Key of its figures among the forecasts, where its predictions use nothing measured after the first step."""
+    uncertainty_from: str | None = None
+    """Name of the recipe whose errors on left-out training jumps are expected of this model too."""
+    uncertainty_file: str | None = None
+    """Stem of the file of those errors, where this recipe is the one whose errors are learned."""
+
+    @property
+    def label(self) -> str:
+        """The name as pages show it."""
+        return self.name.replace("_", " ")
+
+    @abstractmethod
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Fit the model to the training windows; also the curve of its losses, empty without gradient descent."""

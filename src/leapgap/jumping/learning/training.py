@@ -1,0 +1,255 @@
+"""Training of residual networks with Lightning: the optimiser, the callbacks and the fit (paper, training).
+
+It moves the weights of a ``NetworkModel`` in full batches and hands back another one. The loss is over the horizon
+that ``torch_rollout`` rolls out.
+"""
+
+import logging
+import shutil
+import sys
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import lightning
+import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
+
+from leapgap.errors import InputError
+from leapgap.jumping.learning.initialisation import Fitting
+from leapgap.jumping.learning.network import NetworkModel
+from leapgap.jumping.learning.recipe import LearningCurve, TrainingRun
+from leapgap.jumping.learning.torch_rollout import Batch, ResidualModule
+from leapgap.jumping.learning.windows import Windows
+
+HELD_OUT, STOPPING = "held_out", "stopping"
+"""Windows that are looked at besides those trained on: for the curve, and to stop by."""
+CURVE = ("step", "train_loss", "validation_loss")
+
+
+class Learner(lightning.LightningModule):
+    """The residual, its loss and its optimiser, as Lightning drives them."""
+
+    def __init__(
+        self, residual: ResidualModule, train: Windows, others: Mapping[str, Windows], fitting: Fitting, seed: int
+    ) -> None:
+        super().__init__()
+        self.residual, self.fitting, self.seed = residual, fitting, seed
+        self.windows = {"train": train, **others}
+        self.batches: dict[str, Batch] = {}
+
+    def setup(self, stage: str) -> None:
+        """Put the windows where the weights are; with several devices, each takes every n-th window."""
+        mine = slice(self.trainer.global_rank, None, self.trainer.world_size)
+        for name, windows in self.windows.items():
+            part = mine if name == "train" else slice(None)
+            self.batches[name] = Batch.of(windows, self.trainer.strategy.root_device, part)
+
+    def training_step(self, *_: Any) -> torch.Tensor:
+        """Squared errors over the horizon, summed over the members, and the penalty of the outputs.
+
+        Dropout is seeded anew at each step, so that a resumed training ends in the same bits.
+        """
+        torch.manual_seed((self.seed << 32) + (self.global_step << 8) + self.global_rank)
+        batch = self.batches["train"]
+        states, penalty = self.residual.roll_out(batch)
+        squared = (states - batch.state[:, 1:]) ** 2
+        per_member = squared.mean(dim=(1, 2, 3)) if self.fitting.loss == "mean" else squared.sum(dim=(1, 2, 3))
+        self.log("train_loss", squared.mean().detach(), batch_size=1)
+        return per_member.sum() + self.fitting.output_penalty * penalty
+
+    def error_on(self, name: str) -> float | None:
+        """Mean squared error of the members' mean path on other windows than those trained on, if there are such."""
+        if name not in self.batches:
+            return None
+        batch = self.batches[name]
+        self.eval()
+        with torch.no_grad():
+            states, _penalty = self.residual.roll_out(batch)
+        self.train()
+        return float(((states.mean(dim=0) - batch.state[:, 1:]) ** 2).mean())
+
+    def configure_optimizers(self) -> Any:
+        """AdamW, with the learning rate along a cosine where that is configured."""
+        optimiser = torch.optim.AdamW(
+            self.parameters(), lr=self.fitting.learning_rate, weight_decay=self.fitting.weight_decay
+        )
+        if not self.fitting.cosine_decay:
+            return optimiser
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.fitting.steps)
+        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+class EmptySteps(torch.utils.data.IterableDataset):
+    """One empty item a step: the data are in memory already."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+
+    def __iter__(self) -> Iterator[int]:
+        yield from range(self.steps)
+
+    def __len__(self) -> int:
+        return self.steps
+
+
+class LossCurve(Callback):
+    """Losses along the training, in the checkpoint too."""
+
+    def __init__(self, every: int) -> None:
+        self.every = every
+        self.rows: LearningCurve = []
+
+    def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
+        """Note the losses, before the checkpoint of the same step is written."""
+        if trainer.global_step % self.every == 0 or trainer.global_step == trainer.max_steps:
+            assert isinstance(pl_module, Learner)
+            train_loss = float(trainer.callback_metrics["train_loss"])
+            self.rows.append([trainer.global_step, train_loss, pl_module.error_on(HELD_OUT)])
+
+    def state_dict(self) -> dict[str, Any]:
+        """The rows so far, for the checkpoint."""
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take the rows from the checkpoint."""
+        self.rows = list(state_dict["rows"])
+
+
+class EarlyStopping(Callback):
+    """Ends training when the error on the stopping jumps has not fallen for a while, and keeps the best weights.
+
+    Lightning's own looks at the ends of epochs; this one is in the checkpoint of the same step, so that a resumed
+    training stops where the whole one does.
+    """
+
+    def __init__(self, every: int, patience: int) -> None:
+        self.every, self.patience = every, patience
+        self.least, self.waited = float("inf"), 0
+        self.best: dict[str, torch.Tensor] = {}
+
+    def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
+        """Stop when the error on the stopping jumps has not fallen for ``patience`` looks; keep the best weights."""
+        if trainer.global_step % self.every:
+            return
+        assert isinstance(pl_module, Learner)
+        error = pl_module.error_on(STOPPING)
+        assert error is not None
+        if error < self.least:
+            self.least, self.waited = error, 0
+            self.best = {name: value.detach().clone() for name, value in pl_module.residual.state_dict().items()}
+        else:
+            self.waited += 1
+        trainer.should_stop = self.waited >= self.patience
+
+    def on_train_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Put the best weights back into the networks."""
+        assert isinstance(pl_module, Learner)
+        if self.best:
+            pl_module.residual.load_state_dict(self.best)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The best weights so far and how long they have been the best, for the checkpoint."""
+        return {"least": self.least, "waited": self.waited, "best": self.best}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take the best weights so far from the checkpoint."""
+        self.least, self.waited, self.best = state_dict["least"], state_dict["waited"], dict(state_dict["best"])
+
+
+class TitledProgressBar(TQDMProgressBar):
+    """A bar that says which model of which split is trained."""
+
+    def __init__(self, title: str) -> None:
+        super().__init__()
+        self.title = title
+
+    def init_train_tqdm(self) -> Any:
+        """The bar with the title in front."""
+        bar = super().init_train_tqdm()
+        bar.set_description(self.title)
+        return bar
+
+    def on_train_epoch_start(self, trainer: lightning.Trainer, *_: Any) -> None:
+        """Keep the title, and say how far all steps are."""
+        super().on_train_epoch_start(trainer)
+        self.train_progress_bar.set_description(f"{self.title}, {trainer.global_step}/{trainer.max_steps}")
+
+
+def fit(
+    model: NetworkModel, train: Windows, held_out: Windows | None, fitting: Fitting, run: TrainingRun
+) -> tuple[NetworkModel, LearningCurve]:
+    """Train from a model's weights; the trained one and its curve (rows of ``CURVE``).
+
+    A killed run goes on from its last checkpoint. Held-out windows are looked at for the curve, and nothing is
+    chosen by them.
+    """
+    if fitting.loss not in ("mean", "sum"):
+        raise InputError("train, fitting.loss", fitting.loss, "mean or sum", "correct it in conf/train")
+    silence_advice()
+    torch.set_num_threads(run.threads)
+    lightning.seed_everything(run.seed, verbose=False)
+    others = {} if held_out is None else {HELD_OUT: held_out}
+    if fitting.patience:
+        train, others[STOPPING] = stopping_split(train, fitting.stopping_jumps)
+    learner = Learner(ResidualModule(model, fitting.dropout), train, others, fitting, run.seed)
+    every = min(run.steps_an_epoch, fitting.steps)
+    curve = LossCurve(every)
+    driver = make_trainer(fitting, run, every, curve)
+    last = run.scratch / "last.ckpt"
+    steps = torch.utils.data.DataLoader(EmptySteps(every), batch_size=None)
+    driver.fit(learner, steps, ckpt_path=str(last) if last.exists() else None, weights_only=True)
+    shutil.rmtree(run.scratch, ignore_errors=True)
+    return learner.residual.to_model(model), curve.rows
+
+
+def stopping_split(windows: Windows, jumps: int) -> tuple[Windows, Windows]:
+    """Jumps to train on, and the last ones to stop by."""
+    if not 0 < jumps < len(windows.jumps):
+        raise InputError(
+            "train, fitting.stopping_jumps",
+            f"{jumps} of {len(windows.jumps)} training jumps",
+            "one or more, and some left to train on, with fitting.patience",
+            "correct it in conf/train, or set patience to 0",
+        )
+    return windows.of_jumps(windows.jumps[:-jumps]), windows.of_jumps(windows.jumps[-jumps:])
+
+
+def make_trainer(fitting: Fitting, run: TrainingRun, every: int, curve: LossCurve) -> lightning.Trainer:
+    """Lightning's trainer with the configured options; ``InputError`` where it refuses them."""
+    options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
+    shown = options.get("enable_progress_bar", True) and sys.stderr.isatty()  # a log file wants no bars
+    options["enable_progress_bar"] = shown
+    bars = [TitledProgressBar(run.title)] if shown else []
+    stops = [EarlyStopping(every, fitting.patience)] if fitting.patience else []
+    checkpoint = ModelCheckpoint(run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)
+    try:
+        return lightning.Trainer(
+            max_steps=fitting.steps,
+            gradient_clip_val=fitting.clip_norm or None,
+            default_root_dir=run.scratch,
+            logger=False,
+            log_every_n_steps=every,
+            use_distributed_sampler=False,
+            enable_model_summary=False,
+            callbacks=[curve, *stops, *bars, checkpoint],
+            **options,
+        )
+    except (TypeError, ValueError, MisconfigurationException) as error:
+        raise InputError(
+            "train.trainer", str(error), "options of lightning.Trainer this machine can serve", "correct conf/train"
+        ) from None
+
+
+def silence_advice() -> None:
+    """Silence advice of Lightning that does not fit full batches in memory."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
+    for about in (
+        ".*does not have many workers.*",
+        ".*exists and is not empty.*",
+        ".*IterableDataset.*",
+        ".*isinstance.*LeafSpec.*",
+        ".*number of training batches.*",
+    ):
+        warnings.filterwarnings("ignore", about)

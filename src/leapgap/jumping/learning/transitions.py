@@ -1,0 +1,57 @@
+"""The measured steps that models of the base are fitted to."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap.jumping.learning.windows import Windows
+from leapgap.jumping.models.affine_model import Situation
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """n single measured steps, each once however many windows share it."""
+
+    situation: Situation
+    force: np.ndarray
+    """Ground forces on the robot, as in ``RolloutInputs``, (n, 4), N."""
+    contact: np.ndarray
+    """Whether each step begins before take-off, bool, (n,)."""
+    step_s: np.ndarray
+    """Length of each step, (n,)."""
+    step: np.ndarray
+    """Number of the step in its jump, (n,)."""
+    increment: np.ndarray
+    """Next state minus state, (n, 6)."""
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """(vx, vz, pitch rate) gained per second of the step, (n, 3)."""
+        return self.increment[:, 3:] / self.step_s[:, None]
+
+    def at(self, which: np.ndarray) -> "Transitions":
+        """Some of them, by mask."""
+        return Transitions(
+            self.situation.at(which),
+            self.force[which],
+            self.contact[which],
+            self.step_s[which],
+            self.step[which],
+            self.increment[which],
+        )
+
+
+def extract_transitions(windows: Windows) -> Transitions:
+    """The steps of some windows: the first of each window, and all of a jump's last window."""
+    inputs = windows.inputs
+    last = np.array([windows.start[windows.jump == j].max() for j in windows.jump], dtype=int)
+    w, k = np.nonzero((np.arange(windows.grid.steps) == 0) | (windows.start == last)[:, None])
+    state = windows.state[w, k]
+    return Transitions(
+        Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0]),
+        inputs.force[w, k],
+        inputs.contact[w, k],
+        inputs.step_s[w, k],
+        windows.start[w] + k,
+        windows.state[w, k + 1] - state,
+    )

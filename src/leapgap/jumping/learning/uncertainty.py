@@ -1,0 +1,134 @@
+"""How far off predictions will be: standard deviations of the predicted states, from the training jumps alone.
+
+The kernel is closed-form, so it can leave out each training jump in turn and look at its errors there. Their mean
+square by start of the window, step and component is how large errors are; the kernel's posterior variance, summed
+along the roll-out, says by how much a situation is less familiar than those were. Networks trained on the same jumps
+err alike, so the same deviations serve them; coverage on held-out jumps is judged for each model in ``evaluation``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.stats import norm
+
+from leapgap.atomic_io import whole_file
+from leapgap.jumping.learning.kernel import KernelConfig, KernelModel, KernelPart, gauss
+from leapgap.jumping.learning.splits import hold_out
+from leapgap.jumping.learning.windows import RolloutInputs, Windows, read_npz, write_npz
+from leapgap.jumping.models.affine_model import Situation, columns
+
+LEVELS = (0.5, 0.8, 0.95)
+"""Of the intervals whose width is fitted and whose coverage is checked."""
+SMOOTHING_STEPS = 1.0
+"""Errors of neighbouring starts are averaged with a Gaussian this wide: a dozen jumps give few of each."""
+
+
+@dataclass(frozen=True)
+class PredictionUncertainty:
+    """Deviations of the predictions of one kernel, and of models like it."""
+
+    kernel: KernelModel
+    inverse: dict[str, np.ndarray]
+    """(K + λ I)⁻¹ of each phase, (n, n)."""
+    ridge: dict[str, float]
+    variance: np.ndarray
+    """Mean squared error on training jumps left out, widened, (starts, K, 6)."""
+    familiar: np.ndarray
+    """Mean summed posterior variance there, in units of the signal's, (starts, K)."""
+
+    def deviation(self, inputs: RolloutInputs) -> np.ndarray:
+        """Standard deviation of each predicted state after the first, (W, K, 6), in the state's units."""
+        unfamiliar = accumulate_variance(self, inputs) / self.familiar[inputs.start]
+        return np.sqrt(self.variance[inputs.start] * unfamiliar[..., None])
+
+
+def kernel_posterior(model: KernelModel, config: KernelConfig) -> PredictionUncertainty:
+    """A kernel's posterior, without any errors yet."""
+    inverse, ridge = {}, {"contact": config.ridge_contact, "flight": config.ridge_flight}
+    for phase, part in (("contact", model.contact), ("flight", model.flight)):
+        if part is not None:
+            gram = gauss(part.inputs, part.inputs) * (1 + part.forces @ part.forces.T)
+            inverse[phase] = np.linalg.inv(gram + ridge[phase] * np.eye(len(gram)))
+    return PredictionUncertainty(model, inverse, ridge, np.zeros(0), np.zeros(0))
+
+
+def accumulate_variance(uncertainty: PredictionUncertainty, inputs: RolloutInputs) -> np.ndarray:
+    """Posterior variance of the accelerations, noise included, summed along the kernel's own roll-out, (W, K)."""
+    states = uncertainty.kernel.predict(inputs)
+    steps = inputs.contact.shape[1]
+    found = np.zeros((len(inputs), steps))
+    for k in range(steps):
+        situation = Situation(states[:, k], np.nan_to_num(inputs.foot[:, k]), inputs.time_s[:, k], inputs.state)
+        for phase, mask in (("contact", inputs.contact[:, k]), ("flight", ~inputs.contact[:, k])):
+            part = getattr(uncertainty.kernel, phase)
+            if part is not None and mask.any():
+                force = np.nan_to_num(inputs.force[mask, k])
+                found[mask, k] = posterior_variance(uncertainty, phase, part, situation.at(mask), force)
+    return np.cumsum(found, axis=1)
+
+
+def posterior_variance(
+    uncertainty: PredictionUncertainty, phase: str, part: KernelPart, situation: Situation, force: np.ndarray
+) -> np.ndarray:
+    """k(x, x) − kᵀ (K + λ I)⁻¹ k + λ at n moments, (n,), in units of the signal's variance."""
+    inputs = (np.stack(columns(uncertainty.kernel.names, situation), axis=-1) - part.input_mean) / part.input_scale
+    scaled = (force - part.force_mean) / part.force_scale
+    similar = gauss(inputs, part.inputs) * (1 + scaled @ part.forces.T)
+    explained = np.einsum("ij,ij->i", similar @ uncertainty.inverse[phase], similar)
+    return np.maximum(1 + (scaled**2).sum(axis=1) - explained, 0) + uncertainty.ridge[phase]
+
+
+def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: KernelConfig) -> PredictionUncertainty:
+    """Leave each training jump out in turn; the jumps must be two or more."""
+    squared, unfamiliar = [], []
+    for jump in windows.jumps:
+        split = hold_out("", windows.jumps, [jump])
+        train, left_out = windows.of_jumps(split.train), windows.of_jumps(split.held_out)
+        one = kernel_posterior(fit_kernel(train), config)
+        squared.append((one.kernel.predict(left_out.inputs) - left_out.state)[:, 1:] ** 2)
+        unfamiliar.append(accumulate_variance(one, left_out.inputs))
+    variance, familiar = np.array(squared), np.array(unfamiliar)
+    whole = kernel_posterior(fit_kernel(windows), config)
+    widened = smooth_mean(variance) * widening_factor(variance, familiar) ** 2
+    return PredictionUncertainty(whole.kernel, whole.inverse, whole.ridge, widened, familiar.mean(axis=0))
+
+
+def smooth_mean(squared: np.ndarray) -> np.ndarray:
+    """Mean over jumps (J, starts, K, 6), smoothed over neighbouring starts."""
+    return gaussian_filter1d(squared.mean(axis=0), SMOOTHING_STEPS, axis=0, mode="nearest")
+
+
+def widening_factor(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
+    """By how much intervals must be wider than normal ones, since a mean over few jumps is itself uncertain.
+
+    Each training jump is judged by the deviations learned from the others; the factor is what makes the quantiles of
+    the standardised errors those of the normal distribution, mean of three levels.
+    """
+    standardised = []
+    for j in range(len(squared)) if len(squared) > 2 else ():
+        others = np.arange(len(squared)) != j
+        expected = smooth_mean(squared[others]) * (unfamiliar[j] / unfamiliar[others].mean(axis=0))[..., None]
+        known = expected > 0
+        standardised.append(np.sqrt(squared[j][known] / expected[known]))
+    if not standardised or not sum(map(len, standardised)):
+        return 1.0
+    found = np.quantile(np.concatenate(standardised), LEVELS)
+    return float(np.mean(found / norm.ppf(0.5 + np.array(LEVELS) / 2)))
+
+
+def save(uncertainty: PredictionUncertainty, path: Path) -> None:
+    """Write the deviations, not the kernel: that is stored as a model."""
+    ridge = np.array([uncertainty.ridge["contact"], uncertainty.ridge["flight"]])
+    with whole_file(path) as beside:
+        write_npz(beside, {"variance": uncertainty.variance, "familiar": uncertainty.familiar, "ridge": ridge})
+
+
+def load(path: Path, kernel: KernelModel) -> PredictionUncertainty:
+    """Read back, beside the kernel it is of."""
+    arrays = read_npz(path)
+    config = KernelConfig(ridge_contact=float(arrays["ridge"][0]), ridge_flight=float(arrays["ridge"][1]))
+    bare = kernel_posterior(kernel, config)
+    return PredictionUncertainty(kernel, bare.inverse, bare.ridge, arrays["variance"], arrays["familiar"])

@@ -1,0 +1,171 @@
+"""Cutting jump logs into windows: the state, the forces and the feet at the steps of a time grid.
+
+A window slides by one step (paper, training): H jumps of N steps give D = H (N − K + 1) windows of K steps.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.jumping.learning.windows import TimeGrid, Windows
+from leapgap.logs.log import Log
+from leapgap.logs.pair_force import per_axis, per_pair
+from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.robot.kinematics import feet_in_world
+from leapgap.robot.model import Robot
+from leapgap.robot.topology import PAIRS
+
+STATE_COLUMNS = ("base_pos_x", "base_pos_z", *BASE_QUATERNION, "base_linvel_x", "base_linvel_z", "base_angvel_y")
+
+
+def cut(jumps: Sequence[Log], grid: TimeGrid, robot: Robot, force: str = "total") -> Windows:
+    """Cut jump logs, which share one contact schedule, into windows; none gives valid windows without any.
+
+    ``force``: which forces the windows carry, a key of ``FORCES``.
+    """
+    if force not in FORCES:
+        raise InputError("chunk.force", force, f"one of {', '.join(FORCES)}", "correct conf/chunk")
+    for jump in jumps[1:]:
+        if jump.info.schedule != jumps[0].info.schedule:
+            raise InputError(
+                jump.name,
+                str(jump.info.schedule),
+                f"{jumps[0].info.schedule}, as in {jumps[0].name}",
+                "keep jumps of different schedules in different folders",
+            )
+    schedule = jumps[0].info.schedule if jumps else None
+    pieces = [cut_jump(jump, grid, robot, FORCES[force]) for jump in jumps] or [no_windows(grid)]
+    arrays = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    numbers = np.concatenate([np.full(len(piece["start"]), i) for i, piece in enumerate(pieces)])
+    return Windows(grid, schedule, robot.name, robot.sha256, tuple(jump.name for jump in jumps), jump=numbers, **arrays)
+
+
+def no_windows(grid: TimeGrid) -> dict[str, np.ndarray]:
+    """The arrays of no jump at all."""
+    k = grid.steps
+    return {
+        "start": np.zeros(0, int),
+        "start_x": np.zeros(0),
+        "state": np.zeros((0, k + 1, 6)),
+        "force": np.zeros((0, k, 4)),
+        "foot": np.zeros((0, k, 4)),
+        "time_s": np.zeros((0, k + 1)),
+        "contact": np.zeros((0, k), bool),
+    }
+
+
+def cut_jump(jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log], np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``."""
+    schedule = jump.info.schedule
+    try:
+        total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
+    except InputError as error:
+        raise InputError(f"{jump.name}, {error.where}", error.found, error.expected, error.do) from None
+    if grid.steps > total:
+        raise InputError(
+            jump.name,
+            f"windows of {grid.steps} steps",
+            f"{total} steps or fewer: all that this jump's schedule has",
+            "shorten the window (chunk.steps), or make the steps shorter",
+        )
+    times = grid.sample_times(schedule)
+    rows = rows_at(jump, times)
+    state = states(jump)[rows]
+    force = np.where(np.arange(total)[:, None] < contact, forces_of(jump)[rows[:-1]], 0.0)
+    foot = feet(jump, robot, rows[:-1])
+    start = np.arange(total - grid.steps + 1)
+    step, sample = start[:, None] + np.arange(grid.steps), start[:, None] + np.arange(grid.steps + 1)
+    window_state = state[sample]
+    window_state[:, :, 0] -= state[start, 0][:, None]
+    return {
+        "start": start,
+        "start_x": state[start, 0],
+        "state": window_state,
+        "force": force[step],
+        "foot": foot[step],
+        "time_s": times[sample],
+        "contact": step < contact,
+    }
+
+
+def rows_at(jump: Log, times_s: np.ndarray) -> np.ndarray:
+    """The row of a log nearest to each time, none further than half a sample period; shape of ``times_s``."""
+    clock, half = jump.time, jump.info.sample_period_s / 2 + 1e-6
+    if times_s[-1] > clock[-1] + half:
+        raise InputError(
+            jump.name,
+            f"a log that ends at {clock[-1]:g} s",
+            f"one that reaches {times_s[-1]:g} s, the end of its scheduled flight",
+            "log the whole jump, or correct the schedule in its metadata",
+        )
+    right = np.clip(np.searchsorted(clock, times_s), 1, len(clock) - 1)
+    rows = np.where(times_s - clock[right - 1] < clock[right] - times_s, right - 1, right)
+    far = np.flatnonzero(np.abs(clock[rows] - times_s) > half)
+    if len(far):
+        raise InputError(
+            f"{jump.name}, column time",
+            f"no row within {half * 1e3:.3g} ms of {times_s[far[0]]:g} s",
+            f"a row every {jump.info.sample_period_s * 1e3:g} ms, the sample period of its metadata",
+            "repair the log, or correct its sample_period_s",
+        )
+    return rows
+
+
+def states(jump: Log) -> np.ndarray:
+    """x z pitch and their rates at every row, in the world, (rows, 6)."""
+    missing = [column for column in STATE_COLUMNS if column not in jump]
+    if missing:
+        raise InputError(
+            jump.name,
+            f"no base state (no {', '.join(missing)})",
+            "position, orientation and velocity of the base",
+            "leave this log out: a model of the base cannot learn without",
+        )
+    columns = ("base_pos_x", "base_pos_z", "base_linvel_x", "base_linvel_z", "base_angvel_y")
+    x, z, vx, vz, pitch_rate = jump.stack(columns).T
+    return np.stack([x, z, jump.pitch, vx, vz, pitch_rate], axis=-1)
+
+
+def total_forces(jump: Log) -> np.ndarray:
+    """Ground forces on the robot at every row, front x z, rear x z, N, (rows, 4): u = u_mpc + u_pd.
+
+    A source that filtered them itself supplies ``train_force``.
+    """
+    sources = {name for name in ("train_force", "mpc_force", "pd_force") if jump.has_pair_force(name)}
+    if "train_force" in sources:
+        return jump.pair_force("train_force")
+    if {"mpc_force", "pd_force"} <= sources:
+        return jump.pair_force("mpc_force") + jump.pair_force("pd_force")
+    found = f"only {', '.join(sources)}" if sources else "no column of them"
+    raise InputError(
+        jump.name,
+        f"no forces ({found})",
+        "train_force, or mpc_force and pd_force, of both pairs",
+        "log them, or leave this log out",
+    )
+
+
+def planned_forces(jump: Log) -> np.ndarray:
+    """u_mpc alone, (rows, 4): what an MPC decides on; a model of it learns what joint PD will add."""
+    if not jump.has_pair_force("mpc_force"):
+        raise InputError(
+            jump.name,
+            "no planned forces (no mpc_force)",
+            "mpc_force of both pairs",
+            "log them, leave this log out, or set chunk.force=total",
+        )
+    return jump.pair_force("mpc_force")
+
+
+FORCES: dict[str, Callable[[Log], np.ndarray]] = {"total": total_forces, "planned": planned_forces}
+"""Which force u of a log a model is trained on: all that acts, or what the MPC asks for."""
+
+
+def feet(jump: Log, robot: Robot, rows: np.ndarray) -> np.ndarray:
+    """Foot − base, mean of each pair, front x z, rear x z, world axes, m, at some rows, (len(rows), 4)."""
+    position = jump.stack(BASE_POSITION)[rows]
+    joints = jump.per_joint("joint_pos", robot.joints)[rows]
+    at = feet_in_world(robot, position, jump.stack(BASE_QUATERNION)[rows], joints) - position[:, None]
+    count = per_axis([len(robot.feet_of_pair(pair)) for pair in PAIRS])
+    return per_pair(robot, at) / count

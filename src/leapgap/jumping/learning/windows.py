@@ -1,0 +1,255 @@
+"""Windows: short stretches of jumps on the steps of the prediction, what models are trained and judged on.
+
+A jump is sampled at the steps of a ``TimeGrid`` (25 ms in contact, 100 ms in flight); a window is K steps of that.
+Here is the stored form and what it is for; ``window_extraction`` makes windows from jump logs.
+"""
+
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.atomic_io import read_json, write_json
+from leapgap.errors import InputError
+from leapgap.logs.segments import ContactSchedule
+
+FORMAT_VERSION = 1
+NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)
+"""One date for every member, so that equal arrays give equal bytes."""
+
+
+@dataclass(frozen=True)
+class TimeGrid:
+    """Steps of the horizon: short while feet push, long in flight; ``steps`` of them (K) make a window."""
+
+    contact_step_s: float = 0.025
+    flight_step_s: float = 0.1
+    steps: int = 10
+
+    def __post_init__(self) -> None:
+        if self.contact_step_s <= 0 or self.flight_step_s <= 0 or self.steps < 1:
+            raise InputError("time grid", str(self), "steps longer than nothing, one or more", "correct conf/chunk")
+
+    def contact_steps(self, schedule: ContactSchedule) -> int:
+        """Steps of a whole jump that begin before take-off."""
+        return whole_steps("time until take-off", schedule.take_off_s, self.contact_step_s)
+
+    def jump_steps(self, schedule: ContactSchedule) -> int:
+        """Steps of a whole jump (N): in contact, then in flight."""
+        return self.contact_steps(schedule) + whole_steps("flight", schedule.flight_s, self.flight_step_s)
+
+    def step_lengths(self, schedule: ContactSchedule) -> np.ndarray:
+        """Length of each step of a whole jump, s, shape (N,)."""
+        contact = np.arange(self.jump_steps(schedule)) < self.contact_steps(schedule)
+        return np.where(contact, self.contact_step_s, self.flight_step_s)
+
+    def sample_times(self, schedule: ContactSchedule) -> np.ndarray:
+        """When each step of a whole jump begins, and when the last one ends, s, shape (N + 1,)."""
+        contact, steps = self.contact_steps(schedule), np.arange(self.jump_steps(schedule) + 1)
+        flight = schedule.take_off_s + (steps - contact) * self.flight_step_s
+        return np.where(steps < contact, steps * self.contact_step_s, flight)
+
+
+def whole_steps(phase: str, length_s: float, step_s: float) -> int:
+    """Number of steps in a phase; ``InputError`` where they do not fill it."""
+    steps = length_s / step_s
+    if abs(steps - round(steps)) > 1e-6:
+        shorter, longer = np.floor(steps) * step_s, np.ceil(steps) * step_s
+        raise InputError(
+            f"time grid, {phase}",
+            f"{length_s:g} s, which is not a whole number of {step_s:g} s steps",
+            f"for instance {shorter:g} s or {longer:g} s",
+            "choose a step that divides the phase, or another schedule",
+        )
+    return round(steps)
+
+
+@dataclass(frozen=True)
+class RolloutInputs:
+    """What a model may know of W windows of K steps: the first state, and what acts during the steps."""
+
+    state: np.ndarray
+    """First state: x z pitch and rates, m, rad, s; x from the window's start, z in the world; (W, 6)."""
+    force: np.ndarray
+    """Ground forces on the robot, front x z, rear x z, N, world axes; zero in flight; (W, K, 4)."""
+    foot: np.ndarray
+    """Foot − base, mean of the pair, front x z, rear x z, m, world axes; (W, K, 4)."""
+    contact: np.ndarray
+    """Whether each step begins before take-off, bool, (W, K)."""
+    time_s: np.ndarray
+    """When each step begins, since the start of the jump, (W, K)."""
+    step_s: np.ndarray
+    """Length of each step, (W, K)."""
+    start: np.ndarray
+    """Number of each window's first step in its jump, int, (W,)."""
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    @property
+    def without_measured_future(self) -> "RolloutInputs":
+        """For forecasts: forces and feet measured after the first step, which leak the future state, are withheld."""
+        known = np.arange(self.force.shape[1]) == 0
+        return replace(
+            self, force=np.where(known[:, None], self.force, np.nan), foot=np.where(known[:, None], self.foot, np.nan)
+        )
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows of K steps, cut from the named jumps on one grid and schedule with one robot's kinematics."""
+
+    grid: TimeGrid
+    schedule: ContactSchedule | None
+    """Of all jumps; ``None`` where there are none."""
+    robot: str
+    robot_sha256: str
+    jumps: tuple[str, ...]
+    jump: np.ndarray
+    """Which of ``jumps`` each window is of, int, (W,)."""
+    start: np.ndarray
+    """Number of each window's first step in its jump, int, (W,)."""
+    start_x: np.ndarray
+    """World x of the base at each window's first sample, m, (W,)."""
+    state: np.ndarray
+    """Measured states: x z pitch and rates; x from the window's start, z in the world; (W, K + 1, 6)."""
+    force: np.ndarray
+    """As in ``RolloutInputs``, (W, K, 4)."""
+    foot: np.ndarray
+    """As in ``RolloutInputs``, (W, K, 4)."""
+    time_s: np.ndarray
+    """Of each sample since the start of the jump, (W, K + 1)."""
+    contact: np.ndarray
+    """Whether each step begins before take-off, bool, (W, K)."""
+
+    def __len__(self) -> int:
+        return len(self.jump)
+
+    @property
+    def inputs(self) -> RolloutInputs:
+        """What a model may know of them: everything but the states after the first."""
+        return RolloutInputs(
+            state=self.state[:, 0],
+            force=self.force,
+            foot=self.foot,
+            contact=self.contact,
+            time_s=self.time_s[:, :-1],
+            step_s=np.diff(self.time_s, axis=1),
+            start=self.start,
+        )
+
+    def of_jumps(self, names: Sequence[str]) -> "Windows":
+        """The windows of some of the jumps only, in their order here."""
+        kept = tuple(name for name in self.jumps if name in set(names))
+        number = {self.jumps.index(name): i for i, name in enumerate(kept)}
+        mask = np.isin(self.jump, list(number))
+        arrays = {name: getattr(self, name)[mask] for name in ARRAYS}
+        arrays["jump"] = np.array([number[int(j)] for j in arrays["jump"]], dtype=int)
+        return replace(self, jumps=kept, **arrays)
+
+
+ARRAYS = tuple(field.name for field in fields(Windows) if field.type == np.ndarray)
+
+
+@dataclass(frozen=True)
+class Purpose:
+    """What a model of windows predicts; another grid, schedule or robot needs another model."""
+
+    grid: TimeGrid
+    schedule: ContactSchedule
+    robot: str
+    robot_sha256: str
+
+    @staticmethod
+    def of(windows: Windows) -> "Purpose":
+        """What models of these windows are for."""
+        assert windows.schedule is not None, "there are windows"
+        return Purpose(windows.grid, windows.schedule, windows.robot, windows.robot_sha256)
+
+    @staticmethod
+    def from_json(about: Mapping[str, Any]) -> "Purpose":
+        """Read back what ``asdict`` made of it."""
+        return Purpose(
+            TimeGrid(**about["grid"]), ContactSchedule(**about["schedule"]), about["robot"], about["robot_sha256"]
+        )
+
+    def require(self, needed: "Purpose", where: object) -> None:
+        """Refuse a model that was trained for something else than ``needed``."""
+        for name, mine in asdict(self).items():
+            wanted = asdict(needed)[name]
+            if mine != wanted and name != "robot":
+                raise InputError(
+                    where,
+                    f"a model for {name} {mine}",
+                    f"{name} {wanted}, as is needed here",
+                    "train models for it (stages.chunk, stages.train), or use what they were trained for",
+                )
+
+
+def write(windows: Windows, folder: Path) -> None:
+    """Write ``windows.npz`` and ``windows.json``; the same windows give the same bytes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_npz(folder / "windows.npz", {name: getattr(windows, name) for name in ARRAYS})
+    write_json(
+        folder / "windows.json",
+        {
+            "format_version": FORMAT_VERSION,
+            "windows": len(windows),
+            "jumps": list(windows.jumps),
+            "note": "" if len(windows) else "no logs: nothing was cut",
+            "grid": asdict(windows.grid),
+            "schedule": asdict(windows.schedule) if windows.schedule else None,
+            "robot": windows.robot,
+            "robot_sha256": windows.robot_sha256,
+        },
+    )
+
+
+def read(folder: Path) -> Windows:
+    """Read what ``write`` wrote."""
+    about = read_json(folder / "windows.json")
+    if about.get("format_version") != FORMAT_VERSION:
+        raise InputError(
+            folder / "windows.json",
+            f"format_version {about.get('format_version')}",
+            str(FORMAT_VERSION),
+            "run stages.chunk anew",
+        )
+    arrays = read_npz(folder / "windows.npz")
+    try:
+        return Windows(
+            grid=TimeGrid(**about["grid"]),
+            schedule=ContactSchedule(**about["schedule"]) if about["schedule"] else None,
+            robot=about["robot"],
+            robot_sha256=about["robot_sha256"],
+            jumps=tuple(about["jumps"]),
+            **arrays,
+        )
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            folder, f"windows that do not fit ({error})", "windows of this version", "run stages.chunk anew"
+        ) from None
+
+
+def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Like ``numpy.savez``, without the clock: equal arrays give equal bytes."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            member = BytesIO()
+            np.lib.format.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", NOON_OF_ZIP), member.getvalue())
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """Read arrays, never pickles; ``InputError`` where the file is absent or broken."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "arrays written by a stage", "run that stage first") from None
+    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        raise InputError(path, f"no whole archive ({error})", "arrays written by a stage", "run it anew") from None

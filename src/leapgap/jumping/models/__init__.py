@@ -1,0 +1,1 @@
+"""Reduced models of a jumping quadruped: planar legs, a rigid body, affine predictions."""

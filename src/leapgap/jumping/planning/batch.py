@@ -1,0 +1,77 @@
+"""Plan a list of targets and write what came of it: one reference a target, and an index of them."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.atomic_io import write_json
+from leapgap.errors import InputError
+from leapgap.jumping.planning.reference import Gains, name_of, to_jump
+from leapgap.jumping.planning.solve import Solution
+from leapgap.logs.log import write_log
+from leapgap.logs.segments import Target
+
+INDEX = "references.json"
+
+
+def read_targets(pairs: Any, where: str) -> list[Target]:
+    """A list of [x_m, z_m] as targets; ``InputError`` where it is none."""
+    if not isinstance(pairs, Sequence) or isinstance(pairs, str) or not pairs:
+        raise InputError(where, repr(pairs), "a list of [x_m, z_m]", "write it like [[0.55,0.0],[0.5,0.1]]")
+    targets = []
+    for i, pair in enumerate(pairs):
+        is_pair = isinstance(pair, Sequence) and not isinstance(pair, str) and len(pair) == 2
+        if not (is_pair and all(is_number(value) for value in pair)):
+            raise InputError(
+                f"{where}[{i}]",
+                repr(pair),
+                "two finite numbers [x_m, z_m]",
+                "give distance and height in metres",
+            )
+        targets.append(Target(float(pair[0]), float(pair[1])))
+    return targets
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is one finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def write_references(solutions: Iterable[Solution], folder: Path, gains: Gains) -> None:
+    """A jump log for each solution, and ``references.json``, their list in order; nothing tells the time."""
+    index = []
+    for solution in solutions:
+        jump = to_jump(solution, gains)
+        file = f"{jump.name}.parquet"
+        write_log(jump, folder / file)
+        index.append(
+            {
+                "x_m": solution.problem.target.x_m,
+                "z_m": solution.problem.target.z_m,
+                "cost": solution.cost,
+                "max_violation": solution.max_violation,
+                "status": solution.status,
+                "file": file,
+            }
+        )
+    write_json(folder / INDEX, index)
+
+
+def metrics(solutions: Iterable[Solution]) -> dict[str, dict[str, float] | float]:
+    """Cost of each reference, by its name, and the greatest constraint violation of all."""
+    solutions = list(solutions)
+    return {
+        "cost": {name_of(solution.problem.target): solution.cost for solution in solutions},
+        "max_violation": max((solution.max_violation for solution in solutions), default=0.0),
+    }
+
+
+def timing(solutions: Iterable[Solution]) -> dict[str, dict[str, float]]:
+    """Seconds and iterations of each reference, by its name; without the seconds to build the programme."""
+    by_name = {name_of(solution.problem.target): solution for solution in solutions}
+    return {
+        "seconds": {name: solution.seconds for name, solution in by_name.items()},
+        "iterations": {name: solution.iterations for name, solution in by_name.items()},
+    }

@@ -1,0 +1,172 @@
+"""Kinematics and Newton–Euler dynamics of the planar robot, for NumPy and CasADi alike.
+
+Angles are positive nose-down, about +y of the world (x forward, z up). The planner's joint angles are *minus*
+the robot's, so a link's own angle is the pitch less the joint angles up to it. Vectors are pairs (x, z).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from leapgap.jumping.models.planar import PlanarLink, PlanarRobot
+from leapgap.jumping.planning.layout import PITCH, X, Z
+
+Scalar = Any
+"""A float, or a CasADi expression."""
+
+
+@dataclass(frozen=True)
+class Vector:
+    """A vector in the plane of motion, world axes."""
+
+    x: Scalar
+    z: Scalar
+
+    def __add__(self, other: "Vector") -> "Vector":
+        return Vector(self.x + other.x, self.z + other.z)
+
+    def __sub__(self, other: "Vector") -> "Vector":
+        return Vector(self.x - other.x, self.z - other.z)
+
+    def __rmul__(self, factor: Scalar) -> "Vector":
+        return Vector(factor * self.x, factor * self.z)
+
+    def moment_of(self, force: "Vector") -> Scalar:
+        """Moment about +y of a force that acts at this lever arm."""
+        return self.z * force.x - self.x * force.z
+
+    @property
+    def turned(self) -> "Vector":
+        """Its derivative by the angle of the link it is fixed to."""
+        return Vector(self.z, -self.x)
+
+    def spun(self, omega: Scalar, alpha: Scalar) -> "Vector":
+        """Second time derivative of a link-fixed vector at angular velocity ω and acceleration α."""
+        return alpha * self.turned - omega**2 * self
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Link-fixed vectors of a leg in world axes, and its joints in the world."""
+
+    trunk_to_hip: Vector
+    hip_to_knee: Vector
+    hip_to_thigh_com: Vector
+    knee_to_foot: Vector
+    knee_to_calf_com: Vector
+    hip: Vector
+    knee: Vector
+    foot: Vector
+    """Centre of the foot's sphere."""
+    foot_to_ground: Vector
+    """To the point of the sphere that the ground pushes."""
+    anchor: Vector
+    """What stays where it is while the foot stands: its centre, less how far it has rolled."""
+
+
+def link_angles(q: Any) -> list[Scalar]:
+    """Angles of trunk, front thigh, front calf, rear thigh, rear calf against the world, rad.
+
+    Linear in q, so angular velocities and accelerations follow by the same function.
+    """
+    front_thigh, rear_thigh = q[PITCH] - q[3], q[PITCH] - q[5]
+    return [q[PITCH], front_thigh, front_thigh - q[4], rear_thigh, rear_thigh - q[6]]
+
+
+def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
+    """Front and rear leg at q (7,)."""
+    trunk_angle, *angles = link_angles(q)
+    trunk = Vector(q[X], q[Z])
+    made = []
+    for leg, thigh, calf in zip(robot.legs, angles[::2], angles[1::2], strict=True):
+        to_hip = rotated(leg.hip_x, leg.hip_z, trunk_angle)
+        to_knee, to_foot = rotated(0, -leg.thigh.length, thigh), rotated(0, -leg.calf.length, calf)
+        hip = trunk + to_hip
+        foot = hip + to_knee + to_foot
+        radius = robot.rolling_radius_m
+        made.append(
+            Leg(
+                to_hip,
+                to_knee,
+                centre_of(leg.thigh, thigh),
+                to_foot,
+                centre_of(leg.calf, calf),
+                hip,
+                hip + to_knee,
+                foot,
+                Vector(0.0, -radius),
+                foot - Vector(radius * calf, 0.0),
+            )
+        )
+    return made[0], made[1]
+
+
+def rotated(x: float, z: float, angle: Scalar) -> Vector:
+    """A link-fixed vector in the world, of a link turned by an angle, nose-down."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return Vector(x * c + z * s, z * c - x * s)
+
+
+def centre_of(link: PlanarLink, angle: Scalar) -> Vector:
+    """From a link's upper joint to its centre of mass."""
+    return rotated(link.com_across, -link.com_down, angle)
+
+
+def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque: Any, force: Any) -> list[Scalar]:
+    """Newton–Euler balances, zero where the robot moves by its dynamics.
+
+    Shapes: q, v, a (7,); ``torque`` (4,) N·m of the joint pairs, positive with the planner's joint angles;
+    ``force`` (4,) N of the feet *on the ground*, front x z, rear x z. Returned: the force balance of the
+    whole robot (x, z; N), then the moment balances of trunk, front thigh, front calf, rear thigh, rear calf
+    (N·m). They are M a + C + D v − S τ + Jᵀ F written in link angles: with link angles = A q[2:], Aᵀ times
+    the moments gives the rows of the Lagrangian form in q. Sparser than that form, hence faster to factorise.
+    """
+    against_gravity = Vector(a[X], a[Z] + robot.gravity)
+    omegas, alphas = link_angles(v), link_angles(a)
+    trunk_to_com = rotated(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
+    total = robot.trunk_mass * (against_gravity + trunk_to_com.spun(omegas[0], alphas[0]))
+    trunk_moment = robot.trunk_inertia * alphas[0] + trunk_to_com.moment_of(total)
+    leg_moments: list[Scalar] = []
+    for i, (leg, of) in enumerate(zip(legs(robot, q), robot.legs, strict=True)):
+        thigh, calf = 1 + 2 * i, 2 + 2 * i
+        hip_drive, knee_drive = (
+            torque[j] - robot.armature * a[3 + j] - robot.damping * v[3 + j] for j in (2 * i, 2 * i + 1)
+        )
+        at_hip = against_gravity + leg.trunk_to_hip.spun(omegas[0], alphas[0])
+        at_knee = at_hip + leg.hip_to_knee.spun(omegas[thigh], alphas[thigh])
+        at_thigh = at_hip + leg.hip_to_thigh_com.spun(omegas[thigh], alphas[thigh])
+        at_calf = at_knee + leg.knee_to_calf_com.spun(omegas[calf], alphas[calf])
+        on_ground = Vector(force[2 * i], force[2 * i + 1])
+        calf_inertial = (2 * of.calf.mass) * at_calf
+        thigh_inertial = (2 * of.thigh.mass) * at_thigh
+        knee_force = calf_inertial + on_ground
+        hip_force = thigh_inertial + knee_force
+        calf_moment = (
+            2 * of.calf.inertia * alphas[calf]
+            + knee_drive
+            + leg.knee_to_calf_com.moment_of(calf_inertial)
+            + (leg.knee_to_foot + leg.foot_to_ground).moment_of(on_ground)
+        )
+        thigh_moment = (
+            2 * of.thigh.inertia * alphas[thigh]
+            + hip_drive
+            - knee_drive
+            + leg.hip_to_thigh_com.moment_of(thigh_inertial)
+            + leg.hip_to_knee.moment_of(knee_force)
+        )
+        leg_moments += [thigh_moment, calf_moment]
+        trunk_moment = trunk_moment - hip_drive + leg.trunk_to_hip.moment_of(hip_force)
+        total = total + hip_force
+    return [total.x, total.z, trunk_moment, *leg_moments]
+
+
+def centre_of_mass(robot: PlanarRobot, q: np.ndarray) -> np.ndarray:
+    """Of the whole robot, m, (x, z), at q (7,)."""
+    trunk = Vector(q[X], q[Z]) + rotated(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
+    moment = robot.trunk_mass * trunk
+    for leg, of in zip(legs(robot, q), robot.legs, strict=True):
+        moment = moment + (2 * of.thigh.mass) * (leg.hip + leg.hip_to_thigh_com)
+        moment = moment + (2 * of.calf.mass) * (leg.knee + leg.knee_to_calf_com)
+    return np.array([float(moment.x), float(moment.z)]) / robot.total_mass

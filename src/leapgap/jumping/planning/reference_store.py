@@ -1,0 +1,41 @@
+"""References by target: from a folder of planned ones, or planned on the spot; and for which robot."""
+
+from pathlib import Path
+
+from leapgap.errors import InputError
+from leapgap.jumping.models.planar import PlanarRobot, planar_robot
+from leapgap.jumping.planning.problem import Grid, Problem
+from leapgap.jumping.planning.reference import Gains, name_of, to_jump
+from leapgap.jumping.planning.solve import solve_all
+from leapgap.logs.log import Log, read_log
+from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.robot.model import Robot
+
+PUBLISHED_SCHEDULE = ContactSchedule()
+
+
+def planned_robot(planar: str, robot: Robot) -> PlanarRobot:
+    """``published``: the planar robot of the published references; ``own``: the planar form of ``robot``."""
+    if planar == "published":
+        return PlanarRobot()
+    if planar == "own":
+        return planar_robot(robot)
+    raise InputError("planar", planar, "published or own", "choose one")
+
+
+def reference_to(
+    target: Target, folder: Path, planar: PlanarRobot, schedule: ContactSchedule = PUBLISHED_SCHEDULE
+) -> Log:
+    """The reference to a target: its file in ``folder`` where there is one of this schedule, else planned now."""
+    path = folder / f"{name_of(target)}.parquet"
+    if path.is_file():
+        found = read_log(path)
+        if found.info.schedule == schedule:
+            return found
+    return planned(target, planar, schedule)
+
+
+def planned(target: Target, planar: PlanarRobot, schedule: ContactSchedule = PUBLISHED_SCHEDULE) -> Log:
+    """The reference to a target for a planar robot, planned now."""
+    (solution,) = solve_all([Problem(target, Grid(schedule), planar)])
+    return to_jump(solution, Gains())

@@ -1,0 +1,277 @@
+"""Solve planned jumps with IPOPT: a problem goes in, a solution that judges itself comes out."""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.jumping.models.planar import PlanarRobot
+from leapgap.jumping.planning.boxes import terrain
+from leapgap.jumping.planning.nlp import GROUPS, Bounds, JumpNlp, Label
+from leapgap.jumping.planning.problem import Grid, Limits, Problem, Trajectory, Weights
+from leapgap.robot.terrain import Box
+
+FEASIBLE = 1e-6
+"""A solution may break no constraint by more than this, each in its SI unit."""
+NEAR_M = 0.03
+"""A plan helps to solve its neighbour within this distance; from farther away a cold start is faster."""
+
+COLD: dict[str, Any] = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": 1e-8,
+    "max_iter": 200,  # solvable jumps take 17 to 66, one at the edge of the possible 158
+    "mu_strategy": "adaptive",  # a third to half of the iterations of the monotone strategy
+    "bound_relax_factor": 1e-9,  # bounds may give by this much, relative to them
+    "linear_solver": "mumps",
+    "mumps_permuting_scaling": 0,  # cheaper analysis; the KKT matrix is well scaled already
+    "mumps_pivot_order": 2,  # AMF: least fill on these banded matrices
+}
+WARM: dict[str, Any] = {
+    **COLD,
+    "warm_start_init_point": "yes",
+    "mu_strategy": "monotone",
+    "mu_init": 1e-4,
+    "max_iter": 45,  # usually 5 to 20; beyond, a cold start is the better use of time
+    **dict.fromkeys(
+        (
+            "warm_start_bound_push",
+            "warm_start_bound_frac",
+            "warm_start_slack_bound_push",
+            "warm_start_slack_bound_frac",
+            "warm_start_mult_bound_push",
+        ),
+        1e-6,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """The constraint a trajectory breaks most, measured by what matters in each group (``GROUPS``)."""
+
+    label: Label
+    amount: float
+
+    def __str__(self) -> str:
+        at = self.label
+        return f"{at.group}, {at.what}, knot {at.knot}, by {self.amount:.3g} {GROUPS[at.group].unit}"
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Where the solver stopped: variables and multipliers, to start a neighbour from."""
+
+    w: np.ndarray
+    multipliers_w: np.ndarray
+    multipliers_g: np.ndarray
+
+    def with_rows(self, rows: int) -> "Iterate":
+        """For a programme with further constraints, nothing known of them, or without the last ones."""
+        kept = self.multipliers_g[:rows]
+        return replace(self, multipliers_g=np.pad(kept, (0, rows - len(kept))))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What came of a problem; cost and violations are evaluated anew, not taken from the solver."""
+
+    problem: Problem
+    trajectory: Trajectory
+    cost: float
+    max_violation: float
+    """Of any constraint or bound, each in its SI unit."""
+    worst: Violation
+    status: str
+    """As IPOPT says it."""
+    solved: bool
+    """The solver converged and no constraint is broken by more than ``FEASIBLE``."""
+    iterations: int
+    seconds: float
+    iterate: Iterate
+
+    @property
+    def reason(self) -> str:
+        """Why there is no plan; empty where there is one."""
+        if self.solved:
+            return ""
+        return f"{self.status} after {self.iterations} iterations; broken most: {self.worst}"
+
+
+@dataclass(frozen=True)
+class Planner:
+    """Plans jumps of one robot, schedule, cost, limits and boxes; what no target changes is built once."""
+
+    grid: Grid
+    robot: PlanarRobot
+    weights: Weights
+    limits: Limits
+    boxes: tuple[Box, ...] = ()
+    """What feet in the air keep clear of."""
+
+    @cached_property
+    def programme(self) -> JumpNlp:
+        """The nonlinear programme of all targets."""
+        return JumpNlp(self.grid, self.robot, self.weights, self.limits, self.boxes)
+
+    @cached_property
+    def _nlp(self) -> dict[str, ca.SX]:
+        return {"x": self.programme.w, "f": self.programme.cost, "g": self.programme.g}
+
+    @cached_property
+    def _cold(self) -> ca.Function:
+        return self._solver(COLD)
+
+    def _solver(self, ipopt: dict[str, Any], **derivatives: ca.Function) -> ca.Function:
+        options: dict[str, Any] = {"print_time": False, "ipopt": ipopt, **derivatives}
+        return ca.nlpsol("solver", "ipopt", self._nlp, options)
+
+    @cached_property
+    def _warm(self) -> ca.Function:
+        derivatives = {
+            option: self._cold.get_function(name)
+            for option, name in (("grad_f", "nlp_grad_f"), ("jac_g", "nlp_jac_g"), ("hess_lag", "nlp_hess_l"))
+        }
+        return self._solver(WARM, **derivatives)
+
+    def prepare(self) -> None:
+        """Build programme, derivatives and solvers now, so that ``solve`` takes only the solver's time."""
+        _ = self._warm
+
+    def solve(self, problem: Problem, near: Solution | None = None) -> Solution:
+        """Plan a jump, from ``near`` if that leads to a solution, else from the published first guess.
+
+        Always returns a ``Solution``; where no plan was found, ``solved`` is false and ``reason`` says why.
+        """
+        self.prepare()
+        start = time.perf_counter()
+        if near is not None:
+            iterate = near.iterate.with_rows(len(self.programme.row_labels))
+            warm = self._run(self._warm, problem, iterate, start)
+            if warm.solved:
+                return warm
+        return self._run(self._cold, problem, self._first_guess, start)
+
+    def obstacle(self, problem: Problem) -> Violation:
+        """What stands in the way of a jump: the limit broken most where the motors' limits are lifted."""
+        self.prepare()
+        bounds = self.programme.without_motor_limits(self.programme.w_bounds(problem), self.programme.g_bounds(problem))
+        w = self._minimise(self._cold, self._first_guess, *bounds).w
+        return self._worst(w, problem)
+
+    @property
+    def _first_guess(self) -> Iterate:
+        guess = self.programme.first_guess
+        return Iterate(guess, np.zeros_like(guess), np.zeros(len(self.programme.row_labels)))
+
+    def _minimise(self, solver: ca.Function, start: Iterate, w_bounds: Bounds, g_bounds: Bounds) -> Iterate:
+        found = solver(
+            x0=start.w,
+            lam_x0=start.multipliers_w,
+            lam_g0=start.multipliers_g,
+            lbx=w_bounds[0],
+            ubx=w_bounds[1],
+            lbg=g_bounds[0],
+            ubg=g_bounds[1],
+        )
+        return Iterate(*(np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g")))
+
+    def _worst(self, w: np.ndarray, problem: Problem) -> Violation:
+        amounts, labels = self.programme.violations(w, problem)
+        worst = int(np.argmax(amounts / [GROUPS[label.group].matters for label in labels]))
+        return Violation(labels[worst], float(amounts[worst]))
+
+    def _run(self, solver: ca.Function, problem: Problem, start: Iterate, since: float) -> Solution:
+        programme = self.programme
+        stopped = self._minimise(solver, start, programme.w_bounds(problem), programme.g_bounds(problem))
+        seconds = time.perf_counter() - since
+        stats = solver.stats()
+        max_violation = float(programme.violations(stopped.w, problem)[0].max())
+        return Solution(
+            problem=problem,
+            trajectory=programme.trajectory(stopped.w),
+            cost=programme.cost_of(stopped.w),
+            max_violation=max_violation,
+            worst=self._worst(stopped.w, problem),
+            status=str(stats["return_status"]),
+            solved=bool(stats["success"]) and max_violation <= FEASIBLE,
+            iterations=int(stats["iter_count"]),
+            seconds=seconds,
+            iterate=stopped,
+        )
+
+
+@lru_cache(maxsize=16)
+def planner(grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits, boxes: tuple[Box, ...] = ()) -> Planner:
+    """The planner of these settings; kept, because building it takes longer than a jump."""
+    return Planner(grid, robot, weights, limits, boxes)
+
+
+def solve(problem: Problem, near: Solution | None = None) -> Solution:
+    """Plan one jump; ``near`` is the solution of a close target with otherwise the same settings.
+
+    Boxes that feet keep clear of make a programme that often leads astray from afar: only a plan that runs into one is
+    made anew with it, from there.
+    """
+    free = planner_of(problem).solve(problem, near)
+    boxes = () if problem.limits.swing_clearance_m is None else terrain(problem.robot, problem.target)
+    if not (boxes and free.solved):
+        return free
+    around = planner_of(problem, boxes)
+    if around.programme.violations(free.iterate.w, problem)[0].max() <= FEASIBLE:
+        return free
+    return around.solve(problem, free)
+
+
+def planner_of(problem: Problem, boxes: tuple[Box, ...] = ()) -> Planner:
+    """The planner of a problem's settings."""
+    return planner(problem.grid, problem.robot, problem.weights, problem.limits, boxes)
+
+
+def solve_all(problems: Sequence[Problem]) -> Iterator[Solution]:
+    """Plan jumps in their order, each from the nearest one before it where that is near enough.
+
+    The first jump without a plan is an ``InputError`` that names the constraint that stands in its way.
+    """
+    solutions: list[Solution] = []
+    for problem in problems:
+        solution = solve(problem, nearest(problem, solutions))
+        if not solution.solved:
+            target, obstacle = problem.target, planner_of(problem).obstacle(problem)
+            raise InputError(
+                f"jump target x {target.x_m:g} m, z {target.z_m:g} m",
+                f"no feasible jump ({solution.status} after {solution.iterations} iterations); "
+                f"with motors as strong as it takes, broken most: {obstacle}",
+                "a target within the robot's limits",
+                "choose a nearer target; -0.3 to 0.8 m and boxes up to 0.2 m at 0.6 m are known to work",
+            )
+        solutions.append(solution)
+        yield solution
+
+
+def nearest(problem: Problem, solutions: Sequence[Solution]) -> Solution | None:
+    """The solution whose target is closest, if within ``NEAR_M`` and of the same settings."""
+
+    def distance(solution: Solution) -> float:
+        return float(np.abs(landing_goal(solution.problem) - landing_goal(problem)).max())
+
+    near = [
+        s
+        for s in solutions
+        if distance(s) <= NEAR_M
+        and s.problem.stance_pitch_rad == problem.stance_pitch_rad
+        and (s.problem.grid, s.problem.robot, s.problem.weights, s.problem.limits)
+        == (problem.grid, problem.robot, problem.weights, problem.limits)
+    ]
+    return min(near, key=distance, default=None)
+
+
+def landing_goal(problem: Problem) -> np.ndarray:
+    """Where a plan shall end: x, z, m, and pitch, rad."""
+    target, aim = problem.target, problem.aim
+    return np.array([target.x_m + aim.x_m, target.z_m + aim.z_m, aim.pitch_rad])

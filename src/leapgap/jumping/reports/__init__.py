@@ -1,0 +1,1 @@
+"""Pages and recordings of jumps: landings, learned models, planned references."""

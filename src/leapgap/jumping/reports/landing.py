@@ -1,0 +1,357 @@
+"""Where each method lands, as one HTML page: errors, forces, joints, pitch, fallbacks."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from leapgap.atomic_io import read_json
+from leapgap.logs.log import Log, read_log
+from leapgap.logs.state import commanded_torque
+from leapgap.reports.page import rendered
+from leapgap.robot.topology import PAIRS
+
+METHODS = {
+    "ours_adapted": ("ours, adapted to the target", "#0b5d33"),
+    "ours": ("ours", "#1f9d57"),
+    "joint_pd_shifted": ("joint PD, best constant shift", "#d19a1b"),
+    "joint_pd": ("joint PD", "#8a93a3"),
+    "joint_pd_corrected": ("joint PD, plans for the corrected robot", "#4b5565"),
+    "joint_pd_published": ("joint PD, published plans", "#c3c8d2"),
+    "learned_variable": ("learned MPC 25/100, K 10", "#2563c9"),
+    "learned_variable_corrected": ("learned MPC, plans for the corrected robot", "#123a80"),
+    "learned_25_80": ("learned MPC 25/80, K 10", "#5b8fe0"),
+    "learned_50_50": ("learned MPC 50/50, K 10", "#8ab2ee"),
+    "learned_fixed": ("learned MPC 25/25, K 10", "#b3cdf3"),
+    "learned_fixed_k22": ("learned MPC 25/25, K 22", "#7c3aed"),
+    "nominal_variable": ("nominal MPC 25/100, K 10", "#e2542f"),
+    "nominal_variable_corrected": ("nominal MPC, plans for the corrected robot", "#8f2412"),
+    "nominal_fixed": ("nominal MPC 25/25, K 10", "#f0a48e"),
+    "nominal_fixed_k22": ("nominal MPC 25/25, K 22", "#a3476b"),
+}
+"""Names and colours, in the order of the page."""
+TASKS = {
+    "jump_40": "40 cm",
+    "jump_50": "50 cm",
+    "jump_60": "60 cm",
+    "jump_70": "70 cm",
+    "box_60_20": "box, 60 cm ahead, 20 cm up",
+    "continuous_60": "4 jumps of 60 cm in a row",
+    "block_60": "60 cm, front feet on an unknown 5 cm block",
+    "uneven_60": "3 jumps of 60 cm over unknown 2 to 4 cm blocks",
+}
+STEPS = {
+    "learned_fixed": "25 / 25",
+    "learned_50_50": "50 / 50",
+    "learned_25_80": "25 / 80",
+    "learned_variable": "25 / 100",
+}
+BOX = "box_60_20"
+FRICTION, FRICTION_OF_GROUND, LARGEST_N = 0.6, 0.8, 350.0
+"""Cone and limit of the MPC, and what the simulated ground can hold."""
+LARGEST_PITCH_DEG = 15.0
+LEAST_PUSH_N = 20.0
+LEAST_SHOWN_CM = 0.05
+"""Smaller errors are drawn at this one: the axis is logarithmic."""
+EVERY_S = 0.005
+"""Curves are means over this long."""
+Rows = Sequence[Mapping[str, Any]]
+
+
+def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Path) -> str:
+    """The page of the figures (landing.json), a row a jump (landings.csv), and the folder of kept runs."""
+    methods = in_order({row["method"] for row in rows}, METHODS)
+    tried = {(row["hardware"], row["method"]) for row in rows}
+    methods_on = {
+        hardware: [name for name in methods if (hardware, name) in tried]
+        for hardware in dict.fromkeys(row["hardware"] for row in rows)
+    }
+    robots = sorted(methods_on, key=lambda hardware: -len(methods_on[hardware]))  # what most was tried on comes first
+    tasks = in_order({row["task"] for row in rows}, TASKS)
+    drawn: dict[str, go.Figure] = {}
+    for hardware in robots:
+        mine, own = [row for row in rows if row["hardware"] == hardware], methods_on[hardware]
+        drawn |= {
+            f"size_{hardware}": sizes(figures, hardware, own, tasks),
+            f"signed_{hardware}": signed(mine, own, tasks),
+            f"pitch_{hardware}": pitches(mine, own, tasks),
+        }
+    if rows:
+        drawn["bounds"] = bounds(rows, methods)
+    first = next((row for row in rows if row["hardware"] == robots[0]), None)
+    logs = {} if first is None else kept_logs(runs / first["robot"], methods, tasks)
+    if logs:
+        drawn |= {"forces": forces(logs), "joints": joints(logs)}
+    return rendered(
+        Path(__file__).with_name("landing.html"),
+        drawn,
+        says=sentence(figures["mean_abs_error_cm"], robots, [task for task in single if task in tasks]),
+        metrics=figures,
+        robots=robots,
+        methods=methods,
+        methods_on=methods_on,
+        tasks=tasks,
+        names={name: label(name) for name in methods},
+        task_names={name: TASKS.get(name, name) for name in tasks},
+        single=single,
+        logs_of=first and first["robot"],
+        steps={name: steps for name, steps in STEPS.items() if name in methods},
+        steps_on=[hardware for hardware in robots if set(STEPS) & set(methods_on[hardware])],
+        box=BOX,
+        reasons=reasons(runs),
+        jumps=len(rows),
+    )
+
+
+def label(method: str) -> str:
+    """What a method is called."""
+    return METHODS.get(method, (method.replace("_", " "), ""))[0]
+
+
+def colour(method: str) -> str:
+    """Of its points and lines."""
+    return METHODS.get(method, ("", "#555555"))[1]
+
+
+def in_order(there: set[str], known: Mapping[str, Any]) -> list[str]:
+    """Known names in their order, then others."""
+    return [name for name in known if name in there] + sorted(there - set(known))
+
+
+def sentence(means: Mapping[str, float], robots: Sequence[str], single: Sequence[str]) -> str:
+    """What came out, for a person."""
+    targets = f"{len(single)} single target{'s' * (len(single) != 1)}"
+    for hardware in robots:
+        found = {name: means.get(f"{hardware}/{name}") for name in ("ours", "ours_adapted", "nominal_variable")}
+        if found["ours"] is None:
+            continue
+        said = f"Ours lands {found['ours']:.1f} cm from {targets} on {hardware} hardware"
+        if found["ours_adapted"] is not None:
+            said += f", {found['ours_adapted']:.1f} cm once adapted to each"
+        if found["nominal_variable"] is not None:
+            said += f"; the nominal MPC {found['nominal_variable']:.1f} cm"
+        return said
+    return "Where each method lands"
+
+
+def sizes(figures: Mapping[str, Any], hardware: str, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
+    """Mean |error| with its interval, a panel a task, on one logarithmic axis."""
+    figure = panels(tasks)
+    for panel, task in enumerate(tasks):
+        for method in reversed(methods):
+            key = f"{hardware}/{method}/{task}"
+            mean = figures["abs_error_cm"].get(key)
+            if mean is None:
+                continue
+            low, high = figures["abs_error_ci95_cm"][key]
+            bars = {"array": [high - mean], "arrayminus": [mean - low], "thickness": 1.5, "width": 3}
+            marker = {"color": colour(method), "size": 10}
+            put(figure, panel, x=[mean], y=[label(method)], error_x=bars, marker=marker, mode="markers")
+    return finished(figure, methods, "mean of the errors' size, cm; bars: 95 % interval", log=True)
+
+
+def signed(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
+    """Every jump's error, a panel a task."""
+    figure = panels(tasks)
+    for panel, task in enumerate(tasks):
+        for method in reversed(methods):
+            errors = [row["error_cm"] for row in rows if row["task"] == task and row["method"] == method]
+            marker = {"color": colour(method), "size": 8, "opacity": 0.75}
+            put(figure, panel, x=errors, y=[label(method)] * len(errors), marker=marker, mode="markers")
+        figure.add_vline(0, row=panel // 4 + 1, col=panel % 4 + 1, line={"color": "#111827", "width": 1})
+    return finished(figure, methods, "error of each jump, cm; positive: short of the target")
+
+
+def pitches(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
+    """Every jump's pitch at the scheduled landing, a panel a task."""
+    figure = panels(tasks)
+    for panel, task in enumerate(tasks):
+        for method in reversed(methods):
+            of = [row["pitch_deg"] for row in rows if row["task"] == task and row["method"] == method]
+            marker = {"color": colour(method), "size": 8, "opacity": 0.75}
+            put(figure, panel, x=of, y=[label(method)] * len(of), marker=marker, mode="markers")
+        for edge in (-LARGEST_PITCH_DEG, LARGEST_PITCH_DEG):
+            line = {"color": "#e2542f", "width": 1, "dash": "dot"}
+            figure.add_vline(edge, row=panel // 4 + 1, col=panel % 4 + 1, line=line)
+    return finished(figure, methods, "pitch at the landing, degrees, nose-down")
+
+
+def bounds(rows: Rows, methods: Sequence[str]) -> go.Figure:
+    """Size of each jump's error over how often its motors could not deliver what was commanded."""
+    figure = go.Figure()
+    for method in methods:
+        mine = [row for row in rows if row["method"] == method]
+        figure.add_trace(
+            go.Scatter(
+                x=[100 * row["short_of_torque"] for row in mine],
+                y=[max(abs(row["error_cm"]), LEAST_SHOWN_CM) for row in mine],
+                text=[f"{row['robot']}, {TASKS.get(row['task'], row['task'])}" for row in mine],
+                name=label(method),
+                marker={"color": colour(method), "size": 7, "opacity": 0.75},
+                mode="markers",
+            )
+        )
+    figure.update_layout(height=430, margin={"l": 55, "r": 15, "t": 20, "b": 45})
+    figure.update_xaxes(title_text="commands beyond what the motors can deliver, % of joint-milliseconds")
+    figure.update_yaxes(title_text="size of the error, cm", type="log", tickvals=[0.1, 0.3, 1, 3, 10, 30])
+    return figure
+
+
+def panels(tasks: Sequence[str]) -> go.Figure:
+    """A panel a task, four in a row, methods on the shared vertical axis."""
+    rows = -(-len(tasks) // 4)
+    titles = [wrapped(TASKS.get(task, task)) for task in tasks]
+    return make_subplots(
+        rows=rows,
+        cols=4,
+        subplot_titles=titles,
+        shared_yaxes=True,
+        horizontal_spacing=0.015,
+        vertical_spacing=0.16,
+    )
+
+
+def wrapped(text: str, width: int = 26) -> str:
+    """A title in lines."""
+    lines = [""]
+    for word in text.split():
+        lines = [*lines, word] if len(lines[-1]) + len(word) > width else [*lines[:-1], f"{lines[-1]} {word}".strip()]
+    return "<br>".join(lines)
+
+
+def put(figure: go.Figure, panel: int, **style: Any) -> None:
+    """Points in a panel."""
+    figure.add_trace(go.Scatter(showlegend=False, **style), row=panel // 4 + 1, col=panel % 4 + 1)
+
+
+def finished(figure: go.Figure, methods: Sequence[str], axis: str, log: bool = False) -> go.Figure:
+    """Axes and margins of a figure with panels."""
+    rows = len(figure._grid_ref)
+    names = [label(method) for method in reversed(methods)]
+    figure.update_layout(height=90 + rows * (90 + 24 * len(methods)), margin={"l": 10, "r": 10, "t": 60, "b": 70})
+    figure.update_yaxes(categoryorder="array", categoryarray=names, range=[-0.7, len(names) - 0.3])
+    if log:
+        figure.update_xaxes(type="log", range=[-1.3, 1.9], tickvals=[0.1, 0.3, 1, 3, 10, 30])
+    figure.update_annotations(font_size=13)
+    figure.add_annotation(text=axis, x=0.5, y=0, yshift=-58, xref="paper", yref="paper", showarrow=False)
+    return figure
+
+
+def kept_logs(folder: Path, methods: Sequence[str], tasks: Sequence[str]) -> dict[tuple[str, str], Log]:
+    """The logs of each method's first run at each task."""
+    found = {(task, method): folder / method / f"{task}_0.parquet" for task in tasks for method in methods}
+    return {key: read_log(path) for key, path in found.items() if path.is_file()}
+
+
+def forces(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
+    """Vertical forces of the pairs and how much of the cone they use, planned and true; choose task and method."""
+    titles = [f"{pair} pair: {what}" for what in ("vertical force, N", "|F_x| / F_z") for pair in PAIRS]
+    figure = make_subplots(rows=2, cols=2, subplot_titles=titles, horizontal_spacing=0.06, vertical_spacing=0.13)
+    owners: list[int] = []
+    sources = {"ground_force": ("true ground force", "#2563c9"), "mpc_force": ("planned by the method", "#e2542f")}
+    for number, log in enumerate(logs.values()):
+        for source, (name, shade) in sources.items():
+            force = averaged(log.pair_force(source), log)
+            for pair in range(2):
+                along, up = force[:, 2 * pair], force[:, 2 * pair + 1]
+                ratio = np.where(up > LEAST_PUSH_N, np.abs(along) / np.maximum(up, LEAST_PUSH_N), np.nan)
+                for row, values, digits in ((1, up, 1), (2, ratio, 3)):
+                    curve = go.Scatter(
+                        x=times(log, len(values)),
+                        y=np.round(values, digits),
+                        name=name,
+                        legendgroup=source,
+                        showlegend=row == 1 and pair == 0,
+                        line={"color": shade, "width": 1.5},
+                        visible=number == 0,
+                    )
+                    figure.add_trace(curve, row=row, col=pair + 1)
+                    owners.append(number)
+    for pair in (1, 2):
+        for row, edge, text in (
+            (1, LARGEST_N, "limit of the MPC"),
+            (2, FRICTION, "cone of the MPC"),
+            (2, FRICTION_OF_GROUND, "friction of the ground"),
+        ):
+            line = {"color": "#111827", "width": 1, "dash": "dot"}
+            figure.add_hline(edge, row=row, col=pair, line=line, annotation_text=text, annotation_font_size=11)
+    figure.update_yaxes(range=[0, 1], row=2)
+    figure.update_xaxes(title_text="s", row=2)
+    return chosen(figure, logs, owners, 620)
+
+
+def joints(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
+    """How far joints are from their set points, and torques against their limit; choose the task."""
+    titles = ["set point − joint angle, rms of all joints, rad", "largest commanded joint torque, N·m"]
+    figure = make_subplots(rows=1, cols=2, subplot_titles=titles, horizontal_spacing=0.07)
+    owners, tasks = [], list(dict.fromkeys(task for task, _ in logs))
+    for (task, method), log in logs.items():
+        astray = log.per_joint("cmd_pos") - log.per_joint("joint_pos")
+        rms = np.sqrt(averaged(np.mean(astray**2, axis=1)[:, None], log)[:, 0])
+        torque = averaged(np.abs(commanded_torque(log)).max(axis=1)[:, None], log)[:, 0]
+        for col, values, digits in ((1, rms, 4), (2, torque, 1)):
+            curve = go.Scatter(
+                x=times(log, len(values)),
+                y=np.round(values, digits),
+                name=label(method),
+                legendgroup=method,
+                showlegend=col == 1,
+                line={"color": colour(method), "width": 1.5},
+                visible=task == tasks[0],
+            )
+            figure.add_trace(curve, row=1, col=col)
+            owners.append(tasks.index(task))
+    line = {"color": "#111827", "width": 1, "dash": "dot"}
+    figure.add_hline(33.5, row=1, col=2, line=line, annotation_text="limit of the motors", annotation_font_size=11)
+    figure.update_xaxes(title_text="s")
+    return chosen(figure, tasks, owners, 560)
+
+
+def chosen(figure: go.Figure, items: Any, owners: Sequence[int], height: int) -> go.Figure:
+    """A figure with a menu: each trace belongs to one of the items."""
+    buttons = [
+        {"label": said(item), "method": "update", "args": [{"visible": [owner == number for owner in owners]}]}
+        for number, item in enumerate(items)
+    ]
+    menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 48}}
+    figure.update_layout(
+        height=height,
+        margin={"l": 45, "r": 15, "t": 110, "b": 40},
+        updatemenus=[menu],
+        legend={"orientation": "h", "y": -0.12, "yanchor": "top"},
+    )
+    return figure
+
+
+def said(item: Any) -> str:
+    """An item of a menu: a task, or a task and a method."""
+    if isinstance(item, str):
+        return TASKS.get(item, item)
+    task, method = item
+    return f"{TASKS.get(task, task)}: {label(method)}"
+
+
+def averaged(values: np.ndarray, log: Log) -> np.ndarray:
+    """Means of a log's values (rows, n) over ``EVERY_S`` each, (means, n)."""
+    every = log.info.rows(EVERY_S)
+    whole = len(values) // every
+    return values[: whole * every].reshape(whole, every, -1).mean(axis=1)
+
+
+def times(log: Log, count: int) -> np.ndarray:
+    """Of the means, s."""
+    return np.round((np.arange(count) + 0.5) * log.info.rows(EVERY_S) * log.info.sample_period_s, 4)
+
+
+def reasons(runs: Path) -> list[tuple[str, str, str, int]]:
+    """Hardware, method, reason and number of the substitutes, of those there were."""
+    found: dict[tuple[str, str, str], int] = {}
+    for path in sorted(runs.glob("*/*/*.json")):
+        robot, method = path.relative_to(runs).parts[:2]
+        for reason, count in read_json(path).get("fallbacks", {}).items():
+            key = (robot, method, reason)
+            found[key] = found.get(key, 0) + count
+    return [(*key, count) for key, count in found.items() if count]

@@ -1,0 +1,138 @@
+"""Recordings of everything the pipeline made: which folders are shown, and as what."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from leapgap.atomic_io import read_json, write_text
+from leapgap.errors import InputError
+from leapgap.jumping.reports import references
+from leapgap.jumping.reports.method_comparison import contests, record_contest
+from leapgap.jumping.reports.prediction import record_prediction
+from leapgap.logs.log import Log, read_log
+from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, record_jump
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class View:
+    """Section ``view`` of the configuration; folders that are missing or empty are skipped."""
+
+    references: str
+    simulated: str
+    damped: str
+    real: str
+    replays_damped: str
+    replays_real: str
+    predictions_simulated: str
+    predictions_real: str
+    most: int
+    """Recordings of each kind, the first by name."""
+    most_predictions: int
+    """Jumps with predictions of each kind, the first by name."""
+    models: list[str]
+    """Models whose predictions are shown; empty: all."""
+    landings: str
+    """Runs of one robot, as ``stages.land`` keeps them."""
+    landing_methods: list[str]
+    """Methods shown in one scene, the first solid, the others as ghosts."""
+    out: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.most < 0 or self.most_predictions < 0:
+            raise ValueError(f"most {self.most} and most_predictions {self.most_predictions}: 0 or more")
+
+
+def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
+    """Write every recording into ``out``; one line for each kind says what was written or skipped."""
+    index = Path(view.references) / "references.json"
+    if index.is_file():
+        write_text(out / "references.html", references.html(index.parent, robot))
+    yield said("references.html", view.references, int(index.is_file()), 1)
+    for kind, label, folder, replays in (
+        ("reference", "reference", view.references, None),
+        ("simulated", "simulated", view.simulated, None),
+        ("damped", "simulated", view.damped, view.replays_damped),
+        ("real", "measured", view.real, view.replays_real),
+    ):
+        logs = logs_in(Path(folder))
+        for path in islice(logs, view.most):
+            jump = read_log(path)
+            record_jump(
+                out / f"{kind}_{jump.name}.rrd",
+                jump,
+                robot,
+                ghosts_of(jump, replays),
+                title=f"{kind} {jump.name}",
+                label=label,
+            )
+        yield said(kind, folder, len(logs), view.most)
+    for kind, folder, logs_folder in (
+        ("damped", view.replays_damped, view.damped),
+        ("real", view.replays_real, view.real),
+    ):
+        path = Path(folder) / DIAGNOSED
+        if path.exists():
+            shown = read_json(path)
+            jump = read_log(Path(logs_folder) / f"{shown['log']}.parquet")
+            record_jump(
+                out / f"diagnosis_{kind}.rrd",
+                jump,
+                robot,
+                ghosts_of(jump, folder),
+                title=f"diagnosis of {kind} {jump.name}",
+                says=shown["sentence"],
+            )
+        yield said(f"diagnosis_{kind}", folder, int(path.exists()), 1)
+    for kind, folder, of_jumps in (
+        ("simulated", view.predictions_simulated, view.simulated),
+        ("real", view.predictions_real, view.real),
+    ):
+        tables = logs_in(Path(folder))
+        for path in islice(tables, view.most_predictions):
+            jump = predicted_jump(path, Path(of_jumps))
+            record_prediction(
+                out / f"prediction_{kind}_{jump.name}.rrd",
+                jump,
+                robot,
+                path,
+                title=f"predictions of {kind} {jump.name}",
+                shown=view.models or None,
+            )
+        yield said(f"prediction_{kind}", folder, len(tables), view.most_predictions)
+    found = contests(Path(view.landings), view.landing_methods)
+    for task, logs in islice(found.items(), view.most):
+        record_contest(out / f"landing_{task}.rrd", task, logs, robot)
+    yield said("landing", view.landings, len(found), view.most)
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Parquet files of a folder by name; none where there is no such folder."""
+    return sorted(folder.glob("*.parquet"))
+
+
+def ghosts_of(jump: Log, replays: str | None) -> dict[str, Log]:
+    """The simulated versions of a jump that a folder of replays has."""
+    if replays is None:
+        return {}
+    found = {name: Path(replays) / kind / f"{jump.name}.parquet" for kind, name in GHOSTS.items()}
+    return {name: read_log(path) for name, path in found.items() if path.is_file()}
+
+
+def predicted_jump(predictions: Path, jumps: Path) -> Log:
+    """The jump log that a table of predictions belongs to."""
+    log = jumps / predictions.name
+    if not log.is_file():
+        raise InputError(
+            predictions, f"no jump log {log}", "a log of the same name", "predict jumps of that folder again"
+        )
+    return read_log(log)
+
+
+def said(kind: str, folder: str, there: int, most: int) -> str:
+    """One line about a kind of recording."""
+    if not there:
+        return f"{kind}: nothing in {folder}, skipped"
+    left = f", {there - most} more not shown" if there > most else ""
+    return f"{kind}: {min(there, most)} from {folder}{left}"

@@ -1,0 +1,24 @@
+"""Planned jumps as one HTML page: each in four pictures, with its cost and what holds."""
+
+import json
+from pathlib import Path
+
+from leapgap.logs.log import read_log
+from leapgap.reports.keyframes import keyframes
+from leapgap.reports.page import rendered
+from leapgap.robot.model import Robot
+
+
+def html(folder: Path, robot: Robot) -> str:
+    """The page of a folder of references with its index."""
+    jumps = []
+    for entry in json.loads((folder / "references.json").read_text()):
+        jump = read_log(folder / entry["file"])
+        torque = jump.per_joint("cmd_tau", robot.joints)
+        drawn = {
+            "strip": keyframes(jump, robot),
+            "apex_m": float(jump["base_pos_z"].max()),
+            "torque_nm": float(abs(torque).max()),
+        }
+        jumps.append(entry | drawn)
+    return rendered(Path(__file__).with_name("references.html"), {}, jumps=jumps)

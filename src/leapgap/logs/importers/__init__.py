@@ -1,0 +1,24 @@
+"""Foreign logs to logs of ours: one file a format, found by its class."""
+
+import sys
+from functools import cache
+
+from leapgap.errors import InputError
+from leapgap.logs.importers.base import LogFormat
+from leapgap.registry import classes_by_name
+
+ENTRY_POINTS = "leapgap.log_formats"
+"""Group under which other packages offer formats."""
+
+
+@cache
+def formats() -> dict[str, type[LogFormat]]:
+    """The known formats by name."""
+    return classes_by_name(sys.modules[__name__], LogFormat, ENTRY_POINTS)  # type: ignore[type-abstract]
+
+
+def log_format(name: str) -> LogFormat:
+    """A format by name; an unknown one is an ``InputError``."""
+    if name not in formats():
+        raise InputError("import_logs.format", name, f"one of {', '.join(formats())}", "choose a known format")
+    return formats()[name]()

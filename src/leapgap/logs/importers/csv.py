@@ -1,0 +1,131 @@
+"""CSV files, one a jump, with a map from our columns to theirs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from leapgap.errors import InputError
+from leapgap.logs.importers.base import LogFormat
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.schema import COMMANDS, quantity_of
+from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class CsvOptions:
+    """How the columns of a CSV become those of a jump log; ``*`` in a key stands for every joint of the robot."""
+
+    columns: dict[str, str] = field(default_factory=dict)
+    """Ours → theirs, such as ``joint_pos/*: q_*``. A column not named here is taken under our own name."""
+    factors: dict[str, float] = field(default_factory=dict)
+    """Ours → what theirs is multiplied by, such as degrees to radians."""
+    constants: dict[str, float] = field(default_factory=dict)
+    """Ours → one value for all rows, such as ``cmd_kp/*: 300``."""
+    schedule: ContactSchedule = field(default_factory=ContactSchedule)
+    target_x_m: float = 0.0
+    target_z_m: float = 0.0
+
+
+class Csv(LogFormat):
+    """Comma-separated tables with a header, one a log."""
+
+    name = "csv"
+    Options = CsvOptions
+
+    def find(self, source: Path) -> dict[str, Path]:
+        """The CSV files of a folder, by name."""
+        return find_logs(source)
+
+    def read(self, path: Path, name: str, robot: Robot, options: CsvOptions) -> Log:
+        """One CSV as a log; ``InputError`` names what is missing or cannot be read."""
+        return read_log(path, name, robot, options)
+
+
+def find_logs(source: Path) -> dict[str, Path]:
+    """The CSV files of a folder, by name."""
+    return {path.stem: path for path in sorted(source.glob("*.csv"))}
+
+
+def read_log(path: Path, name: str, robot: Robot, options: CsvOptions) -> Log:
+    """One CSV as a jump log; ``InputError`` names what is missing or cannot be read."""
+    try:
+        table = pa.csv.read_csv(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew") from None
+    theirs = per_joint(options.columns, robot)
+    columns = {}
+    for ours, column in theirs.items():
+        if column not in table.column_names:
+            raise InputError(path, f"no column {column}", f"it, as {ours}", "correct import_logs.csv.columns")
+        columns[ours] = numbers(table, column, path)
+    for column in table.column_names:
+        if column not in columns and is_ours(column, robot):
+            columns[column] = numbers(table, column, path)
+    for ours, factor in per_joint(options.factors, robot).items():
+        if ours not in columns:
+            raise InputError("import_logs.csv.factors", ours, "a column that is imported", "map the column too")
+        columns[ours] = columns[ours] * factor
+    for ours, value in per_joint(options.constants, robot).items():
+        columns[ours] = np.full(table.num_rows, value)
+    if "time" not in columns:
+        raise InputError(path, "no column time", "a strictly increasing time, s", "map it: import_logs.csv.columns")
+    columns["time"] = columns["time"] - columns["time"][:1]
+    ordered = {key: columns[key] for key in sorted(columns, key=column_order(robot))}
+    steps = np.diff(columns["time"])
+    return Log(
+        name,
+        ordered,
+        LogInfo(
+            robot=robot.name,
+            sample_period_s=round(float(np.median(steps)), 9) if len(steps) else 0.0,
+            schedule=options.schedule,
+            target=Target(options.target_x_m, options.target_z_m),
+            source=f"CSV {path.name}",
+        ),
+    )
+
+
+def is_ours(column: str, robot: Robot) -> bool:
+    """Whether a column that is not mapped is taken under its own name: time, a known quantity, a command of a joint."""
+    quantity, of = quantity_of(column), column.partition("/")[2]
+    if quantity is None:
+        return column == "time"
+    return quantity.name not in COMMANDS or of in robot.joints
+
+
+def per_joint(mapping: dict, robot: Robot) -> dict:
+    """The mapping with ``*`` written out for every joint, in keys and text values alike."""
+    written = {}
+    for key, value in mapping.items():
+        for joint in robot.joints if "*" in key else ("",):
+            written[key.replace("*", joint)] = value.replace("*", joint) if isinstance(value, str) else value
+    return written
+
+
+def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
+    """A column as float64; empty cells become NaN, which the jump log refuses with its row."""
+    try:
+        return table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
+    except (pa.ArrowException, ValueError) as error:
+        raise InputError(f"{path}, column {column}", f"no numbers ({error})", "numbers", "export it anew") from None
+
+
+def column_order(robot: Robot) -> Callable[[str], tuple]:
+    """Sort key: time first, the base, then by quantity and the robot's joints; a fixed order gives fixed bytes."""
+
+    def key(column: str) -> tuple:
+        quantity, _, of = column.partition("/")
+        return (
+            column != "time",
+            not column.startswith("base_"),
+            quantity,
+            robot.joints.index(of) if of in robot.joints else -1,
+            of,
+        )
+
+    return key

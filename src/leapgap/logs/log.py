@@ -1,0 +1,263 @@
+"""The jump log: what one jump did, from hardware or simulation alike, as one Parquet file.
+
+Columns, units and metadata are the contract of ``docs/formats.md``. A planned reference is stored in the same
+form (its planned motion in the measured columns), so whatever reads one jump reads them all.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from leapgap.atomic_io import whole_file
+from leapgap.errors import InputError
+from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
+from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.robot.rotations import pitch_of, yaw_of
+from leapgap.robot.terrain import Box
+
+FORMAT_VERSION = 1
+METADATA_KEY = b"leapgap"
+
+
+@dataclass(frozen=True)
+class LogInfo:
+    """The metadata of a jump log."""
+
+    robot: str
+    sample_period_s: float
+    schedule: ContactSchedule
+    target: Target
+    source: str
+    terrain: tuple[Box, ...] = ()
+
+    def rows(self, seconds: float) -> int:
+        """How many rows last so long, to the nearest and at least one."""
+        return max(1, round(seconds / self.sample_period_s))
+
+    def to_json(self) -> str:
+        """As stored under the Parquet key ``leapgap``."""
+        return json.dumps({"format_version": FORMAT_VERSION, **asdict(self)}, sort_keys=True)
+
+    @staticmethod
+    def from_json(text: str | bytes, where: object) -> "LogInfo":
+        """Read the metadata back; ``InputError`` names what is missing or odd."""
+        try:
+            raw: dict[str, Any] = json.loads(text)
+            version = raw.pop("format_version")
+            if version != FORMAT_VERSION:
+                raise InputError(where, f"format_version {version}", str(FORMAT_VERSION), "import the logs anew")
+            return LogInfo(
+                robot=raw["robot"],
+                sample_period_s=float(raw["sample_period_s"]),
+                schedule=ContactSchedule(**raw["schedule"]),
+                target=Target(**raw["target"]),
+                source=raw["source"],
+                terrain=tuple(Box(**{**box, "size_m": tuple(box["size_m"])}) for box in raw["terrain"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                where,
+                f"metadata that do not fit ({error!r})",
+                "the jump log's metadata (docs/formats.md)",
+                "import the log anew",
+            ) from None
+
+
+@dataclass(frozen=True)
+class Log:
+    """One jump: columns of equal length (SI units, world x forward, y left, z up) and their metadata."""
+
+    name: str
+    columns: Mapping[str, np.ndarray]
+    info: LogInfo
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))
+        check(self)
+
+    def __reduce__(self) -> tuple[type["Log"], tuple[str, dict[str, np.ndarray], LogInfo]]:
+        """To travel to a worker process: a read-only view of columns does not."""
+        return type(self), (self.name, dict(self.columns), self.info)
+
+    def __len__(self) -> int:
+        return len(self.columns["time"])
+
+    def __contains__(self, column: str) -> bool:
+        return column in self.columns
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """One column, shape (rows,); ``InputError`` where the log has none."""
+        try:
+            return self.columns[column]
+        except KeyError:
+            raise InputError(
+                self.name,
+                f"no column {column}",
+                f"one of {', '.join(sorted(self.columns))}",
+                "log it, or leave out what needs it",
+            ) from None
+
+    def stack(self, columns: Sequence[str]) -> np.ndarray:
+        """Several columns side by side, shape (rows, len(columns))."""
+        return np.stack([self[column] for column in columns], axis=-1)
+
+    def per_joint(self, quantity: str, joints: Sequence[str] | None = None) -> np.ndarray:
+        """``quantity/<joint>`` of all joints in order, shape (rows, joints); kept, hence read-only."""
+        key = (quantity, tuple(joints or self.joints))
+        if key not in self._per_joint:
+            values = self.stack([f"{quantity}/{joint}" for joint in key[1]])
+            values.flags.writeable = False
+            self._per_joint[key] = values
+        return self._per_joint[key]
+
+    @cached_property
+    def _per_joint(self) -> dict[tuple[str, tuple[str, ...]], np.ndarray]:
+        """What was asked for once: replays ask thousands of times."""
+        return {}
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the file."""
+        return tuple(name.removeprefix("cmd_tau/") for name in self.columns if name.startswith("cmd_tau/"))
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Seconds since the first row, as logged."""
+        return self.columns["time"]
+
+    @cached_property
+    def pitch(self) -> np.ndarray:
+        """Pitch of the base, rad, positive nose-down (about y of the roll-pitch-yaw angles)."""
+        return pitch_of(self.stack(BASE_QUATERNION))
+
+    @cached_property
+    def yaw(self) -> np.ndarray:
+        """Heading of the base in the world, rad, positive to the left."""
+        return yaw_of(self.stack(BASE_QUATERNION))
+
+    def pair_force(self, source: str) -> np.ndarray:
+        """``mpc_force``, ``pd_force`` or ``train_force``: front x z, rear x z on the robot, N, (rows, 4)."""
+        return self.stack([f"{source}/{axis}" for axis in PAIR_FORCE_AXES])
+
+    def has_pair_force(self, source: str) -> bool:
+        """Whether the log holds the pair forces of a source: ``mpc_force``, ``pd_force``, ``train_force``."""
+        return f"{source}/{PAIR_FORCE_AXES[0]}" in self
+
+    @cached_property
+    def rows_before_gain_change(self) -> int:
+        """Number of rows until a joint gain first differs from the first row's (all rows if none does)."""
+        gains = np.concatenate([self.per_joint("cmd_kp"), self.per_joint("cmd_kd")], axis=1)
+        changed = np.flatnonzero((gains != gains[0]).any(axis=1))
+        return int(changed[0]) if len(changed) else len(self)
+
+    def first_rows(self, rows: int) -> "Log":
+        """The same jump, cut after ``rows`` rows."""
+        return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
+
+    def every(self, rows: int) -> "Log":
+        """The same jump by every so many-th row: what was sent to the joints is the mean over them."""
+        if rows == 1:
+            return self
+        last = len(self) // rows * rows
+        means = ("cmd_tau/", "cmd_pos/", "cmd_vel/")
+        columns = {
+            name: values[:last].reshape(-1, rows).mean(axis=1) if name.startswith(means) else values[:last:rows].copy()
+            for name, values in self.columns.items()
+        }
+        return replace(self, columns=columns, info=replace(self.info, sample_period_s=rows * self.info.sample_period_s))
+
+
+def check(jump: Log) -> None:
+    """Refuse what no later stage could use: shapes, order of time, NaN, incomplete sets of columns."""
+    where = jump.name
+    if "time" not in jump.columns:
+        raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
+    rows = len(jump.columns["time"])
+    if rows < 2:
+        raise InputError(where, f"{rows} rows", "two or more", "log the whole jump")
+    for name, values in jump.columns.items():
+        if values.shape != (rows,):
+            raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise InputError(
+                f"{where}, column {name}",
+                f"{len(bad)} values that are no number, first in row {bad[0]}",
+                "finite numbers",
+                "repair the log, or leave the column out if it was not measured",
+            )
+    back = np.flatnonzero(np.diff(jump.columns["time"]) <= 0)
+    if len(back):
+        raise InputError(
+            f"{where}, column time",
+            f"a step of {np.diff(jump.columns['time'])[back[0]]:g} s after row {back[0]}",
+            "strictly increasing times",
+            "sort the rows, or repair the clock",
+        )
+    if not jump.joints:
+        raise InputError(where, "no column cmd_tau/<joint>", "commands of every joint", "log the commands")
+    for quantity in COMMANDS:
+        missing = [joint for joint in jump.joints if f"{quantity}/{joint}" not in jump.columns]
+        if missing:
+            raise InputError(
+                where,
+                f"no {quantity} of {', '.join(missing)}",
+                "commands and gains of every joint",
+                "log them; the gap cannot be judged without the commands",
+            )
+    for group in (BASE_POSITION, BASE_QUATERNION):
+        present = [name for name in group if name in jump.columns]
+        if present and len(present) != len(group):
+            raise InputError(where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all")
+    if BASE_QUATERNION[0] in jump.columns:
+        length = np.linalg.norm(jump.stack(BASE_QUATERNION), axis=1)
+        worst = int(np.argmax(np.abs(length - 1)))
+        if abs(length[worst] - 1) > 1e-3:
+            raise InputError(
+                f"{where}, base_quat, row {worst}",
+                f"length {length[worst]:g}",
+                "unit quaternions w x y z",
+                "normalise them, and check their order",
+            )
+
+
+def write_log(jump: Log, path: Path) -> None:
+    """Write one jump log; the same jump gives the same bytes."""
+    table = pa.table({name: np.ascontiguousarray(values) for name, values in jump.columns.items()})
+    table = table.replace_schema_metadata({METADATA_KEY: jump.info.to_json().encode()})
+    with whole_file(path) as beside:
+        pq.write_table(table, beside, compression="zstd")
+
+
+def read_log(path: Path) -> Log:
+    """Read one jump log; its name is the file's stem."""
+    if not path.is_file():
+        raise InputError(path, "no such file", "a jump log (Parquet)", "import or collect jumps first")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(path, f"no readable Parquet ({error})", "a whole jump log", "import the log anew") from None
+    metadata = table.schema.metadata or {}
+    if METADATA_KEY not in metadata:
+        raise InputError(path, "no metadata 'leapgap'", "a jump log", "import it with stages.import_logs")
+    try:
+        columns = {name: table[name].to_numpy().astype(np.float64) for name in table.column_names}
+    except (ValueError, TypeError) as error:
+        raise InputError(path, f"a column that is not numeric ({error})", "float64 columns", "import it anew") from None
+    info = LogInfo.from_json(metadata[METADATA_KEY], path)
+    return Log(path.stem, columns, info)
+
+
+def read_logs(folder: Path) -> list[Log]:
+    """All jump logs of a folder, in the order of their names; empty where there is none."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "a folder of jump logs", "import or collect jumps first")
+    return [read_log(path) for path in sorted(folder.glob("*.parquet"))]

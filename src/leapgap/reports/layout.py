@@ -1,0 +1,135 @@
+"""What a recording opens on: blueprints."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from leapgap.logs.schema import PAIR_FORCE_AXES
+from leapgap.reports.plots import COMPONENTS, FORCE_COLOURS, components, has_pair_force, switched_pairs
+from leapgap.reports.recorder import TIMELINE
+from leapgap.reports.scene import WORLD, extent
+from leapgap.reports.shown_robot import ShownRobot
+
+PLAYBACK_SPEED = 0.25
+"""A jump takes 1.2 s: shown four times slower."""
+BACKGROUND = (44, 48, 56)
+POSE = ("x", "z", "pitch")
+
+
+def jump_blueprint(actors: Sequence[ShownRobot], extra_lanes: int = 0) -> rrb.Blueprint:
+    """Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs."""
+    main = actors[0]
+    tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors), extra_lanes)]
+    tabs.append(rrb.Tabs(*[leg(main, name) for name in legs(main)], name="Joints"))
+    forces = []
+    if any(has_pair_force(main.jump, source) for source in FORCE_COLOURS):
+        for axis in PAIR_FORCE_AXES:
+            forces.append(
+                plot(f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0])
+            )
+    if any(f"foot_force/{foot}" in main.jump for foot in main.robot.feet):
+        forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
+    if forces:
+        tabs.append(rrb.Grid(*forces, grid_columns=2, name="Ground forces on the robot"))
+    tabs.append(
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="notes", name="Notes"),
+            rrb.TextLogView(origin="events", name="Events"),
+            name="Notes",
+        )
+    )
+    return finished(rrb.Tabs(*tabs, active_tab=0))
+
+
+def finished(root: rrb.Container) -> rrb.Blueprint:
+    """The blueprint around the views: no side panels, the time in seconds at the bottom."""
+    return rrb.Blueprint(
+        root,
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIMELINE,
+            playback_speed=PLAYBACK_SPEED,
+            play_state="paused",
+            loop_mode="all",
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def overview(actors: Sequence[ShownRobot], plots: rrb.Container, extra_lanes: int = 0) -> rrb.Container:
+    """Scene, plots and phases on one page."""
+    lanes = 1 + len(switched_pairs(actors[0])) + extra_lanes
+    return rrb.Vertical(
+        rrb.Horizontal(scene_view(actors), plots, column_shares=[1.1, 1.0]),
+        rrb.StateTimelineView(origin="phases", name="Phases planned, contacts measured"),
+        row_shares=[1.0, 0.1 + 0.055 * lanes],
+        name="Jump",
+    )
+
+
+def scene_view(actors: Sequence[ShownRobot]) -> rrb.View:
+    """The 3-D scene from the robot's right-hand side, far enough to see the whole jump."""
+    low, high = extent(actors)
+    middle = (low + high) / 2
+    distance = 0.45 + 0.85 * max(high[0] - low[0], 1.3 * (high[2] - low[2]))
+    eye = middle + distance * np.array([0.16, -1.0, 0.2])
+    return rrb.Spatial3DView(
+        origin=WORLD,
+        name="Scene",
+        background=BACKGROUND,
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0.0, 0.0, 1.0)),
+    )
+
+
+def plot(origin: str, name: str, legend: bool = False) -> rrb.View:
+    """Curves over the whole jump; a legend only where it is asked for: it covers what lies beneath."""
+    corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner)
+
+
+def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
+    """The base's pose beside its residual, velocities in a second tab; without ghosts all on one page."""
+    main = actors[0]
+    shown = [part for part in COMPONENTS if any(part in components(actor.jump) for actor in actors)]
+    if not shown:
+        return rrb.Grid(rrb.TextDocumentView(origin="notes", name="No base state in this log"))
+    with_legend = (shown[0], *shown[3:4])
+    values = {p.key: plot(f"base/{p.key}", p.label, p in with_legend) for p in shown}
+    if len(actors) == 1:
+        return rrb.Grid(*values.values(), grid_columns=2 if len(shown) > 3 else 1, name="Base")
+    residuals = {part.key: plot(f"residual/{part.key}", f"Δ {part.label}, ghost − {main.label}") for part in shown}
+    pages = []
+    for name, keys in (
+        ("Base pose", [part.key for part in shown if part.key in POSE]),
+        ("Base velocity", [part.key for part in shown if part.key not in POSE]),
+    ):
+        if keys:
+            views = [view for key in keys for view in (values[key], residuals[key])]
+            pages.append(rrb.Grid(*views, grid_columns=2, name=name))
+    return rrb.Tabs(*pages, active_tab=0)
+
+
+def legs(actor: ShownRobot) -> tuple[str, ...]:
+    """Legs of the robot in the order of their joints."""
+    return tuple(dict.fromkeys(actor.robot.limb_of(joint) for joint in actor.robot.joints))
+
+
+def leg(actor: ShownRobot, name: str) -> rrb.Container:
+    """Position, velocity and torque of a leg's joints, a column each."""
+    joints = [joint for joint in actor.robot.joints if actor.robot.limb_of(joint) == name]
+    rows = (("joint_pos", "position [rad]"), ("joint_vel", "velocity [rad/s]"), ("torque", "torque [N·m]"))
+    views = [
+        plot(
+            f"joints/{name}/{joint}/{quantity}",
+            f"{joint} {label}",
+            legend=joint == joints[0],
+        )
+        for quantity, label in rows
+        for joint in joints
+    ]
+    return rrb.Grid(*views, grid_columns=len(joints), name=name)

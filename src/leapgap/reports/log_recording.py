@@ -1,0 +1,91 @@
+"""One jump, with or without ghosts beside it, as a Rerun recording."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import rerun as rr
+
+from leapgap.logs.log import Log
+from leapgap.reports.layout import jump_blueprint
+from leapgap.reports.plots import NO_SUBSTITUTES, log_base, log_ground_forces, log_joints, log_phases
+from leapgap.reports.recorder import Recorder, recording
+from leapgap.reports.scene import FORCES, METRES_PER_NEWTON, log_scene, vanish
+from leapgap.reports.shown_robot import ShownRobot, cast
+from leapgap.robot.model import Robot
+
+NONE: Mapping[str, Log] = MappingProxyType({})
+
+
+def record_jump(
+    path: Path,
+    jump: Log,
+    robot: Robot,
+    ghosts: Mapping[str, Log] = NONE,
+    title: str | None = None,
+    label: str = "measured",
+    says: str = "",
+    substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES,
+) -> None:
+    """Write a jump as a recording, whole or not at all.
+
+    ``ghosts`` are other versions of the same jump by the name they are shown under, for instance
+    ``{"nominal simulation": …, "corrected simulation": …}``: same robot and clock, maybe fewer rows, measured
+    columns only. ``label`` names the jump itself in legends: measured, simulated, reference. ``says``
+    is put in front of its notes. ``substitutes``: when, s, and why the controller of a robot, by its label,
+    sent something else than it stands for; each such robot has a lane of its own and lines among the events.
+    """
+    actors = cast(label, jump, ghosts, robot)
+    with recording(path, title or jump.name, jump_blueprint(actors, extra_lanes=len(substitutes))) as to:
+        log_scene(to, actors)
+        end = max(actor.jump.time[-1] for actor in actors)
+        for actor in actors:
+            if actor.jump.time[-1] < end:
+                vanish(to, actor, after_s=float(actor.jump.time[-1] + actor.jump.info.sample_period_s))
+        log_base(to, actors)
+        log_joints(to, actors)
+        log_ground_forces(to, actors[0])
+        log_phases(to, actors[0], substitutes)
+        log_notes(to, actors, title or jump.name, says)
+
+
+def log_notes(to: Recorder, actors: Sequence[ShownRobot], title: str, says: str = "") -> None:
+    """What is shown, where it comes from, and what the logs did not say."""
+    to.static("notes", rr.TextDocument(notes(actors, title, says), media_type=rr.MediaType.MARKDOWN))
+
+
+def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
+    """The notes as Markdown."""
+    info = actors[0].jump.info
+    lines = [
+        f"# {title}",
+        *([says] if says else []),
+        f"Target {info.target.x_m:g} m ahead, {info.target.z_m:g} m up; phases "
+        f"{info.schedule.double_contact_s:g} s on all feet, {info.schedule.rear_contact_s:g} s on the rear "
+        f"feet, {info.schedule.flight_s:g} s of flight. World frame x forward, y left, z up; pitch positive "
+        "nose-down. Contact lanes show a pair in contact as soon as one of its feet is.",
+        "",
+    ]
+    for actor in actors:
+        role = "ghost" if actor.is_ghost else "robot"
+        lines.append(
+            f"- **{actor.label}** ({role}): {actor.jump.info.source}, {len(actor.jump)} rows to "
+            f"{actor.jump.time[-1]:g} s"
+        )
+        if actor.assumed:
+            lines.append(f"  - not logged, shown in the model's rest pose: {'; '.join(actor.assumed)}")
+    for box in info.terrain:
+        height = "estimated" if box.estimated else "stated"
+        lines.append(f"- box on the floor at x = {box.x_m:g} m, top at {box.top_m:g} m ({height})")
+    if any(actors[0].jump.has_pair_force(source) for source in FORCES):
+        lines.append(
+            f"- arrows at the feet: ground force on the robot planned by the MPC (red) and of the joint PD "
+            f"(yellow), {100 / METRES_PER_NEWTON / 1000:g} N a 10 cm"
+        )
+    return "\n".join(lines) + "\n"
+
+
+GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}
+"""Subfolders of a folder of replays, and what the ghosts are called."""
+DIAGNOSED = "diagnosis.json"
+"""File of a folder of replays: ``log``, which one shows the diagnosis, and ``sentence``, what it says."""

@@ -1,0 +1,218 @@
+"""Curves over time: the base, joints, torques and forces of the pairs; phases, contacts and events."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+import rerun as rr
+
+from leapgap.logs import state
+from leapgap.logs.log import Log
+from leapgap.logs.schema import PAIR_FORCE_AXES
+from leapgap.reports.recorder import Recorder, every
+from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.robot.topology import PAIRS
+
+BASE_PERIOD_S = 0.002
+JOINT_PERIOD_S = 0.005
+"""Plots have up to 500 Hz for the base, 200 Hz for joints and forces: about a pixel of a plot on a screen."""
+COMMAND_COLOUR: Colour = (150, 150, 150)
+FORCE_COLOURS: dict[str, Colour] = {
+    "mpc_force": (240, 70, 70),
+    "pd_force": (240, 200, 60),
+    "train_force": (74, 144, 255),
+}
+FOOT_COLOURS: tuple[Colour, ...] = ((74, 144, 255), (120, 200, 220), (255, 140, 40), (240, 200, 60))
+PHASE_COLOURS = {
+    "all feet": (74, 144, 255),
+    "rear feet": (255, 140, 40),
+    "flight": (150, 110, 230),
+    "landed": (120, 126, 136),
+}
+SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "as it should": (70, 74, 84)}
+HELD_S = 0.025
+"""From one update of a controller to the next."""
+NO_SUBSTITUTES: Mapping[str, Sequence[tuple[float, str]]] = MappingProxyType({})
+CONTACT_COLOURS = {"contact": (46, 160, 100), "air": (70, 74, 84)}
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component of the base's planar motion, in the world frame."""
+
+    key: str
+    name: str
+    unit: str
+    needs: str
+    """The column without which a log does not have it."""
+    of: Callable[[Log], np.ndarray]
+
+    @property
+    def label(self) -> str:
+        """Name with its unit."""
+        return f"{self.name} [{self.unit}]"
+
+
+COMPONENTS = (
+    Component("x", "x", "m", "base_pos_x", lambda jump: jump["base_pos_x"]),
+    Component("z", "z", "m", "base_pos_z", lambda jump: jump["base_pos_z"]),
+    Component("pitch", "pitch", "rad", "base_quat_w", lambda jump: jump.pitch),
+    Component("vx", "vx", "m/s", "base_linvel_x", lambda jump: jump["base_linvel_x"]),
+    Component("vz", "vz", "m/s", "base_linvel_z", lambda jump: jump["base_linvel_z"]),
+    Component("pitch_rate", "pitch rate", "rad/s", "base_angvel_y", lambda jump: jump["base_angvel_y"]),
+)
+
+
+def components(jump: Log) -> tuple[Component, ...]:
+    """Components of the base that a log has."""
+    return tuple(component for component in COMPONENTS if component.needs in jump)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a plot: a value for each time of the main robot's clock, NaN where there is none."""
+
+    name: str
+    colour: Colour
+    values: np.ndarray
+
+
+def log_plot(to: Recorder, entity: str, time_s: np.ndarray, curves: Sequence[Curve], width: float = 1.6) -> None:
+    """Curves that share their times, as one entity: times and names are stored once for all of them."""
+    if not curves:
+        return
+    names, colours = [curve.name for curve in curves], [curve.colour for curve in curves]
+    to.static(entity, rr.SeriesLines(names=names, colors=colours, widths=[width] * len(curves)))
+    values = np.stack([curve.values for curve in curves], axis=-1)
+    columns = rr.Scalars.columns(scalars=single_precision(values).ravel())
+    to.over_time(entity, time_s, columns.partition([len(curves)] * len(time_s)))
+
+
+def single_precision(values: np.ndarray) -> np.ndarray:
+    """Values cut to 24 bits: Rerun stores plots in 64, and zeros at the end compress."""
+    return values.astype(np.float32).astype(np.float64)
+
+
+def on_clock(time_s: np.ndarray, jump: Log, values: np.ndarray) -> np.ndarray:
+    """A ghost's values at the main robot's times, NaN outside of the ghost's own."""
+    return np.interp(time_s, jump.time, values, left=np.nan, right=np.nan)
+
+
+def log_base(to: Recorder, actors: Sequence[ShownRobot]) -> None:
+    """Six components of every robot's base, and ghost − main where both have them."""
+    main = actors[0]
+    time = main.jump.time[every(main.jump.time, BASE_PERIOD_S)]
+    for part in COMPONENTS:
+        has = [actor for actor in actors if part in components(actor.jump)]
+        curves = [Curve(a.label, a.colour, on_clock(time, a.jump, part.of(a.jump))) for a in has]
+        log_plot(to, f"base/{part.key}", time, curves)
+        if main in has:
+            residuals = [
+                Curve(f"{ghost.name} − {main.label}", ghost.colour, ghost.values - curves[0].values)
+                for ghost in curves[1:]
+            ]
+            log_plot(to, f"residual/{part.key}", time, residuals)
+
+
+def log_joints(to: Recorder, actors: Sequence[ShownRobot]) -> None:
+    """Position and velocity of every joint, measured and commanded, and the commanded motor torque."""
+    main = actors[0]
+    rows = every(main.jump.time, JOINT_PERIOD_S)
+    time = main.jump.time[rows]
+    for joint in main.robot.joints:
+        entity = f"joints/{main.robot.limb_of(joint)}/{joint}"
+        for quantity, command in (("joint_pos", "cmd_pos"), ("joint_vel", "cmd_vel")):
+            name, commanded = f"{quantity}/{joint}", f"{command}/{joint}"
+            curves = [Curve(a.label, a.colour, on_clock(time, a.jump, a.jump[name])) for a in actors if name in a.jump]
+            if commanded in main.jump:
+                curves.append(Curve("command", COMMAND_COLOUR, main.jump[commanded][rows]))
+            log_plot(to, f"{entity}/{quantity}", time, curves)
+        curves = []
+        torque = commanded_torque(main.jump, joint)
+        if torque is not None:
+            curves.append(Curve("commanded", main.colour, torque[rows]))
+        if f"tau/{joint}" in main.jump:
+            curves.append(Curve("measured", COMMAND_COLOUR, main.jump[f"tau/{joint}"][rows]))
+        log_plot(to, f"{entity}/torque", time, curves)
+
+
+def commanded_torque(jump: Log, joint: str) -> np.ndarray | None:
+    """Feed-forward and joint PD of the log, N·m, (rows,); None where the joint was not measured."""
+    if not all(f"{name}/{joint}" in jump for name in ("cmd_tau", "joint_pos", "joint_vel")):
+        return None
+    return state.commanded_torque(jump, (joint,))[:, 0]
+
+
+def log_ground_forces(to: Recorder, actor: ShownRobot) -> None:
+    """Forces of the pairs on the robot, N, from each source that the log has; foot sensors as logged."""
+    jump = actor.jump
+    rows = every(jump.time, JOINT_PERIOD_S)
+    sources = [source for source in FORCE_COLOURS if has_pair_force(jump, source)]
+    for axis in PAIR_FORCE_AXES:
+        curves = [Curve(s, FORCE_COLOURS[s], jump[f"{s}/{axis}"][rows]) for s in sources]
+        log_plot(to, f"forces/{axis}", jump.time[rows], curves)
+    sensors = [foot for foot in actor.robot.feet if f"foot_force/{foot}" in jump]
+    curves = [Curve(foot, FOOT_COLOURS[i % 4], jump[f"foot_force/{foot}"][rows]) for i, foot in enumerate(sensors)]
+    log_plot(to, "forces/foot_sensors", jump.time[rows], curves)
+
+
+def has_pair_force(jump: Log, source: str) -> bool:
+    """Whether a log has a force of the pairs."""
+    return jump.has_pair_force(source)
+
+
+def log_phases(
+    to: Recorder, actor: ShownRobot, substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES
+) -> None:
+    """Planned phases, measured contacts of the pairs and substitutes as lanes, and what happens when as a log.
+
+    ``substitutes``: when, s, and why a controller, by its robot's label, sent something else than it stands for.
+    """
+    jump, schedule = actor.jump, actor.jump.info.schedule
+    starts = np.array([0.0, schedule.front_lift_off_s, schedule.take_off_s, schedule.landing_s])
+    names = list(PHASE_COLOURS)
+    shown = [i for i in range(4) if starts[i] < jump.time[-1] and (i == 3 or starts[i] < starts[i + 1])]
+    log_lane(to, "phases/planned", starts[shown], [names[i] for i in shown], PHASE_COLOURS)
+    for pair in switched_pairs(actor):
+        closed = np.any([jump[f"contact/{foot}"] > 0 for foot in actor.robot.feet_of_pair(pair)], axis=0)
+        changes = np.flatnonzero(np.diff(closed.astype(int), prepend=2))
+        states = ["contact" if closed[row] else "air" for row in changes]
+        log_lane(to, f"phases/switch_{pair}", jump.time[changes], states, CONTACT_COLOURS)
+    events = [
+        (schedule.front_lift_off_s, "front feet planned to lift off"),
+        (schedule.take_off_s, "rear feet planned to lift off: flight"),
+        (schedule.landing_s, "planned landing"),
+    ]
+    if jump.rows_before_gain_change < len(jump):
+        events.append((float(jump.time[jump.rows_before_gain_change]), "joint gains change"))
+    for label, times_and_reasons in substitutes.items():
+        log_substitutes(to, label, [time_s for time_s, _ in times_and_reasons])
+        events += [(time_s, f"{label}: substitute, {reason}") for time_s, reason in times_and_reasons]
+    events = sorted(event for event in events if event[0] <= jump.time[-1])
+    if events:
+        times, texts = zip(*events, strict=True)
+        to.over_time("events", np.array(times), rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)))
+
+
+def log_substitutes(to: Recorder, label: str, times_s: Sequence[float]) -> None:
+    """A lane that says when a controller sent a substitute; each is held until its next update."""
+    changes = {0.0: "as it should", **{time_s + HELD_S: "as it should" for time_s in times_s}}
+    changes |= dict.fromkeys(times_s, "substitute")
+    at = sorted(changes)
+    log_lane(to, f"phases/{label}", np.array(at), [changes[time_s] for time_s in at], SUBSTITUTE_COLOURS)
+
+
+def switched_pairs(actor: ShownRobot) -> tuple[str, ...]:
+    """Pairs of feet whose contact the log has."""
+    feet_of = {pair: actor.robot.feet_of_pair(pair) for pair in PAIRS}
+    return tuple(p for p, feet in feet_of.items() if feet and all(f"contact/{f}" in actor.jump for f in feet))
+
+
+def log_lane(to: Recorder, entity: str, times: np.ndarray, states: Sequence[str], colours: dict[str, Colour]) -> None:
+    """One lane of the state timeline: the state that holds from each time on."""
+    to.static(
+        entity,
+        rr.StateConfiguration(values=list(colours), labels=list(colours), colors=list(colours.values())),
+    )
+    to.over_time(entity, times, rr.StateChange.columns(state=list(states)))

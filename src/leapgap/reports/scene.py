@@ -1,0 +1,263 @@
+"""The 3-D scene: floor, terrain and target, robots that move, the ways they took, and forces at the feet."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+
+from leapgap.logs.pair_force import WORLD_X_Z, by_pair
+from leapgap.reports.plots import has_pair_force
+from leapgap.reports.recorder import Recorder
+from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.robot.terrain import Box
+from leapgap.robot.topology import PAIRS
+from leapgap.robot.visuals import Shape, shapes
+
+WORLD = "world"
+METRES_PER_NEWTON = 0.001
+"""Length of a force arrow: the A1's weight, 122 N, is 12 cm."""
+FLOOR_MARGIN_M = 0.55
+FLOOR_COLOUR = (92, 98, 108)
+LINE_COLOUR = (122, 128, 138)
+BOX_COLOUR = (184, 158, 122)
+TARGET_COLOUR = (240, 200, 60)
+FORCES = {"mpc_force": (240, 70, 70), "pd_force": (240, 200, 60)}
+GHOST_ALPHA = 70
+
+
+def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
+    """Everything in 3-D for a set of robots; floor, terrain, target and forces are those of the first."""
+    main = actors[0]
+    to.static(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    log_ground(to, actors)
+    for actor in actors:
+        log_robot(to, actor)
+        log_ways(to, actor)
+    log_forces(to, main)
+    log_contacts(to, main)
+
+
+def extent(actors: Sequence[ShownRobot]) -> np.ndarray:
+    """Lowest and highest corner of all bodies' origins over all rows and of the target, m, (2, 3)."""
+    points = np.concatenate([actor.poses.positions.reshape(-1, 3) for actor in actors])
+    target = target_place(actors[0])
+    if target is not None:
+        points = np.concatenate([points, target[None]])
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
+    """A floor with a line every 10 cm, the terrain of the first log, and a bar where it was to land."""
+    jump = actors[0].jump
+    (left, right), (far, near) = extent(actors)[:, 0], extent(actors)[:, 1]
+    target_at = target_place(actors[0])
+    low = np.floor(10 * np.array([left - FLOOR_MARGIN_M, far - 0.25])) / 10
+    high = np.ceil(10 * np.array([right + FLOOR_MARGIN_M, near + 0.25])) / 10
+    to.static(
+        f"{WORLD}/floor",
+        rr.Boxes3D(
+            centers=[[*(low + high) / 2, -0.012]],
+            sizes=[[*(high - low), 0.02]],
+            colors=[FLOOR_COLOUR],
+            fill_mode="solid",
+        ),
+    )
+    along = np.arange(low[0], high[0] + 0.05, 0.1)
+    across = np.arange(low[1], high[1] + 0.05, 0.1)
+    lines = [[[x, low[1], 0], [x, high[1], 0]] for x in along]
+    lines += [[[low[0], y, 0], [high[0], y, 0]] for y in across]
+    to.static(f"{WORLD}/floor/lines_every_10_cm", rr.LineStrips3D(lines, radii=0.0012, colors=LINE_COLOUR))
+    log_terrain(to, jump.info.terrain)
+    if target_at is not None:
+        aside = 0.25 * np.array([-np.sin(jump.yaw[0]), np.cos(jump.yaw[0]), 0.0])
+        to.static(
+            f"{WORLD}/target",
+            rr.LineStrips3D(
+                [[target_at - aside, target_at + aside]],
+                radii=0.006,
+                colors=TARGET_COLOUR,
+                labels=f"target {jump.info.target.x_m:g} m",
+                show_labels=True,
+            ),
+        )
+
+
+def target_place(actor: ShownRobot) -> np.ndarray | None:
+    """Where the base was to come down, on the surface there, m, (3,); None without a base."""
+    jump, target = actor.jump, actor.jump.info.target
+    if not {"base_pos_x", "base_quat_w"} <= set(jump.columns):
+        return None
+    ahead = np.array([np.cos(jump.yaw[0]), np.sin(jump.yaw[0])])
+    return np.array([*(actor.poses.base[0, :2] + target.x_m * ahead), target.z_m + 0.004])
+
+
+def log_terrain(to: Recorder, boxes: Sequence[Box]) -> None:
+    """The blocks on the floor; a block whose height is an estimate is labelled so."""
+    if not boxes:
+        return
+    to.static(
+        f"{WORLD}/terrain",
+        rr.Boxes3D(
+            centers=[[b.x_m, b.y_m, b.top_m - b.size_m[2] / 2] for b in boxes],
+            sizes=[b.size_m for b in boxes],
+            colors=[BOX_COLOUR] * len(boxes),
+            labels=[f"{b.top_m * 100:.1f} cm" + (" (estimated)" if b.estimated else "") for b in boxes],
+            show_labels=False,
+            fill_mode="solid",
+        ),
+    )
+
+
+def log_robot(to: Recorder, actor: ShownRobot) -> None:
+    """Shapes of every body once, its world poses as one set of columns.
+
+    After its last row a ghost that ends before the others shrinks to nothing instead of hanging in the air.
+    """
+    poses = actor.poses
+    by_body: dict[str, list[Shape]] = {}
+    for shape in shapes(actor.robot):
+        by_body.setdefault(shape.body, []).append(shape)
+    for at, body in enumerate(poses.bodies):
+        entity = f"{WORLD}/{actor.key}/{body}"
+        to.over_time(
+            entity,
+            actor.time,
+            rr.Transform3D.columns(
+                translation=poses.positions[:, at].astype(np.float32),
+                quaternion=xyzw(poses.quaternions[:, at]).astype(np.float32),
+            ),
+        )
+        log_shapes(to, entity, by_body.get(body, []), actor)
+
+
+def vanish(to: Recorder, actor: ShownRobot, after_s: float) -> None:
+    """Hide a robot from a time on: Rerun refuses a scale of zero, a hundredth of a millimetre is not seen."""
+    for body in actor.poses.bodies:
+        to.over_time(
+            f"{WORLD}/{actor.key}/{body}",
+            np.array([after_s]),
+            rr.Transform3D.columns(scale=[[1e-5, 1e-5, 1e-5]]),
+        )
+
+
+def log_shapes(to: Recorder, entity: str, of_body: Sequence[Shape], actor: ShownRobot) -> None:
+    """A body's shapes in its own axes: one batch for each kind, all on the body's entity; meshes below it."""
+    meshes = [shape for shape in of_body if shape.kind == "mesh"]
+    log_meshes(to, entity, meshes, actor)
+    rounded = {"sphere": "ellipsoid"}
+    kinds = [rounded.get(shape.kind, shape.kind) for shape in of_body]
+    batches = [
+        batch(kind, [s for s, own in zip(of_body, kinds, strict=True) if own == kind], actor)
+        for kind in dict.fromkeys(kinds)
+        if kind != "mesh"
+    ]
+    if batches:
+        to.static(entity, *batches)
+
+
+def batch(kind: str, some: Sequence[Shape], actor: ShownRobot) -> rr.AsComponents:
+    """Shapes of one kind as Rerun draws them; spheres count as ellipsoids."""
+    size = np.array([shape.size_m for shape in some])
+    centre = np.array([shape.position for shape in some])
+    turn = xyzw(np.array([shape.quaternion for shape in some]))
+    look = {
+        "quaternions": turn,
+        "colors": [paint(shape.rgba, actor) for shape in some],
+        "fill_mode": rr.components.FillMode.Solid,
+    }
+    if kind == "box":
+        return rr.Boxes3D(half_sizes=size, centers=centre, **look)
+    if kind == "ellipsoid":
+        half = [s.size_m[[0, 0, 0]] if s.kind == "sphere" else s.size_m for s in some]
+        return rr.Ellipsoids3D(half_sizes=half, centers=centre, **look)
+    if kind == "cylinder":
+        return rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=centre, **look)
+    starts = capsule_starts(centre, turn, size[:, 1])
+    return rr.Capsules3D(lengths=2 * size[:, 1], radii=size[:, 0], translations=starts, **look)
+
+
+def log_meshes(to: Recorder, entity: str, some: Sequence[Shape], actor: ShownRobot) -> None:
+    """Each mesh has an entity of its own: Rerun places it by a transform."""
+    for i, shape in enumerate(some):
+        place = rr.Transform3D(translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion)))
+        mesh = rr.Mesh3D(
+            vertex_positions=shape.vertices,
+            triangle_indices=shape.faces,
+            albedo_factor=paint(shape.rgba, actor),
+        )
+        to.static(f"{entity}/mesh_{i}", place, mesh)
+
+
+def capsule_starts(centre: np.ndarray, quaternion_xyzw: np.ndarray, half_length: np.ndarray) -> np.ndarray:
+    """Where Rerun's capsules start, (n, 3) m: at one end of their axis, MuJoCo's sit at their centre."""
+    x, y, z, w = quaternion_xyzw.T
+    axis = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
+    return centre - half_length[:, None] * axis
+
+
+def xyzw(wxyz: np.ndarray) -> np.ndarray:
+    """Quaternions in Rerun's order."""
+    return np.roll(wxyz, -1, axis=-1)
+
+
+def paint(rgba: np.ndarray, actor: ShownRobot) -> tuple[int, ...]:
+    """A shape's RGBA, 0–255: the model's own, tinted with the robot's; ghosts are all tint, translucent."""
+    own, tint = 255 * rgba[:3], np.array(actor.colour)
+    if actor.is_ghost:
+        return (*actor.colour, int(GHOST_ALPHA * rgba[3]))
+    mixed = 0.3 * own + 0.7 * tint * (0.55 + 0.45 * rgba[:3].mean())
+    return (*(int(value) for value in mixed), int(255 * rgba[3]))
+
+
+def log_ways(to: Recorder, actor: ShownRobot) -> None:
+    """The whole way of the base, and of every foot as a thinner line."""
+    faded = (*actor.colour, 110)
+    to.static(
+        f"{WORLD}/{actor.key}/way_of_base",
+        rr.LineStrips3D([actor.poses.base.astype(np.float32)], radii=0.004, colors=actor.colour),
+    )
+    feet = actor.poses.feet.astype(np.float32)
+    if feet.shape[1]:
+        to.static(
+            f"{WORLD}/{actor.key}/ways_of_feet",
+            rr.LineStrips3D([feet[:, foot] for foot in range(feet.shape[1])], radii=0.0015, colors=faded),
+        )
+
+
+def log_forces(to: Recorder, actor: ShownRobot) -> None:
+    """Forces of the pairs as the log states them, as arrows at the middle of each pair's feet.
+
+    Only while the pair is planned to push: in the air the forces of the joint PD move the leg, not the robot.
+    """
+    jump, robot = actor.jump, actor.robot
+    pairs = [(i, [robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]) for i, pair in enumerate(PAIRS)]
+    if not all(feet for _, feet in pairs):
+        return
+    origins = np.stack([actor.poses.feet[:, feet].mean(axis=1) for _, feet in pairs], axis=1)
+    for source, colour in FORCES.items():
+        if not has_pair_force(jump, source):
+            continue
+        force = by_pair(jump.pair_force(source)[actor.rows])
+        vectors = np.zeros((len(force), 2, 3))
+        vectors[:, :, WORLD_X_Z] = METRES_PER_NEWTON * force
+        entity = f"{WORLD}/{actor.key}/{source}"
+        to.static(entity, rr.Arrows3D.from_fields(colors=[colour], radii=[0.006]))
+        pushing = jump.info.schedule.in_contact(actor.time)
+        columns = rr.Arrows3D.columns(
+            vectors=vectors[pushing].astype(np.float32), origins=origins[pushing].astype(np.float32)
+        )
+        to.over_time(entity, actor.time, columns.partition(pushing.sum(axis=1)))
+
+
+def log_contacts(to: Recorder, actor: ShownRobot) -> None:
+    """A disc of light at every foot while its contact switch is closed."""
+    feet = [i for i, foot in enumerate(actor.robot.feet) if f"contact/{foot}" in actor.jump]
+    if not feet:
+        return
+    names = [f"contact/{actor.robot.feet[i]}" for i in feet]
+    closed = actor.jump.stack(names)[actor.rows] > 0
+    entity = f"{WORLD}/{actor.key}/measured_contact"
+    colour: Colour = TARGET_COLOUR
+    to.static(entity, rr.Points3D.from_fields(colors=[colour], radii=[0.024]))
+    points = actor.poses.feet[:, feet][closed].astype(np.float32)
+    to.over_time(entity, actor.time, rr.Points3D.columns(positions=points).partition(closed.sum(axis=1)))

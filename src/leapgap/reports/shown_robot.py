@@ -1,0 +1,104 @@
+"""A jump on stage: its poses, its name and its colour, for the robot shown first and for its ghosts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.reports.recorder import every
+from leapgap.robot.model import Robot
+from leapgap.robot.visuals import Poses, body_poses
+
+Colour = tuple[int, int, int]
+
+MAIN: Colour = (74, 144, 255)
+GHOSTS: tuple[Colour, ...] = (
+    (255, 140, 40),
+    (46, 190, 110),
+    (190, 110, 240),
+    (235, 80, 110),
+    (120, 200, 220),
+)
+"""Legible on dark and on light; the nominal simulation comes first, then the corrected one."""
+POSE_PERIOD_S = 0.005
+"""Poses are drawn at up to 200 Hz, a fifth of the rows."""
+
+
+@dataclass(frozen=True)
+class ShownRobot:
+    """One jump as it is shown."""
+
+    label: str
+    jump: Log
+    robot: Robot
+    colour: Colour
+    is_ghost: bool = False
+
+    @cached_property
+    def key(self) -> str:
+        """The label as one part of an entity path."""
+        return "".join(c if c.isalnum() or c in "-_" else "_" for c in self.label)
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Rows of the jump whose poses are shown."""
+        return every(self.jump.time, POSE_PERIOD_S)
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Times of the shown poses, s."""
+        return self.jump.time[self.rows]
+
+    @cached_property
+    def measured_joints(self) -> tuple[str, ...]:
+        """Joints of the robot whose position the log has."""
+        return tuple(joint for joint in self.robot.joints if f"joint_pos/{joint}" in self.jump)
+
+    @cached_property
+    def poses(self) -> Poses:
+        """Forward kinematics of the shown rows."""
+        foreign = set(self.jump.joints) - set(self.robot.joints)
+        if foreign:
+            raise InputError(
+                self.jump.name,
+                f"joints {', '.join(sorted(foreign))}",
+                f"joints of {self.robot.name}: {', '.join(self.robot.joints)}",
+                "name the model this log was made with (robot.model=<model.xml>)",
+            )
+        joints = self.measured_joints
+        pos = self.jump.per_joint("joint_pos", joints)[self.rows] if joints else np.empty((len(self.rows), 0))
+        base, quaternion = (
+            self.jump.stack(columns)[self.rows] if columns[0] in self.jump else None
+            for columns in (BASE_POSITION, BASE_QUATERNION)
+        )
+        return body_poses(self.robot, pos, base, quaternion, joints)
+
+    @cached_property
+    def assumed(self) -> tuple[str, ...]:
+        """What the log lacks and the picture therefore takes from the model's rest pose, in words."""
+        lacks = []
+        if self.robot.has_free_base:
+            for columns, what in ((BASE_POSITION, "base position"), (BASE_QUATERNION, "base orientation")):
+                if columns[0] not in self.jump:
+                    lacks.append(what)
+        unmeasured = [joint for joint in self.robot.joints if joint not in self.measured_joints]
+        if unmeasured:
+            lacks.append(f"joint positions of {', '.join(unmeasured)}")
+        return tuple(lacks)
+
+
+def cast(label: str, jump: Log, ghosts: Mapping[str, Log], robot: Robot) -> tuple[ShownRobot, ...]:
+    """The main robot and its ghosts, each with its colour; labels must differ."""
+    actors = [ShownRobot(label, jump, robot, MAIN)]
+    for i, (name, ghost) in enumerate(ghosts.items()):
+        actors.append(ShownRobot(name, ghost, robot, GHOSTS[i % len(GHOSTS)], is_ghost=True))
+    keys = [actor.key for actor in actors]
+    if len(set(keys)) < len(keys):
+        raise InputError(
+            jump.name, f"robots named {', '.join(a.label for a in actors)}", "names that differ", "rename one"
+        )
+    return tuple(actors)

@@ -1,0 +1,284 @@
+"""The blind check as one HTML page: self-contained, no network but for links to the reports beside it."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import plotly.graph_objects as go
+import plotly.offline
+
+from leapgap.reports.page import embedded
+from leapgap.reports.report import CORRECTED, GREY, NOMINAL
+
+RIGHT, WRONG = "#14804a", "#c0391b"
+BARS = {
+    "named_first": ("named first, of detectable single effects", 0.90, ">="),
+    "named_in_set": ("within the reported set", 0.97, ">="),
+    "set_size_mean": ("mean size of the reported set", 2.0, "<="),
+    "wrongly_named": ("a wrong `named`, of all cases", 0.05, "<="),
+    "unknown_recall": ("`unknown`, of detectable effects without a name", 0.80, ">="),
+    "where_right": ("where right: place of the largest share", 0.90, ">="),
+    "pairs_both_named": ("both of a pair named", 0.75, ">="),
+    "parameter_error_median": ("median parameter error", 0.10, "<="),
+    "coverage": ("95 % intervals that hold the truth (0.90 to 0.98)", 0.90, ">="),
+    "closure_promise_error": ("mean |promised − realised closure|", 0.05, "<="),
+    "next_experiment_resolves": ("ambiguous cases that the next experiment resolves", 0.70, ">="),
+    "further_jumps_find": ("missed effects that further jumps find", None, ""),
+    "struck_honest_mirrored": ("honest answer with the true effect struck", None, ""),
+    "brier": ("Brier score of the first cause's probability", None, ""),
+    "calibration_error": ("calibration error", None, ""),
+}
+"""Score → its words, the bar, and the side that is good."""
+COVERAGE_MOST = 0.98
+NOTHING = '<p class="note">No such case.</p>'
+HALVES = {"reported": "reported: unseen seed, other families", "tuning": "tuning: thresholds may have seen it"}
+
+
+def html(
+    halves: Mapping[str, Mapping[str, Any]],
+    rows: Sequence[Mapping[str, Any]],
+    revisits: Mapping[str, Mapping[str, Any]],
+    confusion: Mapping[str, Mapping[str, Mapping[str, int]]],
+    limits: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    reliability: Mapping[str, Sequence[tuple[float, float, int]]],
+) -> str:
+    """The whole page; the same scores give the same bytes."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    figures = {
+        f"{kind}_{half}": embedded(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
+        for half in halves
+        for kind, figure in (
+            ("confusion", confusion_matrix(confusion[half])),
+            ("limits", detection(limits[half])),
+            ("reliability", calibration(reliability[half])),
+            ("parameters", parameters([r for r in rows if r["half"] == half])),
+            ("closure", closure([r for r in rows if r["half"] == half])),
+        )
+    }
+    wrong = [r for r in rows if r["half"] in halves and (r["wrongly_named"] or not r["right"])]
+    return environment.get_template("validation.html").render(
+        plotly=plotly.offline.get_plotlyjs(),
+        figures=figures,
+        halves=HALVES,
+        table=score_table(halves),
+        missed=missed_bars(halves, rows, revisits["missed"]),
+        counts={half: (halves[half]["cases"], halves[half]["detectable"]) for half in halves},
+        wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
+        rows=rows,
+        real=[r for r in rows if r["half"] == "real"],
+        struck=revisits["struck"],
+        experiments=revisits["experiments"],
+        further=revisits["missed"],
+    )
+
+
+def score_table(halves: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One line a score: words, bar, each half's value and whether it reaches the bar."""
+    lines = []
+    for key, (words, bar, side) in BARS.items():
+        line: dict[str, Any] = {"words": words, "bar": "" if bar is None else f"{'≥' if side == '>=' else '≤'} {bar:g}"}
+        for half in HALVES:
+            value = halves[half].get(key)
+            interval = None
+            if isinstance(value, Mapping):
+                value, interval = value["value"], value["ci95"]
+            reaches = None
+            if value is not None and bar is not None:
+                reaches = (value >= bar if side == ">=" else value <= bar) and not (
+                    key == "coverage" and value > COVERAGE_MOST
+                )
+            text = "–" if value is None else f"{value:.3g}"
+            if value is not None and interval and interval[0] is not None:
+                text += f" ({interval[0]:.3g} to {interval[1]:.3g})"
+            line[half] = {"text": text, "reaches": reaches}
+        lines.append(line)
+    return lines
+
+
+AGAINST: dict[str, Callable[[Mapping[str, Any]], bool]] = {
+    "named_first": lambda r: r["kind"] == "single" and r["detectable"] and r["first"] not in r["true"],
+    "named_in_set": lambda r: (
+        r["kind"] == "single" and r["detectable"] and r["true"][0] not in {n for names in r["answer"] for n in names}
+    ),
+    "wrongly_named": lambda r: r["wrongly_named"],
+    "pairs_both_named": lambda r: (
+        r["kind"] == "pair"
+        and r["each_detectable"]
+        and not set(r["true"]) <= {n for names in r["answer"] for n in names}
+    ),
+    "unknown_recall": lambda r: r["kind"] == "nameless" and r["detectable"] and r["verdict"] != "unknown",
+    "where_right": lambda r: r["detectable"] and not r["where_right"],
+    "parameter_error_median": lambda r: r["detectable"] and any(c["value"] != c["true"] for c in r["compared"]),
+}
+"""Which cases count against a score."""
+
+
+def missed_bars(
+    halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
+) -> list[dict[str, str]]:
+    """Every bar a half misses, with the cases that count against it, the most frequent first.
+
+    ``missed`` are cases that were diagnosed anew with further jumps.
+    """
+    lines = []
+    for line, key in zip(score_table(halves), BARS, strict=True):
+        for half in HALVES:
+            if line[half]["reaches"] is False and key in AGAINST:
+                against = [r for r in rows if r["half"] == half and AGAINST[key](r)]
+                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {said_where(r, key)}" for r in against)
+                cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
+                reason = why(key, against, missed)
+                lines.append({"half": half, "words": line["words"], "cases": cases, "why": reason})
+    return lines
+
+
+def why(key: str, against: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]) -> str:
+    """Of the cases that count against a score: what kind of miss they are, and what further jumps make of them."""
+    if key == "where_right":
+        sides = sum(r["where_mirrored"] for r in against)
+        return f"{sides} of {len(against)} are the same place on the other side: symmetric jumps leave that to noise."
+    silent = sum(r["verdict"] in ("none", "unknown") for r in against)
+    words = [f"{silent} of {len(against)} leave too little in four jumps to name anything." if silent else ""]
+    again = [missed[r["case"]] for r in against if r["case"] in missed]
+    if again:
+        found = sum(e["found"] for e in again)
+        words.append(f"With further jumps ({' '.join(again[0]['collect'])}) {found} of {len(again)} are found.")
+    return " ".join(word for word in words if word)
+
+
+def said_where(row: Mapping[str, Any], key: str) -> str:
+    """What was said in one case, as far as a score is concerned."""
+    if key != "where_right":
+        return str(row["said"])
+    places = (" ".join(place) if place else "nowhere" for place in (row["where_said"], row["where_true"]))
+    return " instead of ".join(places)
+
+
+def has_points(figure: go.Figure) -> bool:
+    """Whether a figure shows anything of the cases."""
+    return any(len(trace.y or ()) and getattr(trace, "mode", None) != "lines" for trace in figure.data)
+
+
+def confusion_matrix(table: Mapping[str, Mapping[str, int]]) -> go.Figure:
+    """What was true against what was said first; detectable cases by effect."""
+    said = sorted({name for row in table.values() for name in row}, key=lambda n: (n in ("none", "unknown"), n))
+    truths = list(table)
+    counts = [[table[t].get(s, 0) for s in said] for t in truths]
+    figure = go.Figure(
+        go.Heatmap(
+            z=counts,
+            x=said,
+            y=truths,
+            colorscale="Blues",
+            text=[[str(n) if n else "" for n in row] for row in counts],
+            texttemplate="%{text}",
+            showscale=False,
+            xgap=2,
+            ygap=2,
+            hovertemplate="true %{y}, said %{x}: %{z}<extra></extra>",
+        )
+    )
+    figure.update_layout(height=140 + 24 * len(truths), margin={"l": 250, "r": 20, "t": 120, "b": 10})
+    figure.update_xaxes(side="top", tickangle=-45)
+    figure.update_yaxes(autorange="reversed")
+    return figure
+
+
+def detection(limits: Mapping[str, Mapping[str, Any]]) -> go.Figure:
+    """Every single case by how much its effect changes the motion: found or not, and the limit between."""
+    figure = go.Figure()
+    for found, name, colour in ((True, "found", RIGHT), (False, "missed", WRONG)):
+        points = [(c["change_floors"], e) for e, of in limits.items() for c in of["cases"] if c["found"] == found]
+        figure.add_scatter(
+            x=[max(x, 0.05) for x, _ in points],
+            y=[e for _, e in points],
+            mode="markers",
+            name=name,
+            marker={"color": colour, "size": 9, "opacity": 0.75},
+        )
+    known = [(of["limit_floors"], e) for e, of in limits.items() if of["limit_floors"] is not None]
+    figure.add_scatter(
+        x=[x for x, _ in known],
+        y=[e for _, e in known],
+        mode="markers",
+        name="detection limit",
+        marker={"symbol": "line-ns-open", "size": 20, "color": "#111827", "line": {"width": 2}},
+    )
+    figure.add_vline(x=2, line={"color": GREY, "dash": "dot", "width": 1})
+    figure.update_xaxes(type="log", title_text="change of the motion by the effect, noise floors (dotted: detectable)")
+    figure.update_yaxes(categoryorder="category descending")
+    figure.update_layout(height=130 + 24 * len(limits), margin={"l": 170, "r": 20, "t": 30, "b": 45})
+    return figure
+
+
+def calibration(bins: Sequence[tuple[float, float, int]]) -> go.Figure:
+    """Reliability diagram: how often the first cause is right, by the probability it is given."""
+    figure = go.Figure()
+    figure.add_scatter(x=[0, 1], y=[0, 1], mode="lines", line={"color": GREY, "dash": "dot"}, showlegend=False)
+    figure.add_scatter(
+        x=[p for p, _, _ in bins],
+        y=[r for _, r, _ in bins],
+        mode="lines+markers+text",
+        text=[str(n) for _, _, n in bins],
+        textposition="top center",
+        marker={"color": CORRECTED, "size": 10},
+        showlegend=False,
+    )
+    figure.update_xaxes(range=[0, 1.05], title_text="probability given")
+    figure.update_yaxes(range=[0, 1.1], title_text="share right")
+    figure.update_layout(height=360, margin={"l": 60, "r": 20, "t": 20, "b": 45})
+    return figure
+
+
+def parameters(rows: Sequence[Mapping[str, Any]]) -> go.Figure:
+    """Estimated over true departure from nominal, with the reported intervals."""
+    told = [(r, c) for r in rows for c in r["compared"] if c["true"] != c["nominal"]]
+    ratio, low, high, names = [], [], [], []
+    for r, c in told:
+        true = c["true"] - c["nominal"]
+        ends = sorted(((c["low"] - c["nominal"]) / true, (c["high"] - c["nominal"]) / true))
+        at = (c["value"] - c["nominal"]) / true
+        ratio.append(at)
+        low.append(max(0.0, at - ends[0]))
+        high.append(max(0.0, ends[1] - at))
+        names.append(f"{c['effect']} {c['parameter']} ({r['case']})")
+    figure = go.Figure(
+        go.Scatter(
+            x=ratio,
+            y=names,
+            mode="markers",
+            marker={"color": CORRECTED, "size": 8},
+            error_x={"type": "data", "symmetric": False, "array": high, "arrayminus": low, "color": GREY},
+        )
+    )
+    figure.add_vline(x=1, line={"color": RIGHT, "dash": "dot"})
+    title = "estimated / true departure from nominal (95 % interval as reported)"
+    figure.update_xaxes(title_text=title, range=[-0.5, 3])
+    figure.update_layout(height=100 + 20 * len(names), margin={"l": 280, "r": 20, "t": 10, "b": 45})
+    return figure
+
+
+def closure(rows: Sequence[Mapping[str, Any]]) -> go.Figure:
+    """Promised against realised closure, %; within the dotted lines they differ by at most 5 points."""
+    told = [r for r in rows if r["promised"] is not None and r["realised"] is not None]
+    figure = go.Figure()
+    for shift in (-5, 5):
+        line = {"color": GREY, "dash": "dot", "width": 1}
+        figure.add_scatter(x=[0, 100], y=[shift, 100 + shift], mode="lines", line=line, showlegend=False)
+    figure.add_scatter(
+        x=[100 * r["promised"] for r in told],
+        y=[100 * r["realised"] for r in told],
+        text=[f"{r['case']}: {r['said_true']}" for r in told],
+        mode="markers",
+        marker={"color": [CORRECTED if r["detectable"] else NOMINAL for r in told], "size": 9},
+        showlegend=False,
+        hovertemplate="%{text}<br>promised %{x:.0f} %, realised %{y:.0f} %<extra></extra>",
+    )
+    figure.update_xaxes(range=[-5, 108], title_text="promised on held-out jumps, %")
+    figure.update_yaxes(range=[-60, 108], title_text="realised on jumps kept with the truth, %")
+    figure.update_layout(height=380, margin={"l": 60, "r": 20, "t": 20, "b": 45})
+    return figure

@@ -1,0 +1,54 @@
+"""What a controller is: estimates of the robot in, commands to its joints out, one pair a control tick."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class StateEstimate:
+    """What the controller is told of the robot at one tick: measured, hence noisy and late. SI units."""
+
+    time_s: float
+    """Since the jump began."""
+    base_position: np.ndarray
+    """Origin of the base in the world, (3,)."""
+    base_quaternion: np.ndarray
+    """Base to world, w x y z, (4,)."""
+    base_velocity: np.ndarray
+    """Of that origin, in the world, (3,)."""
+    base_angular_velocity: np.ndarray
+    """In base axes, as a gyro, (3,)."""
+    joint_pos: np.ndarray
+    """(joints,), rad, joint order of the robot."""
+    joint_vel: np.ndarray
+    """(joints,), rad/s."""
+    foot_contact: np.ndarray
+    """Whether each foot touches, bool, (feet,), foot order of the robot."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the joints are told until the next tick: feed-forward torque and joint PD; shape (joints,) each."""
+
+    torque: np.ndarray
+    """Feed-forward, N·m."""
+    position: np.ndarray
+    """Set point, rad."""
+    velocity: np.ndarray
+    """Set point, rad/s."""
+    kp: np.ndarray
+    """N·m/rad."""
+    kd: np.ndarray
+    """N·m·s/rad."""
+    planned_force: np.ndarray
+    """u_mpc: ground force on the robot that the feed-forward stands for, front x z, rear x z, N, world axes, (4,)."""
+
+
+class Controller(ABC):
+    """Controls one robot; a fresh one for each run, for it may remember."""
+
+    @abstractmethod
+    def command(self, estimate: StateEstimate) -> Command:
+        """What to send at this tick; called once a control period, in order of time."""

@@ -1,0 +1,174 @@
+"""Simulated hardware: the nominal robot with effects its controller does not know, measured with noise.
+
+A jump tracks a planned reference with feed-forward torque and joint PD at the reference's rate; the commands are
+known beforehand, so jumps roll out as replays do, without a Python loop. What comes back is a jump log.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect
+from leapgap.logs.log import Log
+from leapgap.logs.schema import PAIR_FORCE_AXES
+from leapgap.logs.state import columns_of, motion_of, pd_torques
+from leapgap.robot.kinematics import feet_positions
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, Motion
+from leapgap.robot.terrain import Box
+from leapgap.simulation.pair_forces import pd_pair_force
+from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.sensors import NoiseRows, SensorNoise
+
+LARGEST_DEPTH_M = 0.002
+"""A foot this deep in the ground at the start comes out by itself; a deeper one would throw the robot."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What stands before the robot: a block under the front feet, its length and width in m."""
+
+    settle_s: float = 0.5
+    """The robot stands on its terrain this long before the jump begins."""
+    after_landing_s: float = 0.3
+    """The last command is held this long after the reference ends."""
+    block_length_m: float = 0.2
+    block_width_m: float = 0.5
+
+
+@dataclass(frozen=True)
+class PlannedJump:
+    """One jump to make: its reference and the height of the block under the front feet, m (0: none)."""
+
+    name: str
+    reference: Log
+    block_height_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class PreparedJump:
+    """A planned jump whose robot stands at its start."""
+
+    plan: PlannedJump
+    commanded: Log
+    """The reference, extended beyond the landing, on the plan's terrain."""
+    start: np.ndarray
+    """True state after standing for a while, (nq + nv,)."""
+
+
+def prepare(
+    plans: Sequence[PlannedJump], replayer: Replayer, effects: tuple[Effect, ...], course: Course
+) -> list[PreparedJump]:
+    """Let the simulated hardware stand at the start of each plan; ``replayer`` has slots for their terrain."""
+    robot = replayer.robot
+    commanded = [with_block(extended(plan.reference, course), plan, robot, course) for plan in plans]
+    standing = [replayer.first_state(Rollout(held(jump, course.settle_s))) for jump in commanded]
+    standing = [raised_front(state, plan.block_height_m, robot) for state, plan in zip(standing, plans, strict=True)]
+    settling = [Rollout(held(jump, course.settle_s), effects) for jump in commanded]
+    settling = [
+        replace(trial, first_state=out_of_the_ground(trial, state, replayer))
+        for trial, state in zip(settling, standing, strict=True)
+    ]
+    starts = [motion.last_state for motion in replayer.true_motions(settling)]
+    return [PreparedJump(*each) for each in zip(plans, commanded, starts, strict=True)]
+
+
+def terrain_slots(plans: Sequence[PlannedJump]) -> int:
+    """Boxes that the plans' models need: those of the reference and the block."""
+    return 1 + max((len(plan.reference.info.terrain) for plan in plans), default=0)
+
+
+def make_jumps(
+    plans: Sequence[PlannedJump],
+    robot: Robot,
+    effects: tuple[Effect, ...],
+    noise: SensorNoise,
+    course: Course,
+    rng: np.random.Generator,
+) -> list[Log]:
+    """Let the simulated hardware make the planned jumps open loop; logs in the order of the plans."""
+    replayer = Replayer(robot, terrain_slots(plans))
+    ready = prepare(plans, replayer, effects, course)
+    motions = replayer.motions([Rollout(one.commanded, effects, first_state=one.start) for one in ready])
+    logs = []
+    for one, motion in zip(ready, motions, strict=True):
+        errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
+        logs.append(logged(one.plan.name, one.commanded, errors.added_to(motion, robot), robot))
+    return logs
+
+
+def extended(reference: Log, course: Course) -> Log:
+    """The reference with its last command held after the landing, the plan's motion and forces ended."""
+    period = reference.info.sample_period_s
+    more = round(course.after_landing_s / period)
+    columns = {}
+    for name, values in reference.columns.items():
+        zero = name.startswith(("cmd_tau/", "cmd_vel/", "mpc_force/"))
+        columns[name] = np.concatenate([values, np.full(more, 0.0 if zero else values[-1])])
+    columns["time"] = np.arange(len(reference) + more) * period
+    return replace(reference, columns=columns)
+
+
+def held(jump: Log, seconds: float) -> Log:
+    """The jump's first command for some time, at rest."""
+    rows = max(2, round(seconds / jump.info.sample_period_s))
+    columns = {name: np.full(rows, values[0]) for name, values in jump.columns.items()}
+    columns["time"] = np.arange(rows) * jump.info.sample_period_s
+    return replace(jump, columns=columns)
+
+
+def with_block(jump: Log, plan: PlannedJump, robot: Robot, course: Course) -> Log:
+    """The reference with the plan's block under its front feet, if it has one."""
+    if plan.block_height_m <= 0:
+        return jump
+    feet = feet_positions(robot, motion_of(jump, robot, slice(1)).qpos)[0]
+    x, y = feet[[robot.feet.index(foot) for foot in robot.feet_of_pair("front")], :2].mean(axis=0)
+    size = (course.block_length_m, course.block_width_m, plan.block_height_m)
+    box = Box(round(float(x), 4), round(float(y), 4), size, plan.block_height_m)
+    return replace(jump, info=replace(jump.info, terrain=(*jump.info.terrain, box)))
+
+
+def out_of_the_ground(trial: Rollout, state: np.ndarray, replayer: Replayer) -> np.ndarray:
+    """The state, tilted and lifted until no foot is in the trial's ground, which may not be where it was planned."""
+    robot = replayer.robot
+    depth = replayer.foot_depths(replace(trial, first_state=state))
+    if depth.max(initial=0.0) < LARGEST_DEPTH_M:
+        return state
+    front, rear = (max(depth[robot.feet.index(f)] for f in robot.feet_of_pair(pair)) for pair in ("front", "rear"))
+    state = raised_front(state, front - rear, robot)
+    state[2] += replayer.foot_depths(replace(trial, first_state=state)).max()
+    return state
+
+
+def raised_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray:
+    """The first state, turned about the rear feet so that the front feet stand higher by a height."""
+    state = state.copy()
+    if height_m == 0:
+        return state
+    feet = feet_positions(robot, state[None, : robot.model.nq])[0]
+    front, rear = (
+        feet[[robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]].mean(axis=0) for pair in ("front", "rear")
+    )
+    pitch = -np.arcsin(height_m / (front[0] - rear[0]))  # nose up is negative
+    c, s = np.cos(pitch), np.sin(pitch)
+    arm = state[POSITION_SLICE] - rear
+    state[0], state[2] = rear[0] + c * arm[0] + s * arm[2], rear[2] - s * arm[0] + c * arm[2]
+    level = state[QUATERNION_SLICE].copy()
+    mujoco.mju_mulQuat(state[QUATERNION_SLICE], np.array([np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]), level)
+    return state
+
+
+def logged(name: str, commanded: Log, measured: Motion, robot: Robot) -> Log:
+    """The log of a measured motion and its commands, with planned forces and those that the joint PD stands for."""
+    joint_pos, joint_vel = measured.qpos[:, robot.joint_qpos], measured.qvel[:, robot.joint_dofs]
+    columns = {"time": commanded.time} | columns_of(measured, robot)
+    columns |= {key: values for key, values in commanded.columns.items() if key.startswith(("cmd_", "mpc_force/"))}
+    spring, damper = pd_torques(commanded, robot.joints, joint_pos, joint_vel)
+    pd_force = pd_pair_force(
+        robot, commanded.info.schedule, commanded.time, measured.base_quaternion, joint_pos, spring + damper
+    )
+    columns |= {f"pd_force/{axis}": pd_force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
+    info = replace(commanded.info, robot=robot.name, source="simulated hardware")
+    return Log(name, {key: np.ascontiguousarray(values) for key, values in columns.items()}, info)

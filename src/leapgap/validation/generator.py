@@ -1,0 +1,190 @@
+"""The generating simulation: another step, integrator and contact than the diagnosing one, and wrong in small ways.
+
+Every jump is stepped on its own, so that a nameless effect may act with a memory; the robot stands on its terrain and
+then jumps, in one run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect, recompute_constants
+from leapgap.effects.contact import foot_geoms
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from leapgap.simulation.open_loop import (
+    Course,
+    PlannedJump,
+    extended,
+    held,
+    logged,
+    out_of_the_ground,
+    raised_front,
+    with_block,
+)
+from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.sensors import NoiseRows, SensorNoise
+from leapgap.validation.off_table.base import OffTableEffect, Process
+
+Effects = tuple[Effect, ...]
+
+
+@dataclass(frozen=True)
+class NuisanceSizes:
+    """Standard deviations of the generator's errors, as shares of what the model says; lengths in m."""
+
+    mass: float = 0.005
+    com_m: float = 0.0005
+    damping: float = 0.1
+    friction: float = 0.05
+    armature: float = 0.05
+    foot_friction: float = 0.02
+    contact_time: float = 0.03
+    """Of the feet's solref time constant."""
+
+
+@dataclass(frozen=True)
+class Nuisance(OffTableEffect):
+    """Small random errors in all that no description of a robot has exactly: the same seed, the same robot."""
+
+    name = "nuisance"
+
+    seed: int = 0
+    sizes: NuisanceSizes = NuisanceSizes()
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Scale masses and inertias, shift centres of mass, scale joints, feet and contacts."""
+        rng, sizes = np.random.default_rng(self.seed), self.sizes
+        robots = np.arange(robot.base_body, robot.model.nbody)
+        scale = 1 + sizes.mass * rng.standard_normal(len(robots))
+        model.body_mass[robots] *= scale
+        model.body_inertia[robots] *= scale[:, None]
+        model.body_ipos[robots] += sizes.com_m * rng.standard_normal((len(robots), 3))
+        model.body_sameframe[robots] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
+        model.geom_sameframe[np.isin(model.geom_bodyid, robots)] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
+        dofs = robot.joint_dofs
+
+        def about_one(size: float, shape: tuple[int, ...]) -> np.ndarray:
+            return np.maximum(0.1, 1 + size * rng.standard_normal(shape))
+
+        shape = model.dof_damping[dofs].shape
+        model.dof_damping[dofs] *= about_one(sizes.damping, shape)
+        model.dof_frictionloss[dofs] *= about_one(sizes.friction, (len(dofs),))
+        model.dof_armature[dofs] *= about_one(sizes.armature, (len(dofs),))
+        feet = foot_geoms(model, robot, "all")
+        model.geom_friction[feet, 0] *= about_one(sizes.foot_friction, (len(feet),))
+        model.geom_solref[feet, 0] *= about_one(sizes.contact_time, (len(feet),))
+        model.geom_solimp[feet, :3] = [0.88, 0.955, 0.0012]
+        model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_EULER)
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        recompute_constants(model)
+
+
+class Generator(Replayer):
+    """Replays and jumps of the generating simulation; its trials should carry a ``Nuisance`` first."""
+
+    def __init__(self, robot: Robot, terrain_slots: int = 1, step_s: float = 0.00025) -> None:
+        super().__init__(robot, terrain_slots, threads=1, largest_step_s=step_s)
+
+    def substeps(self, jump: Log) -> int:
+        """Simulation steps of one control period of the log."""
+        return max(1, int(np.ceil(jump.info.sample_period_s / self.largest_step_s - 1e-9)))
+
+    def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: int) -> list[Motion]:
+        return [self._stepped(trial, rows, substeps) for trial in trials]
+
+    def _stepped(self, trial: Rollout, rows: int, substeps: int) -> Motion:
+        """One trial, step by step."""
+        if trial.jump.rows_before_gain_change < rows:
+            raise InputError(trial.jump.name, "joint gains that change", "constant gains", "use planned references")
+        nq, nv = self.bare.nq, self.bare.nv
+        model, control = self.model(trial), self._controls(trial, rows)
+        data = mujoco.MjData(model)
+        start = self.full_state(trial, model, control)
+        _, data.qpos[:nq], data.qvel[:nv], data.act[:] = np.split(start, [1, 1 + nq, 1 + nq + nv])
+        processes = self._processes(trial, model)
+        data.ctrl[:] = control[0]
+        mujoco.mj_forward(model, data)
+        qpos, qvel = np.empty((rows, nq)), np.empty((rows, nv))
+        qpos[0], qvel[0] = data.qpos[:nq], data.qvel[:nv]
+        for row in range(1, rows):
+            data.ctrl[:] = control[row - 1]
+            step(model, data, processes, substeps)
+            qpos[row], qvel[row] = data.qpos[:nq], data.qvel[:nv]
+        if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
+            raise InputError(
+                trial.jump.name, "a motion that left the world of numbers", "a stable one", "draw smaller effects"
+            )
+        return Motion(qpos, qvel)
+
+    def _processes(self, trial: Rollout, model: mujoco.MjModel) -> list[Process]:
+        found = [e.process(model, self.robot, trial.jump) for e in trial.effects if isinstance(e, OffTableEffect)]
+        return [process for process in found if process is not None]
+
+
+def step(model: mujoco.MjModel, data: mujoco.MjData, processes: Sequence[Process], steps: int) -> None:
+    """Some steps under the same controls."""
+    if not processes:
+        mujoco.mj_step(model, data, nstep=steps)
+        return
+    for _ in range(steps):
+        data.xfrc_applied[:], data.qfrc_applied[:] = 0.0, 0.0
+        for process in processes:
+            process(model, data)
+        mujoco.mj_step(model, data)
+
+
+@dataclass(frozen=True)
+class Made:
+    """One jump of the generator."""
+
+    log: Log
+    """As its sensors report it."""
+    clean: Log
+    """The same without sensor noise."""
+
+
+def make(
+    plans: Sequence[PlannedJump],
+    effects: Sequence[Effects],
+    generator: Generator,
+    noise: SensorNoise,
+    course: Course,
+    rng: np.random.Generator,
+) -> list[Made]:
+    """Let the generator's robot, with each plan's own effects, make the planned jumps."""
+    return [make_one(plan, own, generator, noise, course, rng) for plan, own in zip(plans, effects, strict=True)]
+
+
+def make_one(
+    plan: PlannedJump,
+    effects: Effects,
+    generator: Generator,
+    noise: SensorNoise,
+    course: Course,
+    rng: np.random.Generator,
+) -> Made:
+    """Stand, then jump, in one run; only the jump is logged."""
+    robot = generator.robot
+    jump = with_block(extended(plan.reference, course), plan, robot, course)
+    still = held(jump, course.settle_s)
+    standing = raised_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
+    standing = out_of_the_ground(Rollout(still, effects), standing, generator)
+    whole = joined(still, jump)
+    trial = Rollout(whole, effects, first_state=standing)
+    (motion,) = generator.motions([trial])
+    motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
+    errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
+    return Made(logged(plan.name, jump, errors.added_to(motion, robot), robot), logged(plan.name, jump, motion, robot))
+
+
+def joined(first: Log, second: Log) -> Log:
+    """The second jump's commands after the first's, on one clock."""
+    period = second.info.sample_period_s
+    columns = {name: np.concatenate([first[name], values]) for name, values in second.columns.items()}
+    columns["time"] = np.arange(len(first) + len(second)) * period
+    return replace(second, columns=columns)

@@ -1,0 +1,104 @@
+"""Motors and gears in ways the table has no word for: heat, play, cogging."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import parameter
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+from leapgap.validation.off_table.base import OffTableEffect, Process
+
+COGS = 40
+"""Cogging periods a turn of the joint: 36 slots of the rotor would be finer by the gear, the planet gears coarser."""
+TOOTH_STIFFNESS = 4000.0
+"""N·m/rad of the gear once its play is used up."""
+TOOTH_DAMPING = 2.0
+"""N·m·s/rad there."""
+
+
+@dataclass(frozen=True)
+class HeatFade(OffTableEffect):
+    """Motors that lose torque as they heat: gain exp(−fade · ∫τ² dt / (1000 N²m²s)), for each on its own."""
+
+    name = "heat_fade"
+    places = "joints"
+
+    fade: float = parameter(0.0, "1/(1000 N²m²s)", 0.0, 20.0)
+
+    def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
+        """Integrate the squared torque, and weaken gain, joint PD and limit alike."""
+        at = robot.joint_actuators[robot.joints_at(self.location)]
+        gain, bias = model.actuator_gainprm[at].copy(), model.actuator_biasprm[at].copy()
+        heat = np.zeros(len(at))
+
+        def warm(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+            heat[:] += data.actuator_force[at] ** 2 * model.opt.timestep / 1000
+            left = np.exp(-self.fade * heat)[:, None]
+            model.actuator_gainprm[at], model.actuator_biasprm[at] = left * gain, left * bias
+
+        return warm
+
+
+@dataclass(frozen=True)
+class Backlash(OffTableEffect):
+    """Play in the gears: the rotor turns freely within it before its teeth push the link.
+
+    The joint's armature is the rotor; encoder and joint PD sit at the link.
+    """
+
+    name = "backlash"
+    places = "joints"
+
+    play_rad: float = parameter(0.0, "rad", 0.0, 0.15)
+
+    def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
+        """Drive a rotor of our own with the motor's torque, and the link with the force of the teeth."""
+        at = robot.joints_at(self.location)
+        actuators, dofs, qpos = robot.joint_actuators[at], robot.joint_dofs[at], robot.joint_qpos[at]
+        inertia = model.dof_armature[dofs].copy()
+        gain, bias = model.actuator_gainprm[actuators, 0].copy(), model.actuator_biasprm[actuators, :3].copy()
+        limit = model.actuator_forcerange[actuators].copy()
+        model.actuator_gainprm[actuators], model.actuator_biasprm[actuators] = 0.0, 0.0
+        model.dof_armature[dofs] = 0.0
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        rotor: dict[str, np.ndarray] = {}
+
+        def mesh(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+            q, v = data.qpos[qpos], data.qvel[dofs]
+            if not rotor:
+                rotor["q"], rotor["v"] = q.copy(), v.copy()
+            asked = gain * data.ctrl[actuators] + bias[:, 1] * q + bias[:, 2] * v
+            asked = np.clip(asked, limit[:, 0], limit[:, 1])
+            twist = rotor["q"] - q
+            beyond = twist - np.clip(twist, -self.play_rad / 2, self.play_rad / 2)
+            teeth = np.where(beyond != 0, TOOTH_STIFFNESS * beyond + TOOTH_DAMPING * (rotor["v"] - v), 0.0)
+            rotor["v"] = rotor["v"] + model.opt.timestep * (asked - teeth) / inertia
+            rotor["q"] = rotor["q"] + model.opt.timestep * rotor["v"]
+            data.qfrc_applied[dofs] += teeth
+
+        return mesh
+
+
+@dataclass(frozen=True)
+class Cogging(OffTableEffect):
+    """A torque that ripples with the joint's angle: amplitude · sin(40 q), driving as often as braking."""
+
+    name = "cogging"
+    places = "joints"
+
+    amplitude_nm: float = parameter(0.0, "N·m", 0.0, 10.0)
+
+    def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
+        """Add the ripple at the joints."""
+        at = robot.joints_at(self.location)
+        dofs, qpos = robot.joint_dofs[at], robot.joint_qpos[at]
+
+        def ripple(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+            data.qfrc_applied[dofs] += self.amplitude_nm * np.sin(COGS * data.qpos[qpos])
+
+        return ripple
+
+
+KINDS: tuple[type[OffTableEffect], ...] = (HeatFade, Backlash, Cogging)

@@ -1,0 +1,185 @@
+"""One case after its seal was opened: what was true beside what was said."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from leapgap import effects
+
+CLAIMS = ("named", "ambiguous")
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A true parameter and its estimate."""
+
+    effect: str
+    parameter: str
+    unit: str
+    nominal: float
+    true: float
+    value: float
+    low: float
+    high: float
+
+    @property
+    def error(self) -> float:
+        """|estimate − true| as a share of the true departure from nominal."""
+        return abs(self.value - self.true) / max(abs(self.true - self.nominal), 1e-12)
+
+    @property
+    def covered(self) -> bool:
+        """Whether the 95 % interval holds the truth."""
+        return self.low <= self.true <= self.high
+
+
+@dataclass(frozen=True)
+class CaseOutcome:
+    """A scored case."""
+
+    case: str
+    half: str
+    kind: str
+    true: tuple[str, ...]
+    """Names of the effects that acted."""
+    said_true: str
+    """The truth for a person, with places and numbers."""
+    change_floors: float
+    """How much the effects change the motion, in noise floors."""
+    detectable: bool
+    each_detectable: bool
+    """Of a pair: whether leaving out either one changes the motion detectably."""
+    verdict: str
+    answer: tuple[tuple[str, ...], ...]
+    first: str | None
+    """The most probable cause, of a verdict that claims one."""
+    probability: float | None
+    """Of that cause."""
+    locations: tuple[tuple[str, str], ...]
+    """(true, said) place of each effect that acted and is in the answer."""
+    where_true: tuple[str, str] | None
+    where_said: tuple[str, str] | None
+    compared: tuple[Compared, ...]
+    promised: float | None
+    realised: float | None
+    sentence: str
+    next_experiment: str
+    """What the report proposes to do; empty: nothing."""
+    sides: Mapping[str, str] = field(default_factory=dict)
+    """Joint → the joint that stands for it and its twin on the other side (``Topology.sides``)."""
+
+    @property
+    def answered(self) -> set[str]:
+        """All names in the answer."""
+        return {name for names in self.answer for name in names}
+
+    @property
+    def wrongly_named(self) -> bool:
+        """A definite answer that holds a cause that did not act."""
+        return self.verdict == "named" and not self.answered <= set(self.true)
+
+    @property
+    def right(self) -> bool:
+        """The verdict a perfect diagnosis would give."""
+        if self.kind == "nameless":
+            return self.verdict == ("unknown" if self.detectable else "none") or (
+                not self.detectable and self.verdict == "unknown"
+            )
+        if self.kind == "none":
+            return self.verdict == "none"
+        if not self.detectable:
+            return self.verdict == "none" or self.answered <= set(self.true)
+        return self.verdict == "named" and self.answered == set(self.true)
+
+    @property
+    def where_right(self) -> bool:
+        """Whether the largest share lies where it is said to."""
+        return self.where_true is not None and self.where_true == self.where_said
+
+    @property
+    def where_mirrored(self) -> bool:
+        """The same, left and right legs taken as one."""
+        return mirrored(self.where_true, self.sides) == mirrored(self.where_said, self.sides)
+
+
+def outcome(
+    case: str,
+    truth: Mapping[str, Any],
+    report: Mapping[str, Any],
+    realised: float | None,
+    sides: Mapping[str, str] | None = None,
+) -> CaseOutcome:
+    """Put a truth beside a report; ``sides`` are those of the robot's topology."""
+    answer = tuple(tuple(names) for names in report["answer"])
+    claims = report["verdict"] in CLAIMS and bool(report["causes"])
+    true = tuple(effect["name"] for effect in truth["effects"])
+    in_answer = {name for names in answer for name in names}
+    causes = {c["effect"]: c for c in reversed(report["causes"])}  # the most probable one of each name
+    floor = truth.get("noise_floor") or 1.0
+    return CaseOutcome(
+        case=case,
+        half=truth["half"],
+        kind=truth["kind"],
+        true=true,
+        said_true=" and ".join(in_words(e) for e in truth["effects"]) or truth["kind"],
+        change_floors=(truth["change"] or 0.0) / floor,
+        detectable=truth["detectable"],
+        each_detectable=bool(truth.get("changes")) and min(truth["changes"]) >= 2 * floor,
+        verdict=report["verdict"],
+        answer=answer,
+        first=report["causes"][0]["effect"] if claims else None,
+        probability=report["causes"][0]["probability"] if claims else None,
+        locations=tuple(
+            (e["location"], causes[e["name"]]["location"]) for e in truth["effects"] if e["name"] in in_answer
+        ),
+        where_true=place(truth["where"]),
+        where_said=place(report["where"]),
+        compared=tuple(c for e in truth["effects"] if e["name"] in in_answer for c in compare(e, truth, report)),
+        promised=(report["closure_of_answer"] or {}).get("heldout") if claims else None,
+        realised=realised if claims else None,
+        sentence=report["sentence"],
+        next_experiment=(report.get("next_experiment") or {}).get("sentence", ""),
+        sides=sides or {},
+    )
+
+
+def mirrored(place: tuple[str, str] | None, sides: Mapping[str, str]) -> tuple[str, str] | None:
+    """A place with left and right legs taken as one: a symmetric jump leaves the choice between them to noise."""
+    if place is None:
+        return None
+    phase, channel = place
+    quantity, slash, joint = channel.partition("/")
+    return phase, f"{quantity}{slash}{sides.get(joint, joint)}"
+
+
+def in_words(effect: Mapping[str, Any]) -> str:
+    """``joint_damping at RR: damping 0.4``."""
+    values = ", ".join(f"{name} {value:.3g}" for name, value in effect["parameters"].items())
+    return f"{effect['name']}{'' if effect['location'] == 'all' else ' at ' + effect['location']}: {values}"
+
+
+def place(where: list[Mapping[str, Any]]) -> tuple[str, str] | None:
+    """Phase and channel of the largest share."""
+    return (where[0]["phase"], where[0]["channel"]) if where else None
+
+
+def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping[str, Any]) -> list[Compared]:
+    """Every parameter of one true effect that the report estimates; the median where it differed by log."""
+    found = []
+    kind = effects.known().get(effect["name"])
+    known = kind.declared() if kind else {}
+    index = [e["name"] for e in truth["effects"]].index(effect["name"])
+    logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
+    for name, about in known.items():
+        for cause in report["causes"]:
+            if cause["effect"] == effect["name"] and name in cause["parameters"]:
+                told = cause["parameters"][name]
+                true = float(np.median([of_log[index][name] for of_log in logs]))
+                low, high = told["ci95"]
+                found.append(
+                    Compared(effect["name"], name, about.unit, told["nominal"], true, told["value"], low, high)
+                )
+                break
+    return found

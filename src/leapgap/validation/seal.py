@@ -1,0 +1,48 @@
+"""Seals: a truth is published as a salted hash before any verdict, and must match it when it is opened."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from leapgap.atomic_io import read_json
+from leapgap.errors import InputError
+
+SEALS = "seals.json"
+"""Beside the logs: case → SHA-256 of its truth's salt and content."""
+
+
+def seal(truth: Mapping[str, Any]) -> str:
+    """SHA-256, in hex, over the truth as canonical JSON; its ``salt`` keeps a reader from trying all truths."""
+    if not truth.get("salt"):
+        raise InputError("truth", "no salt", "a truth with a salt", "withhold the case anew")
+    return hashlib.sha256(json.dumps(truth, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def opened(folder: Path, logs: Path, case: str) -> Mapping[str, Any]:
+    """The truth of a case; ``InputError`` where it, or a jump it keeps back, is not the one that was sealed."""
+    path = folder / f"{case}.json"
+    truth = read_json(path)
+    published = read_json(logs / SEALS).get(case)
+    if published is None or seal(truth) != published:
+        raise InputError(
+            path,
+            f"a truth with the seal {seal(truth)[:12]}…",
+            f"the seal {str(published)[:12]}… that was published with the logs",
+            "the truth was changed after it was sealed: withhold and diagnose the cases anew",
+        )
+    check_files(truth["logs"], logs / case)
+    check_files(truth["proof"], folder / case)
+    return truth
+
+
+def check_files(expected: Mapping[str, str], folder: Path) -> None:
+    """Refuse a jump log whose bytes are not those that were sealed."""
+    for name, digest in expected.items():
+        path = folder / name
+        found = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no file"
+        if found != digest:
+            raise InputError(
+                path, f"{found[:12]}…", f"the sealed jump {digest[:12]}…", "withhold and diagnose the cases anew"
+            )

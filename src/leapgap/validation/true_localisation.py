@@ -1,0 +1,43 @@
+"""Where an effect shows: its share of the squared on/off difference by phase and channel, on the generating side."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from leapgap.diagnosis.channels import measured, noise, scaled_channels, table
+from leapgap.diagnosis.gap import Judged
+from leapgap.diagnosis.localisation import PHASES, least_noise, pieces_of
+from leapgap.logs.log import Log
+from leapgap.simulation.replay import Rollout
+from leapgap.validation.generator import Generator
+
+
+def places(
+    logs: Sequence[Log], off: Sequence[Rollout], judged: Judged, generator: Generator, horizon_s: float
+) -> list[dict[str, Any]]:
+    """Fields with their share, largest first, at least one in a thousand.
+
+    ``off`` are trials of the noise-free jumps without the effect. They restart every ``horizon_s`` from what a perfect
+    log would say, as the diagnosis restarts; only the second half of a piece counts, in units of each channel's noise.
+    """
+    robot = generator.robot
+    channels = scaled_channels(judged.jumps, robot)
+    square = np.zeros((len(PHASES), len(channels)))
+    for log, trial, rows in zip(logs, off, judged.rows, strict=True):
+        scale = np.maximum(noise(log.first_rows(rows), channels), [least_noise(c) for c in channels])
+        pieces = pieces_of(trial.jump.first_rows(rows), horizon_s)
+        motions = generator.motions([replace(trial, jump=piece) for piece, _ in pieces])
+        for (piece, phases), motion in zip(pieces, motions, strict=True):
+            half = len(piece) // 2
+            error = table(motion, channels, robot) - measured(piece, channels)
+            for phase in np.unique(phases[half:]):
+                square[phase] += ((error[half:][phases[half:] == phase] / scale) ** 2).sum(axis=0)
+    share = square / max(square.sum(), 1e-300)
+    fields: list[dict[str, Any]] = [
+        {"phase": PHASES[p], "channel": c.name, "share": round(float(share[p, k]), 5)}
+        for p in range(len(PHASES))
+        for k, c in enumerate(channels)
+    ]
+    return sorted((f for f in fields if f["share"] >= 0.001), key=lambda f: -f["share"])

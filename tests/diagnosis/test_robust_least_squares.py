@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.robust_least_squares import Products, losses
+
+PIECES, VALUES = 12, 50
+
+
+@pytest.fixture
+def columns() -> np.ndarray:
+    """Two columns, errors that are 3 × the first and noise: (pieces, values, 3)."""
+    rng = np.random.default_rng(0)
+    found = rng.standard_normal((PIECES, VALUES, 3))
+    found[:, :, 0] += -3 * found[:, :, 1]
+    return found
+
+
+def test_products_give_the_chi_square_of_the_errors_themselves(columns: np.ndarray) -> None:
+    weights = np.array([1.0, 2.5, -0.5])
+    expected = ((columns @ weights) ** 2).sum(axis=1)
+    assert Products.of(columns).chi2(weights) == pytest.approx(expected)
+
+
+def test_loss_is_half_of_chi_square_near_noise_and_logarithmic_beyond() -> None:
+    m, step = 100, 1e-3
+    slope = (losses(np.array([m + step]), m) - losses(np.array([m]), m)) / step
+    assert slope == pytest.approx(0.5, rel=1e-3)
+    assert losses(np.array([m]), m) == pytest.approx(0)
+    far = losses(np.array([1e6, 1e7]), m)
+    assert far[1] - far[0] == pytest.approx(m * np.log(10), rel=0.01)
+
+
+def test_weights_are_recovered_and_one_broken_piece_does_not_move_them(columns: np.ndarray) -> None:
+    every = np.ones(PIECES, bool)
+    found = Products.of(columns).fit(np.zeros(2), every)
+    assert found == pytest.approx([1.0, 3.0, 0.0], abs=0.15)
+    broken = columns.copy()
+    broken[0, :, 0] = 200 * columns[0, :, 1] + 50
+    robust = Products.of(broken).fit(np.zeros(2), every)
+    assert robust == pytest.approx(found, abs=0.15)
+
+
+def test_a_prior_holds_what_the_data_do_not_need(columns: np.ndarray) -> None:
+    every = np.ones(PIECES, bool)
+    tight = Products.of(columns).fit(np.array([1e8, 0.0]), every)
+    assert abs(tight[1]) < 1e-3
+    few = np.arange(PIECES) < 6
+    assert Products.of(columns).fit(np.zeros(2), few) == pytest.approx(
+        Products.of(columns[:6]).fit(np.zeros(2), few[:6])
+    )

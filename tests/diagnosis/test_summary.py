@@ -1,0 +1,42 @@
+"""What a diagnosis says in its one sentence: shares that a reader can believe."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.decision import Conclusion
+from leapgap.diagnosis.gap_reduction import Interval
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.summary import sentence, share_in_words
+from leapgap.effects.joint_damping import JointDamping
+from leapgap.robot.model import Robot
+
+
+@pytest.mark.parametrize(
+    ("closes", "words"),
+    [
+        (Interval(0.85, 0.801, 0.907), "85 % (95 %: 80 to 91) of the gap"),
+        (Interval(0.40, -0.12, 0.61), "40 % (95 %: -12 to 61) of the gap"),
+        (Interval(0.97, 0.93, 1.05), "97 % (95 %: 93 to 100) of the gap"),
+        (Interval(1.02, 0.93, 1.10), "all of the gap (95 %: 93 % or more)"),
+        (Interval(1.08, 1.03, 1.13), "all of the gap"),
+        (Interval(0.70, 0.72, 0.80), "70 % (95 %: 70 to 80) of the gap"),
+        (Interval(0.90, 0.70, 0.88), "90 % (95 %: 70 to 90) of the gap"),
+    ],
+)
+def test_a_share_lies_within_its_interval_and_none_is_more_than_all(closes: Interval, words: str) -> None:
+    assert share_in_words(closes) == words
+
+
+def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robot) -> None:
+    """A corrected gap below the noise floor closes 108 % by the formula; there is no such share."""
+    damping = Hypothesis(JointDamping, robot)
+    belief = Candidate((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
+    said = Conclusion("named", (("joint_damping",),), (belief,), (1.0,))
+    judged = SimpleNamespace(jumps=[SimpleNamespace(name="jump_0"), SimpleNamespace(name="jump_1")])
+    words = sentence(said, belief, 1.40, 0.11, Interval(1.08, 1.03, 1.13), judged)
+    assert words.endswith("explains all of the gap on jumps not fitted on: it shrinks from 1.40 to 0.11.")
+    words = sentence(said, belief, 1.40, 0.31, Interval(0.85, 0.80, 0.91), judged)
+    assert "explains 85 % (95 %: 80 to 91) of the gap on jumps not fitted on: it shrinks from" in words

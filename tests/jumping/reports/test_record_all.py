@@ -1,0 +1,66 @@
+from dataclasses import replace
+
+import pytest
+
+from leapgap.atomic_io import write_json
+from leapgap.errors import InputError
+from leapgap.jumping.reports.record_all import View, record_all
+from leapgap.logs.log import write_log
+from leapgap.reports.log_recording import DIAGNOSED
+from tests.jumping.reports.test_prediction import write_predictions
+from tests.reports.read_back import Recorded
+
+
+@pytest.fixture
+def folders(tmp_path):
+    names = (
+        "references", "simulated", "damped", "real", "replays_damped", "replays_real", "predictions_simulated",
+        "predictions_real", "landings",
+    )  # fmt: skip
+    places = {name: str(tmp_path / name) for name in names}
+    return View(**places, most=1, most_predictions=1, models=[], landing_methods=["ours", "joint_pd"])
+
+
+def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, folders):
+    for name in ("hop", "hop_2"):
+        write_log(replace(hop, name=name), tmp_path / "real" / f"{name}.parquet")
+    write_log(ghost, tmp_path / "replays_real" / "nominal" / "hop.parquet")
+    (tmp_path / "predictions_real").mkdir()
+    write_predictions(tmp_path / "predictions_real" / "hop.parquet", ["nominal"])
+    lines = list(record_all(folders, robot, tmp_path / "out"))
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"real_hop.rrd", "prediction_real_hop.rrd"}
+    assert "/world/nominal_simulation/trunk" in Recorded(tmp_path / "out" / "real_hop.rrd").moving
+    assert f"real: 1 from {tmp_path / 'real'}, 1 more not shown" in lines
+    assert f"reference: nothing in {tmp_path / 'references'}, skipped" in lines
+
+
+def test_predictions_without_their_jump_are_refused(tmp_path, robot, folders):
+    (tmp_path / "predictions_real").mkdir()
+    write_predictions(tmp_path / "predictions_real" / "gone.parquet", ["nominal"])
+    with pytest.raises(InputError, match=r"no jump log .*real/gone\.parquet"):
+        list(record_all(folders, robot, tmp_path / "out"))
+
+
+def test_diagnosis_is_shown_with_its_sentence(tmp_path, robot, hop, ghost, folders):
+    write_log(hop, tmp_path / "real" / "hop.parquet")
+    write_log(ghost, tmp_path / "replays_real" / "nominal" / "hop.parquet")
+    write_json(tmp_path / "replays_real" / DIAGNOSED, {"log": "hop", "sentence": "The loop is slow."})
+    list(record_all(folders, robot, tmp_path / "out"))
+    shown = Recorded(tmp_path / "out" / "diagnosis_real.rrd")
+    assert "/world/nominal_simulation/trunk" in shown.moving
+    assert "The loop is slow." in str(shown.static["/notes"])
+
+
+def test_methods_jump_in_one_scene_with_their_substitutes(tmp_path, robot, hop, ghost, folders):
+    landing = {"error_cm": 1.5, "success": True}
+    for method, log, substituted in (("ours", hop, []), ("joint_pd", ghost, [[0.1, "late"]]), ("other", ghost, [])):
+        write_log(replace(log, name="jump_60_0"), tmp_path / "landings" / method / "jump_60_0.parquet")
+        kept = {"landings": [landing], "fallbacks": {"late": len(substituted)}, "substituted": substituted}
+        write_json(tmp_path / "landings" / method / "jump_60_0.json", kept)
+    lines = list(record_all(folders, robot, tmp_path / "out"))
+    found = Recorded(tmp_path / "out" / "landing_jump_60.rrd")
+    assert {"/world/ours/trunk", "/world/joint_pd/trunk"} <= set(found.moving)
+    assert "/world/other/trunk" not in found.moving
+    assert "/phases/joint_pd" in found.moving
+    assert "/phases/ours" not in found.moving
+    assert f"landing: 1 from {tmp_path / 'landings'}" in lines

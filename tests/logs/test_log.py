@@ -1,0 +1,93 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from leapgap.errors import InputError
+from leapgap.logs import log as jump_log
+from leapgap.robot.model import Robot
+from leapgap.robot.terrain import Box
+from tests.conftest import standing
+
+
+def test_a_log_comes_back_as_it_was_written_and_bytes_repeat(robot: Robot, tmp_path: Path) -> None:
+    log = standing(robot, rows=50)
+    log = dataclasses.replace(
+        log, info=dataclasses.replace(log.info, terrain=(Box(0.2, 0.0, (0.2, 0.5, 0.03), 0.03, estimated=True),))
+    )
+    jump_log.write_log(log, tmp_path / "a.parquet")
+    jump_log.write_log(log, tmp_path / "b.parquet")
+    back = jump_log.read_log(tmp_path / "a.parquet")
+    assert back.info == log.info
+    assert list(back.columns) == list(log.columns)
+    assert all(np.array_equal(back[name], log[name]) for name in log.columns)
+    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
+
+
+def test_pitch_is_positive_nose_down_and_yaw_to_the_left(robot: Robot) -> None:
+    half = 0.15
+    down = standing(robot, 10, base_quat_w=np.full(10, np.cos(half)), base_quat_y=np.full(10, np.sin(half)))
+    assert down.pitch == pytest.approx(np.full(10, 2 * half))
+    left = standing(robot, 10, base_quat_w=np.full(10, np.cos(half)), base_quat_z=np.full(10, np.sin(half)))
+    assert left.yaw == pytest.approx(np.full(10, 2 * half))
+
+
+def test_first_change_of_gains_is_found(robot: Robot) -> None:
+    kp = np.full(100, 300.0)
+    kp[70:] = 80.0
+    assert standing(robot, 100, **{"cmd_kp/FR_calf": kp}).rows_before_gain_change == 70
+    assert standing(robot, 100).rows_before_gain_change == 100
+
+
+def test_every_other_row_carries_the_mean_of_what_was_sent(robot: Robot) -> None:
+    rows = np.arange(101.0)
+    log = standing(robot, 101, **{"cmd_tau/FR_calf": rows, "joint_pos/FR_calf": -rows})
+    half = log.every(2)
+    assert len(half) == 50
+    assert half.info.sample_period_s == pytest.approx(2 * log.info.sample_period_s)
+    assert half["cmd_tau/FR_calf"] == pytest.approx(rows[:100:2] + 0.5)
+    assert half["joint_pos/FR_calf"] == pytest.approx(-rows[:100:2])
+    assert half["cmd_kp/FR_calf"] == pytest.approx(log["cmd_kp/FR_calf"][:100:2])
+    assert log.every(1) is log
+
+
+def ridden(column: str) -> dict:
+    values = np.zeros(100)
+    values[[40, 60]] = np.nan
+    return {column: values}
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (ridden("base_pos_z"), "column base_pos_z: found 2 values that are no number, first in row 40"),
+        ({"time": np.arange(100)[::-1] / 1000}, "a step of -0.001 s after row 0; expected strictly increasing times"),
+        ({"time": np.arange(99) / 1000}, r"found shape \(100,\); expected \(99,\)"),
+        ({"base_quat_w": np.full(100, 2.0)}, "found length 2; expected unit quaternions"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_by_name(robot: Robot, changed: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        standing(robot, 100, **changed)
+
+
+def test_a_log_without_commands_says_of_which_joints(robot: Robot) -> None:
+    log = standing(robot, 10)
+    columns = {name: values for name, values in log.columns.items() if name != "cmd_kp/RL_calf"}
+    with pytest.raises(InputError, match="no cmd_kp of RL_calf"):
+        jump_log.Log("x", columns, log.info)
+
+
+def test_unreadable_files_are_input_errors(robot: Robot, tmp_path: Path) -> None:
+    jump_log.write_log(standing(robot, 10), tmp_path / "whole.parquet")
+    (tmp_path / "cut.parquet").write_bytes((tmp_path / "whole.parquet").read_bytes()[:2000])
+    with pytest.raises(InputError, match=r"cut\.parquet: found no readable Parquet"):
+        jump_log.read_log(tmp_path / "cut.parquet")
+    pq.write_table(pa.table({"time": [0.0, 0.1]}), tmp_path / "foreign.parquet")
+    with pytest.raises(InputError, match="no metadata 'leapgap'"):
+        jump_log.read_log(tmp_path / "foreign.parquet")
+    with pytest.raises(InputError, match="no such file"):
+        jump_log.read_log(tmp_path / "missing.parquet")

@@ -1,0 +1,118 @@
+"""Columns of a log against MuJoCo's own layout of positions and velocities."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
+from leapgap.logs.state import columns_of, commanded_torque, motion_of
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from tests.conftest import standing
+
+
+def wild_log(robot: Robot, rows: int = 20) -> Log:
+    """A log with a different number in every measured column."""
+    rng = np.random.default_rng(5)
+    log = standing(robot, rows)
+    changed = {
+        name: rng.normal(size=rows)
+        for name in log.columns
+        if name.startswith(("base_pos", "base_linvel", "base_angvel", "joint_", "cmd_"))
+    }
+    turn = rng.normal(size=(rows, 4))
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    return replace(log, columns=dict(log.columns) | changed | dict(zip(BASE_QUATERNION, turn.T, strict=True)))
+
+
+def test_every_column_stands_where_mujoco_reads_it(robot: Robot) -> None:
+    """MuJoCo's own sensors of the frame and the joints read back what the columns say."""
+    spec = mujoco.MjSpec.from_file(str(robot.path))
+    trunk = spec.bodies[1].name
+    for kind in ("FRAMEPOS", "FRAMEQUAT", "FRAMELINVEL", "FRAMEANGVEL"):
+        spec.add_sensor(
+            name=kind,
+            type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+            objname=trunk,
+        )
+    for joint in robot.joints:
+        for kind in ("JOINTPOS", "JOINTVEL"):
+            spec.add_sensor(
+                name=f"{kind}/{joint}",
+                type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                objname=joint,
+            )
+    model = spec.compile()
+    data, log = mujoco.MjData(model), wild_log(robot)
+    for row, (qpos, qvel) in enumerate(motion_of(log, robot)):
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        mujoco.mj_forward(model, data)
+        read = {name: np.array(data.sensor(name).data) for name in ("FRAMEPOS", "FRAMEQUAT", "FRAMELINVEL")}
+        assert read["FRAMEPOS"] == pytest.approx(log.stack(BASE_POSITION)[row])
+        assert abs(read["FRAMEQUAT"] @ log.stack(BASE_QUATERNION)[row]) == pytest.approx(1)
+        assert read["FRAMELINVEL"] == pytest.approx(log.stack(BASE_VELOCITY)[row])
+        in_world = np.empty(3)
+        mujoco.mju_rotVecQuat(in_world, log.stack(BASE_ANGULAR_VELOCITY)[row], log.stack(BASE_QUATERNION)[row])
+        assert data.sensor("FRAMEANGVEL").data == pytest.approx(in_world)
+        for joint in robot.joints:
+            assert data.sensor(f"JOINTPOS/{joint}").data[0] == log[f"joint_pos/{joint}"][row]
+            assert data.sensor(f"JOINTVEL/{joint}").data[0] == log[f"joint_vel/{joint}"][row]
+
+
+def test_a_motion_becomes_the_columns_it_came_from(robot: Robot) -> None:
+    log = wild_log(robot)
+    columns = columns_of(motion_of(log, robot), robot)
+    assert set(columns) == {n for n in log.columns if n.startswith(("base_", "joint_"))}
+    for name, values in columns.items():
+        assert np.array_equal(values, log[name])
+
+
+def test_a_part_of_a_log_is_the_part_of_its_motion(robot: Robot) -> None:
+    log = wild_log(robot)
+    whole, part = motion_of(log, robot), motion_of(log, robot, slice(3, 17, 5))
+    assert np.array_equal(part.qpos, whole.qpos[3:17:5])
+    assert np.array_equal(part.qvel, whole.qvel[3:17:5])
+
+
+def test_a_free_base_without_a_logged_pose_is_refused(robot: Robot) -> None:
+    log = standing(robot, 10)
+    without = replace(log, columns={n: v for n, v in log.columns.items() if not n.startswith("base_pos")})
+    with pytest.raises(InputError, match="no column base_pos_x"):
+        motion_of(without, robot)
+
+
+def test_velocities_that_were_not_logged_are_zero(robot: Robot) -> None:
+    log = wild_log(robot)
+    kept = {n: v for n, v in log.columns.items() if not n.startswith(("base_angvel_x", "joint_vel"))}
+    motion = motion_of(replace(log, columns=kept), robot)
+    assert not motion.base_angular_velocity[:, 0].any()
+    assert motion.base_angular_velocity[:, 1].all()
+    assert not motion.qvel[:, 6:].any()
+
+
+def test_commanded_torque_is_the_law_of_the_contract(robot: Robot) -> None:
+    log = wild_log(robot)
+    for i, joint in enumerate(robot.joints):
+        expected = (
+            log[f"cmd_tau/{joint}"]
+            + log[f"cmd_kp/{joint}"] * (log[f"cmd_pos/{joint}"] - log[f"joint_pos/{joint}"])
+            + log[f"cmd_kd/{joint}"] * (log[f"cmd_vel/{joint}"] - log[f"joint_vel/{joint}"])
+        )
+        assert commanded_torque(log)[:, i] == pytest.approx(expected)
+        assert commanded_torque(log, (joint,))[:, 0] == pytest.approx(expected)
+
+
+def test_rows_of_a_motion_are_a_motion() -> None:
+    motion = Motion(np.arange(12.0).reshape(4, 3), np.arange(8.0).reshape(4, 2))
+    assert np.array_equal(motion[1:3].qpos, motion.qpos[1:3])
+    assert np.array_equal(motion.first_state, [0, 1, 2, 0, 1])
+    assert np.array_equal(motion.last_state, [9, 10, 11, 6, 7])
+    copied = motion.copy()
+    copied.qpos[:] = 0
+    assert motion.qpos[0, 1] == 1

@@ -1,0 +1,76 @@
+"""The page of a diagnosis: what its map calls the legs of a robot, and how its curves are drawn."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from leapgap.reports.report import overlay, row_of
+from leapgap.robot.model import Robot
+from tests.conftest import standing
+
+LEG = """
+    <body name="{leg}_HIP" pos="{x} {y} 0">
+      <joint name="{leg}_HAA" axis="1 0 0"/><geom type="sphere" size="0.05" mass="1.4"/>
+      <body name="{leg}_THIGH" pos="0 {out} 0">
+        <joint name="{leg}_KFE" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="1"/>
+        <geom name="{leg}_FOOT" type="sphere" size="0.03" pos="0 0 -0.3" mass="0.1"/>
+      </body>
+    </body>"""
+LEGS = {"LF": (0.3, 0.1), "RF": (0.3, -0.1), "LH": (-0.3, 0.1), "RH": (-0.3, -0.1)}
+
+
+@pytest.fixture(scope="module")
+def hind_legged(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """A quadruped whose legs are named side first, as an ANYmal's are: left or right, then front or hind."""
+    legs = "".join(LEG.format(leg=leg, x=x, y=y, out=y) for leg, (x, y) in LEGS.items())
+    motors = "".join(f'<motor joint="{leg}_{joint}"/>' for leg in LEGS for joint in ("HAA", "KFE"))
+    path: Path = tmp_path_factory.mktemp("model") / "side_first.xml"
+    path.write_text(
+        f"""<mujoco model="side_first"><worldbody>
+  <body name="base" pos="0 0 0.5"><freejoint/><geom type="box" size="0.3 0.1 0.1" mass="18"/>{legs}</body>
+</worldbody><actuator>{motors}</actuator></mujoco>"""
+    )
+    return Robot.load(path)
+
+
+@pytest.mark.parametrize(
+    ("channel", "row"),
+    [
+        ("joint_vel/RF_KFE", "front KFE velocity"),
+        ("joint_vel/LF_KFE", "front KFE velocity"),
+        ("joint_pos/RH_HAA", "rear HAA position"),
+        ("joint_pos/LH_HAA", "rear HAA position"),
+        ("base_pos_z", "height z"),
+    ],
+)
+def test_a_leg_is_front_or_rear_by_where_it_stands_and_not_by_its_name(
+    hind_legged: Robot, channel: str, row: str
+) -> None:
+    assert row_of(channel, hind_legged) == row
+
+
+def test_rows_of_the_a1_are_its_pairs_and_joint_groups(robot: Robot) -> None:
+    assert row_of("joint_vel/FR_calf", robot) == "front calf velocity"
+    assert row_of("joint_pos/RL_hip", robot) == "rear hip position"
+
+
+def test_a_joint_that_has_none_alike_keeps_its_name(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(
+        """<mujoco model="arm"><worldbody><body name="upper"><joint name="L_shoulder" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/></body></worldbody>
+  <actuator><motor joint="L_shoulder"/></actuator></mujoco>"""
+    )
+    assert row_of("joint_pos/L_shoulder", Robot.load(tmp_path / "arm.xml")) == "L_shoulder position"
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500, 100])
+def test_curves_have_a_point_every_4_ms_or_every_row(robot: Robot, rate_hz: int) -> None:
+    still = standing(robot, rate_hz)
+    columns = dict(still.columns) | {"time": np.arange(rate_hz) / rate_hz}
+    jump = replace(still, columns=columns, info=replace(still.info, sample_period_s=1 / rate_hz))
+    report = SimpleNamespace(median_log=jump.name, answer=())
+    figure = overlay(report, [jump], {jump.name: jump}, {})  # type: ignore[arg-type]
+    assert all(np.diff(curve.x) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9) for curve in figure.data)

@@ -1,0 +1,230 @@
+"""Withheld cases: nothing but the motion tells them apart, and every effect moves it."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hydra import compose, initialize_config_dir
+
+from leapgap import effects
+from leapgap.effects.base import Commands, Effect
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+from leapgap.simulation.open_loop import out_of_the_ground
+from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.validation.case import CaseSetup, Withheld, described, restored, withhold, write_case
+from leapgap.validation.case_draw import Case, Half, draw_cases
+from leapgap.validation.generator import Generator, Nuisance, NuisanceSizes
+from leapgap.validation.off_table import families
+from leapgap.validation.off_table.loads import SLOSH_HZ, SloshingPayload
+from leapgap.validation.off_table.measurement import PacketLoss
+from leapgap.validation.off_table.motors import Backlash, HeatFade
+from leapgap.validation.off_table.pulls import DRAG_AREA, Wind
+from stages.common import CONF
+from tests.conftest import standing
+
+
+@pytest.fixture(scope="module")
+def sizes() -> dict[str, dict[str, list[float]]]:
+    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
+        return compose("config").withhold.sizes
+
+
+@pytest.fixture(scope="module")
+def halves() -> dict[str, Half]:
+    names = sorted(families())
+    return {"a": Half(1, 19, 3, 6, 2, names[:6]), "b": Half(2, 19, 3, 6, 2, names[6:])}
+
+
+def case_of(*acting: Effect) -> Case:
+    return Case("reported", "single", acting, seed=5)
+
+
+@pytest.fixture(scope="module")
+def damped(references: list[Log], robot: Robot, world: CaseSetup) -> Withheld:
+    return withhold(case_of(effects.effect("joint_damping", damping=0.8)), references, robot, world)
+
+
+@pytest.fixture(scope="module")
+def plain(references: list[Log], robot: Robot, world: CaseSetup) -> Withheld:
+    return withhold(Case("reported", "none", (), seed=5), references, robot, world)
+
+
+def test_metadata_and_commands_are_the_same_bytes_whatever_acts(
+    damped: Withheld, plain: Withheld, references: list[Log], robot: Robot, world: CaseSetup, tmp_path: Path
+) -> None:
+    windy = withhold(case_of(Wind(speed_m_s=9.0)), references, robot, world)
+    late = withhold(case_of(effects.effect("sample_period", scale=1.1)), references, robot, world)
+    told = []
+    for i, made in enumerate((damped, plain, windy, late)):
+        write_case(made, tmp_path / f"logs{i}", tmp_path / f"proof{i}")
+        paths = sorted((tmp_path / f"logs{i}").iterdir())
+        tables = [pq.read_table(path) for path in paths]
+        commands = [
+            [t[c].to_numpy().tobytes() for c in t.column_names if c.startswith(("cmd_", "time"))] for t in tables
+        ]
+        told.append(
+            [[p.name for p in paths], [t.schema.metadata for t in tables], [t.schema for t in tables], commands]
+        )
+    assert all(one == told[0] for one in told[1:])
+
+
+def test_the_same_case_is_the_same_bytes(
+    damped: Withheld, references: list[Log], robot: Robot, world: CaseSetup
+) -> None:
+    again = withhold(case_of(effects.effect("joint_damping", damping=0.8)), references, robot, world)
+    assert again.truth == damped.truth
+    for one, other in zip(again.logs + again.proof, damped.logs + damped.proof, strict=True):
+        assert all(np.array_equal(one[c], other[c]) for c in other.columns)
+
+
+def test_truth_says_what_acts_and_how_much_it_shows(damped: Withheld, plain: Withheld) -> None:
+    assert damped.truth["effects"] == [{"name": "joint_damping", "location": "all", "parameters": {"damping": 0.8}}]
+    assert damped.truth["detectable"]
+    assert damped.truth["change"] > 2 * damped.truth["noise_floor"]
+    shares = [place["share"] for place in damped.truth["where"]]
+    assert shares == sorted(shares, reverse=True)
+    assert sum(shares) == pytest.approx(1, abs=0.05)
+    assert not plain.truth["detectable"]
+    assert plain.truth["change"] == 0
+
+
+def test_nuisances_alone_stay_near_the_noise_floor(plain: Withheld, damped: Withheld) -> None:
+    assert plain.truth["gap_nominal"] < 3 * plain.truth["noise_floor"]
+    assert damped.truth["gap_nominal"] > plain.truth["gap_nominal"]
+
+
+def test_cases_cover_every_effect_and_families_are_split(
+    halves: dict[str, Half], sizes: dict[str, dict[str, list[float]]], robot: Robot
+) -> None:
+    cases = draw_cases(halves, sizes, ["com_offset"], robot)
+    assert len(cases) == 60
+    for half in halves:
+        own = [c for c in cases if c.half == half]
+        assert {c.effects[0].name for c in own if c.kind == "single"} == set(effects.known())
+        assert {c.effects[0].name for c in own if c.kind == "nameless"} == set(halves[half].families)
+        assert all(c.effects[0].name != c.effects[1].name for c in own if c.kind == "pair")
+    assert [c.kind for c in cases] != sorted(c.kind for c in cases)
+    for case in cases:
+        for effect in case.effects:
+            for p in effect.parameters(robot, effect.location):
+                assert p.lower <= getattr(effect, p.name) <= p.upper
+                assert getattr(effect, p.name) != p.nominal
+            assert restored(described(effect)) == effect
+
+
+def test_no_nameless_effect_is_known_to_the_diagnosis() -> None:
+    assert len(families()) >= 8
+    assert not set(families()) & set(effects.known())
+
+
+def largest(sizes: dict[str, dict[str, list[float]]], name: str) -> Effect:
+    return families()[name](**{key: value[1] for key, value in sizes[name].items()})
+
+
+@pytest.mark.parametrize("name", sorted(families()))
+def test_every_nameless_effect_changes_the_motion(
+    name: str, sizes: dict[str, dict[str, list[float]]], references: list[Log], robot: Robot, plain: Withheld
+) -> None:
+    generator = Generator(robot, terrain_slots=1, step_s=0.0005)
+    jump = plain.logs[0].first_rows(1100)
+    trial = Rollout(jump, (largest(sizes, name),))
+    assert out_of_the_ground(trial, generator.first_state(trial), generator).shape == (robot.model.nq + robot.model.nv,)
+    on, off = generator.motions([trial, Rollout(jump)])
+    assert np.abs(on.qpos - off.qpos).max() > 0.005
+
+
+@pytest.mark.parametrize("name", sorted(families()))
+def test_a_nameless_effect_at_nothing_changes_nothing(name: str, robot: Robot) -> None:
+    if name == "backlash":
+        pytest.skip("gears without play are still elastic")
+    generator = Generator(robot, step_s=0.0005)
+    jump = standing(robot, rows=60)
+    on, off = generator.motions([Rollout(jump, (families()[name](),)), Rollout(jump)])
+    assert np.abs(on.qpos - off.qpos).max() < 1e-12
+
+
+def test_generator_is_another_simulation_that_agrees_to_first_order(robot: Robot, plain: Withheld) -> None:
+    jump = plain.logs[0].first_rows(700)
+    (fine,) = Generator(robot, terrain_slots=1).motions([Rollout(jump)])
+    (coarse,) = Replayer(robot).motions([Rollout(jump)])
+    apart = np.abs(fine.qpos - coarse.qpos).max()
+    assert 1e-6 < apart < 0.02
+
+
+def test_generator_with_other_steps_is_the_generator_that_was_made_with_them(robot: Robot) -> None:
+    jump = standing(robot, rows=60)
+    rough = Generator(robot, terrain_slots=2, step_s=0.001)
+    other, fresh = rough.with_steps(0.00025), Generator(robot, terrain_slots=2, step_s=0.00025)
+    assert isinstance(other, Generator)
+    assert other.substeps(jump) == 4
+    assert rough.substeps(jump) == 1
+    (one,), (two,), (three,) = (of.motions([Rollout(jump)]) for of in (other, fresh, rough))
+    assert np.array_equal(one.qpos, two.qpos)
+    assert not np.array_equal(one.qpos, three.qpos)
+
+
+def test_nuisances_scale_masses_by_what_they_say(robot: Robot) -> None:
+    model = Generator(robot).model(Rollout(standing(robot), (Nuisance(seed=3, sizes=NuisanceSizes(mass=0.01)),)))
+    ratio = model.body_mass[1 : robot.model.nbody] / robot.model.body_mass[1:]
+    assert 0.003 < np.std(ratio) < 0.03
+    assert np.array_equal(
+        model.body_mass,
+        Generator(robot).model(Rollout(standing(robot), (Nuisance(seed=3, sizes=NuisanceSizes(mass=0.01)),))).body_mass,
+    )
+
+
+def flying(robot: Robot, rows: int = 200) -> Log:
+    """Free fall, joints held: what acts on the trunk can be read off its acceleration."""
+    return standing(robot, rows=rows, height_m=5.0)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 500, 100])
+def test_commands_get_lost_for_12_ms_at_a_time(robot: Robot, rate_hz: int) -> None:
+    rows = 2 * rate_hz
+    sent = np.arange(rows * 1.0)[:, None]
+    came = PacketLoss(share=0.3).change_commands(Commands(sent, sent, sent), 1 / rate_hz, robot).torque[:, 0]
+    lost = np.flatnonzero(came != sent[:, 0])
+    lengths = np.diff(np.flatnonzero(np.diff(np.concatenate([[False], came != sent[:, 0], [False]]).astype(int))))[::2]
+    assert 0.15 < len(lost) / rows < 0.45
+    burst = max(1, round(0.012 * rate_hz))
+    assert (lengths[1:-1] % burst == 0).all()
+    assert lengths[1:-1].min() == burst  # the first command always comes, and the log cuts the last burst
+
+
+def test_wind_pushes_with_its_drag(robot: Robot) -> None:
+    on, off = Generator(robot).motions(
+        [Rollout(flying(robot, 100), (Wind(speed_m_s=10.0),)), Rollout(flying(robot, 100))]
+    )
+    gained = robot.total_mass * (on.qvel[-1, 0] - off.qvel[-1, 0])
+    assert gained == pytest.approx(DRAG_AREA * 10.0**2 * 0.099, rel=0.1)
+
+
+def test_sloshing_mass_keeps_the_total_and_swings_at_its_frequency(robot: Robot) -> None:
+    effect = SloshingPayload(mass_kg=1.0)
+    model = Generator(robot).model(Rollout(flying(robot), (effect,)))
+    assert model.body_subtreemass[1] == pytest.approx(robot.total_mass)
+    omega = 2 * np.pi * SLOSH_HZ
+    assert model.jnt_stiffness[model.joint(effect.name).id] == pytest.approx(1.0 * omega**2)
+
+
+def test_heat_takes_torque_away_in_time(robot: Robot) -> None:
+    generator = Generator(robot, step_s=0.001)
+    jump = standing(robot, rows=1500)
+    on, off = generator.motions([Rollout(jump, (HeatFade(fade=20.0),)), Rollout(jump)])
+    sag = off.qpos[:, 2] - on.qpos[:, 2]
+    assert abs(sag[20]) < 1e-3
+    assert sag[-1] > 2 * abs(sag[200])
+
+
+def test_backlash_holds_the_link_within_its_play(robot: Robot) -> None:
+    jump = standing(robot, rows=400)
+    narrow, wide = Generator(robot).motions(
+        [Rollout(jump, (Backlash(play_rad=0.005),)), Rollout(jump, (Backlash(play_rad=0.05),))]
+    )
+    spread = [
+        np.abs(m.qpos[100:, robot.joint_qpos] - m.qpos[100:, robot.joint_qpos].mean(axis=0)).max()
+        for m in (narrow, wide)
+    ]
+    assert spread[1] > spread[0]

@@ -1,0 +1,140 @@
+"""The arithmetic of the scores, on verdicts made by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from leapgap.robot.model import Robot
+from leapgap.validation import scoring
+from leapgap.validation.outcome import CaseOutcome, mirrored, outcome
+
+
+def report(verdict: str, answer: list[list[str]], probability: float = 0.9, **changed: Any) -> dict[str, Any]:
+    names = [n for names in answer for n in names] or ["payload"]
+    causes = [
+        {
+            "effect": name,
+            "location": "all",
+            "probability": probability,
+            "parameters": {"damping": {"value": 0.44, "ci95": [0.41, 0.47], "nominal": 0.0}}
+            if name == "joint_damping"
+            else {},
+        }
+        for name in names
+    ]
+    return {
+        "verdict": verdict,
+        "answer": answer,
+        "causes": causes,
+        "closure_of_answer": {"heldout": 0.8, "ci95": [0.7, 0.9]} if answer else None,
+        "where": [{"phase": "flight", "channel": "base_pos_x", "share": 0.3}],
+        "sentence": "",
+    } | changed
+
+
+def truth(kind: str, *names: str, change: float = 0.4, where: str = "flight") -> dict[str, Any]:
+    parameters = {"joint_damping": {"damping": 0.4}, "torque_gain": {"scale": 0.8}}
+    effects = [{"name": n, "location": "all", "parameters": parameters.get(n, {"x": 1.0})} for n in names]
+    return {
+        "half": "reported",
+        "kind": kind,
+        "effects": effects,
+        "per_log": {
+            "jump_0": [e["parameters"] for e in effects],
+            "proof_0": [{"damping": 9.0, "scale": 9.0}] * len(names),
+        },
+        "logs": {"jump_0.parquet": ""},
+        "noise_floor": 0.1,
+        "change": change,
+        "changes": [change] * len(names),
+        "detectable": change >= 0.2,
+        "where": [{"phase": where, "channel": "base_pos_x", "share": 0.5}] if names else [],
+    }
+
+
+@pytest.fixture
+def outcomes() -> list[CaseOutcome]:
+    made = [
+        (truth("single", "joint_damping"), report("named", [["joint_damping"]]), 0.75),
+        (truth("single", "joint_damping"), report("ambiguous", [["torque_gain", "joint_damping"]], 0.5), 0.5),
+        (truth("single", "torque_gain", where="lift_off"), report("named", [["payload"]], 0.7), 0.2),
+        (truth("single", "torque_gain", change=0.05), report("none", []), None),
+        (truth("pair", "joint_damping", "torque_gain"), report("named", [["torque_gain"], ["joint_damping"]]), 0.8),
+        (truth("nameless", "wind"), report("unknown", []), None),
+        (truth("nameless", "tether"), report("named", [["payload"]], 0.6), 0.1),
+        (truth("none", change=0.0), report("none", []), None),
+    ]
+    return [outcome(f"case_{i}", t, r, c) for i, (t, r, c) in enumerate(made)]
+
+
+def test_scores_count_what_the_contract_says(outcomes: list[CaseOutcome]) -> None:
+    found = scoring.scores(outcomes, draws=50, bins=10, rng=np.random.default_rng(1))
+    assert found["cases"] == 8
+    assert found["detectable"] == 6
+    assert found["named_first"] == pytest.approx(1 / 3)
+    assert found["named_in_set"] == pytest.approx(2 / 3)
+    assert found["set_size_mean"] == pytest.approx(4 / 3)
+    assert found["wrongly_named"] == pytest.approx(2 / 8)
+    assert found["unknown_recall"] == pytest.approx(1 / 2)
+    assert found["none_correct"] == 1
+    assert found["where_right"] == pytest.approx(5 / 6)
+    assert found["pairs_both_named"] == 1
+    assert found["parameter_error_median"] == pytest.approx(0.1)
+    assert found["coverage"] == 0  # 0.44 within 0.41 to 0.47, the truth being 0.4
+    assert found["closure_promise_error"] == pytest.approx(np.mean([0.05, 0.3, 0.6, 0.0, 0.7]))
+
+
+def test_brier_and_calibration_by_hand(outcomes: list[CaseOutcome]) -> None:
+    # claims: (0.9, right), (0.5, first is torque_gain: wrong), (0.7, wrong), (0.9, right), (0.6, wrong)
+    assert scoring.brier(outcomes) == pytest.approx((0.01 + 0.25 + 0.49 + 0.01 + 0.36) / 5)
+    assert scoring.calibration_error(outcomes, 10) == pytest.approx((2 * 0.1 + 0.5 + 0.7 + 0.6) / 5)
+    found = scoring.scores(outcomes, draws=200, bins=10, rng=np.random.default_rng(1))["brier"]
+    assert found["ci95"][0] < found["value"] < found["ci95"][1]
+
+
+def test_an_undetectable_effect_named_wrongly_counts_against_all_cases() -> None:
+    small = outcome("c", truth("single", "torque_gain", change=0.01), report("named", [["payload"]]), None)
+    assert small.wrongly_named
+    found = scoring.scores([small], 5, 10, np.random.default_rng(1))
+    assert found["wrongly_named"] == 1
+    assert found["named_first"] is None
+
+
+def test_one_of_a_pair_named_is_no_wrong_name() -> None:
+    half = outcome("c", truth("pair", "joint_damping", "torque_gain"), report("named", [["torque_gain"]]), None)
+    assert not half.wrongly_named
+    assert not half.right
+
+
+def test_true_parameter_is_that_of_the_logs_and_not_of_the_proof(outcomes: list[CaseOutcome]) -> None:
+    assert outcomes[0].compared[0].true == 0.4
+    assert outcomes[0].compared[0].error == pytest.approx(0.1)
+
+
+def test_detection_limit_lies_between_missed_and_found() -> None:
+    missed, found = (3.0, False), (12.0, True)
+    assert scoring.limit_of([missed, found])["limit_floors"] == pytest.approx(6.0)
+    assert scoring.limit_of([(3.0, False)])["limit_floors"] is None
+    assert scoring.limit_of([(3.0, True)])["limit_floors"] == 3.0
+    mixed = scoring.limit_of([(1.0, False), (2.0, True), (3.0, False), (4.0, True), (5.0, True)])
+    assert mixed["limit_floors"] == pytest.approx(np.sqrt(12))
+    assert mixed["agree"] == pytest.approx(4 / 5)
+
+
+def test_left_and_right_legs_are_one_place_when_mirrored(robot: Robot) -> None:
+    sides = robot.topology.sides
+    assert mirrored(("flight", "joint_vel/FL_calf"), sides) == ("flight", "joint_vel/FR_calf")
+    assert mirrored(("flight", "joint_vel/RR_calf"), sides) == ("flight", "joint_vel/RR_calf")
+
+
+def test_confusion_puts_what_was_said_first_beside_the_truth(outcomes: list[CaseOutcome]) -> None:
+    table = scoring.confusion(outcomes)
+    assert table["torque_gain"] == {"payload": 1}
+    assert table["too small to detect"] == {"none": 1}
+    assert table["nameless: wind"] == {"unknown": 1}
+
+
+def test_nothing_to_count_is_null() -> None:
+    assert scoring.share([]) is None
+    assert scoring.scores([], 5, 10, np.random.default_rng(1))["brier"] == {"value": None, "ci95": [None, None]}

@@ -1,0 +1,53 @@
+"""A truth that was changed after it was sealed is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from leapgap.atomic_io import sha256, write_json
+from leapgap.errors import InputError
+from leapgap.validation.seal import SEALS, opened, seal
+
+
+@pytest.fixture
+def sealed(tmp_path: Path) -> Path:
+    for folder in ("logs/case_000", "truth/case_000"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "jump_0.parquet").write_bytes(b"jump")
+    digest = {"jump_0.parquet": sha256(tmp_path / "logs/case_000/jump_0.parquet")}
+    truth = {
+        "salt": "ab12",
+        "effects": [{"name": "payload", "parameters": {"mass_kg": 1.0}}],
+        "logs": digest,
+        "proof": digest,
+    }
+    write_json(tmp_path / "truth/case_000.json", truth)
+    write_json(tmp_path / "logs" / SEALS, {"case_000": seal(truth)})
+    return tmp_path
+
+
+def test_an_untouched_truth_opens(sealed: Path) -> None:
+    assert opened(sealed / "truth", sealed / "logs", "case_000")["effects"][0]["name"] == "payload"
+
+
+def test_a_changed_truth_is_refused(sealed: Path) -> None:
+    path = sealed / "truth/case_000.json"
+    path.write_text(path.read_text().replace("1.0", "1.5"))
+    with pytest.raises(InputError, match="changed after it was sealed"):
+        opened(sealed / "truth", sealed / "logs", "case_000")
+
+
+@pytest.mark.parametrize("side", ["logs", "truth"])
+def test_a_changed_jump_is_refused(sealed: Path, side: str) -> None:
+    (sealed / side / "case_000" / "jump_0.parquet").write_bytes(b"another")
+    with pytest.raises(InputError, match=r"jump_0\.parquet"):
+        opened(sealed / "truth", sealed / "logs", "case_000")
+
+
+def test_a_seal_needs_its_salt_and_depends_on_it() -> None:
+    with pytest.raises(InputError, match="no salt"):
+        seal({"effects": []})
+    assert seal({"salt": "a", "effects": []}) != seal({"salt": "b", "effects": []})
+    text = {"salt": "a", "b": 1, "a": 2}
+    assert seal(text) == seal(json.loads(json.dumps(dict(reversed(text.items())))))
