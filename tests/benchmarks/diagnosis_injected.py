@@ -27,7 +27,7 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump, make_jumps, terrain_slots
+from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop, terrain_slots
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from stages.common import read_config
@@ -80,7 +80,7 @@ def first_value(effect: Effect) -> float:
 
 def made(name: str, value: float, location: str = "all") -> Effect:
     """An effect by its first parameter."""
-    return effects.effect(name, location, **{next(iter(effects.known()[name].declared())): value})
+    return effects.effect(name, location, **{next(iter(effects.known()[name].declarations())): value})
 
 
 def cases() -> list[Case]:
@@ -100,11 +100,11 @@ def jumps_of(case: Case, robot: Robot) -> list[Log]:
     rng = np.random.default_rng(case.seed)
     references = [read_log(REFERENCES / f"h00_d{d}.parquet") for d in DISTANCES]
     plans = [
-        PlannedJump(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
+        MotionPlan(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
         for i in range(len(DISTANCES) + PROOF)
     ]
     assert terrain_slots(plans) == 1
-    return make_jumps(plans, robot, case.effects, SensorNoise(), Course(), rng)
+    return run_open_loop(plans, robot, case.effects, SensorNoise(), Course(), rng)
 
 
 def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Settings) -> float | None:

@@ -10,7 +10,7 @@ from leapgap.diagnosis.gap import Judged, headline_rows, noise_floor, pooled, sc
 from leapgap.diagnosis.localisation import PHASES, phase_of_rows, where
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump, make_jumps
+from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
@@ -19,8 +19,8 @@ SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
 
 
 def hardware(robot: Robot, reference: Log, *found: effects.Effect, noise: SensorNoise = SILENT, jumps: int = 1):
-    plans = [PlannedJump(f"made_{i}", reference, 0.01 * i) for i in range(jumps)]
-    return make_jumps(plans, robot, found, noise, Course(), np.random.default_rng(0))
+    plans = [MotionPlan(f"made_{i}", reference, 0.01 * i) for i in range(jumps)]
+    return run_open_loop(plans, robot, found, noise, Course(), np.random.default_rng(0))
 
 
 def test_real_jumps_have_the_published_gap(robot: Robot, real_jumps: list[Log]) -> None:

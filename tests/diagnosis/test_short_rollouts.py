@@ -122,7 +122,7 @@ def test_pieces_of_a_whole_jump_go_on_where_it_goes(robot: Robot, reference: Log
     replayer, trial = Replayer(robot), Rollout(reference, late)
     (whole,) = replayer.true_motions([trial], rows=400)
     states = np.concatenate([whole.qpos, whole.qvel], axis=1)
-    ((piece,),) = replayer.restarted([trial], [Starts([200], states[200:201])], 101)
+    ((piece,),) = replayer.replay_pieces([trial], [Starts([200], states[200:201])], 101)
     assert np.abs(piece.qpos - whole.qpos[200:301]).max() < 1e-9
 
 

@@ -272,7 +272,7 @@ def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> No
     kinds = effects.registry(own)
     for name in settings.tolerances:
         effect, _, parameter = name.partition(".")
-        if effect not in kinds or parameter not in kinds[effect].declared():
+        if effect not in kinds or parameter not in kinds[effect].declarations():
             expected = "<effect>.<parameter>, such as armature.inertia"
             raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
 

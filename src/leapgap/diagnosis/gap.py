@@ -19,7 +19,7 @@ GAIN_CHANGE_MARGIN_S = 0.010
 """Before a change of gains this much is left out: the change reaches the motors at an unknown instant near its row."""
 TOUCHING_M = 0.005
 """A sole this near the ground counts as touching."""
-FALLEN = 100.0
+DIVERGED_ERROR = 100.0
 """Scaled error given to a replay that left the world of numbers, so that it loses and nothing becomes NaN."""
 
 
@@ -114,7 +114,7 @@ def scaled_errors(
 def scaled_error(motion: Motion, jump: Log, judged: Judged, robot: Robot) -> np.ndarray:
     """Simulated − measured, scaled, in the judged rows of a jump, (rows, channels); ``motion`` may go on longer."""
     difference = table(motion[: len(jump)], judged.channels, robot) - measured(jump, judged.channels)
-    return np.clip(np.nan_to_num(difference / judged.scales, nan=FALLEN), -FALLEN, FALLEN)
+    return np.clip(np.nan_to_num(difference / judged.scales, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
 
 
 def squares_of(motions: Sequence[Motion], judged: Judged, robot: Robot) -> np.ndarray:

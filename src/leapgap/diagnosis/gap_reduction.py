@@ -70,7 +70,7 @@ def effects_on(fit: Candidate, log: str, fold: int | None) -> tuple[Effect, ...]
 
 def on_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> tuple[Effect, ...]:
     """Effects found on the first rows of a log, on all of it."""
-    return tuple(effect.continued(rows, all_rows) for effect in effects)
+    return tuple(effect.extend_to(rows, all_rows) for effect in effects)
 
 
 def heldout_squares(

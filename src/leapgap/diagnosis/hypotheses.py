@@ -64,7 +64,7 @@ class Hypothesis:
         if self.per_log is None or len(self.per_log[log]) == 1:
             return effect
         local = 1 + float(numbers[0]) * (np.array(self.per_log[log]) - 1)
-        return effect.changing(tuple((local / local.mean()).tolist()))
+        return effect.with_profile(tuple((local / local.mean()).tolist()))
 
     def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:
         """The effect's parameters on one log."""

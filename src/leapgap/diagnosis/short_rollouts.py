@@ -143,7 +143,7 @@ class Pieces:
     def every(self, rows: int) -> "Pieces":
         """The same pieces of the log's every so many-th row; what is known of its noise stays."""
         starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
-        return replace(self, jump=self.jump.every(rows), logged=self.logged[::rows], starts=starts)
+        return replace(self, jump=self.jump.downsample(rows), logged=self.logged[::rows], starts=starts)
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class ShortRollouts:
     def _batch(self, batch: Sequence[Batched]) -> list[np.ndarray]:
         found = []
         trials = [Rollout(self.pieces[log].jump, effects) for log, effects, _ in batch]
-        motions = self.replayer.restarted(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
+        motions = self.replayer.replay_pieces(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
         for (log, _, starts), of_trial in zip(batch, motions, strict=True):
             logged = self.pieces[log].logged
             errors = [

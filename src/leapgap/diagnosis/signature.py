@@ -93,14 +93,13 @@ def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon
     """
     replayer = Replayer(robot, terrain_slots=max(1, len(reference.info.terrain)))
     (motion,) = replayer.motions([Rollout(reference)])
-    pieces = pieces_of_phases(replayer.as_jump(motion, reference), horizon_s)
+    pieces = pieces_of_phases(replayer.as_log(motion, reference), horizon_s)
     phases = tuple(phase for phase in PHASES if any(p == phase for p, _ in pieces))
     candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in found.values())]
     trials = [Rollout(piece, of) for of in candidates for _, piece in pieces]
     true = replayer.true_motions(trials)
     traces = [
-        trace_of(replayer.reported(trial, whole), whole, trial, robot)
-        for trial, whole in zip(trials, true, strict=True)
+        trace_of(replayer.measure(trial, whole), whole, trial, robot) for trial, whole in zip(trials, true, strict=True)
     ]
     values = np.zeros((len(found), len(phases), len(CHANNELS)))
     for e in range(len(found)):
@@ -137,16 +136,16 @@ class Trace:
     joint_vel: np.ndarray
 
 
-def trace_of(reported: Motion, true: Motion, trial: Rollout, robot: Robot) -> Trace:
+def trace_of(measured: Motion, true: Motion, trial: Rollout, robot: Robot) -> Trace:
     """The channels of one piece; time is the log's clock, as a diagnosis would have it."""
     half = slice(len(true.qpos) // 2, None)
     momentum = momentum_of(true, robot)[half]
-    seconds = (len(momentum) - 1) * trial.jump.info.sample_period_s
+    seconds = (len(momentum) - 1) * trial.log.info.sample_period_s
     return Trace(
         (momentum[-1] - momentum[0]) / seconds / np.array([robot.total_mass, robot.total_mass, 1.0]),
-        np.column_stack([pitch_of(reported.base_quaternion), reported.qvel[:, [0, 2, 4]]])[half],
-        reported.qpos[half][:, robot.joint_qpos],
-        reported.qvel[half][:, robot.joint_dofs],
+        np.column_stack([pitch_of(measured.base_quaternion), measured.qvel[:, [0, 2, 4]]])[half],
+        measured.qpos[half][:, robot.joint_qpos],
+        measured.qvel[half][:, robot.joint_dofs],
     )
 
 

@@ -108,7 +108,7 @@ def typical(fit: Candidate, logs: Sequence[str], fold: int | None = None) -> tup
     found = []
     for same in zip(*of_logs, strict=True):
         middle = {name: float(np.median([one.values[name] for one in same])) for name in same[0].values}
-        found.append(replace(same[0].changing(()), **middle))
+        found.append(replace(same[0].with_profile(()), **middle))
     return tuple(found)
 
 

@@ -51,7 +51,7 @@ def check_class(kind: Any) -> None:
         raise InputError(where, repr(kind), "a subclass of leapgap.effects.base.Effect", "pass the class itself")
     if not isinstance(getattr(kind, "name", None), str):
         raise InputError(where, "no name", 'a class variable like name = "my_effect"', "give it a name")
-    if not (is_dataclass(kind) and "__dataclass_fields__" in vars(kind) and kind.declared()):
+    if not (is_dataclass(kind) and "__dataclass_fields__" in vars(kind) and kind.declarations()):
         raise InputError(
             where,
             "no parameter",
@@ -59,7 +59,7 @@ def check_class(kind: Any) -> None:
             "decorate the class with @dataclass(frozen=True) and declare its parameters",
         )
     if kind.parameters.__func__ is Effect.parameters.__func__:  # type: ignore[attr-defined]
-        own = [name for name, about in kind.declared().items() if about.nominal is None]
+        own = [name for name, about in kind.declarations().items() if about.nominal is None]
         if own:
             raise InputError(where, f"None as nominal {own[0]}", "the model's own value", "override parameters()")
 
@@ -86,13 +86,13 @@ def effect_among(kinds: Registry, name: str, location: str, values: Mapping[str,
     if name not in kinds:
         raise InputError("effect", name, f"one of {', '.join(kinds)}", "choose a known effect")
     kind = kinds[name]
-    declared = kind.declared()
+    declarations = kind.declarations()
     for key, value in values.items():
-        if key not in declared:
-            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declared)}", "correct it")
-        lower, upper = declared[key].limits
+        if key not in declarations:
+            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declarations)}", "correct it")
+        lower, upper = declarations[key].limits
         if not lower <= value <= upper:
-            expected = f"{lower:g} to {upper:g} {declared[key].unit}"
+            expected = f"{lower:g} to {upper:g} {declarations[key].unit}"
             raise InputError(f"effect {name}, {key}", f"{value:g}", expected, "choose a physical value")
     return kind(location=location, **values)
 

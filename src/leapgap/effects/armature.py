@@ -5,7 +5,7 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, addition, increased, parameter, recompute_constants
+from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, recompute_constants
 from leapgap.robot.model import Robot
 
 
@@ -29,5 +29,5 @@ class Armature(Effect):
         if self.is_nominal:
             return
         dofs = robot.joint_dofs[robot.joints_at(self.location)]
-        model.dof_armature[dofs] = increased(model.dof_armature[dofs], self.inertia)
+        model.dof_armature[dofs] = add_nonnegative(model.dof_armature[dofs], self.inertia)
         recompute_constants(model)

@@ -120,37 +120,37 @@ class Effect(ABC):
         a field declared with the nominal value ``None`` demands it.
         """
         found = []
-        for name, about in cls.declared().items():
+        for name, about in cls.declarations().items():
             if about.nominal is None or about.moderate is None:
                 raise TypeError(f"{cls.__name__}.parameters has to say what the model's own {name} is")
             found.append(Parameter(name, about.unit, about.nominal, about.lower, about.upper, about.moderate))
         return tuple(found)
 
     @classmethod
-    def declared(cls) -> dict[str, Declaration]:
+    def declarations(cls) -> dict[str, Declaration]:
         """What the fields declare, by parameter."""
         return {f.name: f.metadata[PARAMETER] for f in fields(cls) if PARAMETER in f.metadata}
 
     @property
     def values(self) -> dict[str, float]:
         """The parameters' values by name; those that are left to the model's own are not among them."""
-        of_all = {name: getattr(self, name) for name in self.declared()}
+        of_all = {name: getattr(self, name) for name in self.declarations()}
         return {name: value for name, value in of_all.items() if value is not None}
 
     @property
     def is_nominal(self) -> bool:
         """Whether every parameter has its default, with which the effect is absent from any robot."""
-        return all(getattr(self, name) == about.nominal for name, about in self.declared().items())
+        return all(getattr(self, name) == about.nominal for name, about in self.declarations().items())
 
     def is_nominal_for(self, robot: Robot) -> bool:
         """Whether the effect is absent from this robot: every parameter has its default, or the model's own value."""
         return all(self.values.get(p.name, p.nominal) == p.nominal for p in self.parameters(robot, self.location))
 
-    def changing(self, profile: tuple[float, ...]) -> "Effect":
+    def with_profile(self, profile: tuple[float, ...]) -> "Effect":
         """The same where its value changes within a log: shares of it, evenly spaced from first row to last."""
         return self
 
-    def continued(self, rows: int, all_rows: int) -> "Effect":
+    def extend_to(self, rows: int, all_rows: int) -> "Effect":
         """The same on a log of ``all_rows`` rows, where it was found on the first ``rows`` of them."""
         return self
 
@@ -193,23 +193,23 @@ class Effect(ABC):
         return start
 
 
-def addition(declared: Parameter, own: np.ndarray) -> Parameter:
+def addition(declarations: Parameter, own: np.ndarray) -> Parameter:
     """A parameter that is added to the model's own values (places,) and may take all of them away.
 
     As much may be added as the model has, at least; a fifth of it is noticed.
     """
     most = float(own.max(initial=0.0))
     return replace(
-        declared,
+        declarations,
         lower=-most,
-        upper=max(declared.upper, most),
-        moderate=max(declared.moderate, most / 5),
+        upper=max(declarations.upper, most),
+        moderate=max(declarations.moderate, most / 5),
         scale=float(own.mean()) if len(own) else 0.0,
         lower_is_physical=True,
     )
 
 
-def increased(own: np.ndarray, by: float) -> np.ndarray:
+def add_nonnegative(own: np.ndarray, by: float) -> np.ndarray:
     """Values of the model with something added, none of them below zero."""
     return np.asarray(np.maximum(own + by, 0.0))
 

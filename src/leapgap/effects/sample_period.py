@@ -21,11 +21,11 @@ class SamplePeriod(Effect):
     profile: tuple[float, ...] = ()
     """True length of a row over ``scale``, at rows evenly spaced from the log's first to its last; empty: 1."""
 
-    def changing(self, profile: tuple[float, ...]) -> "SamplePeriod":
+    def with_profile(self, profile: tuple[float, ...]) -> "SamplePeriod":
         """With this profile."""
         return replace(self, profile=profile)
 
-    def continued(self, rows: int, all_rows: int) -> "SamplePeriod":
+    def extend_to(self, rows: int, all_rows: int) -> "SamplePeriod":
         """With a value a row, the last one held after the rows that the profile was found on."""
         if not self.profile:
             return self

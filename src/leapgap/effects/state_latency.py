@@ -37,7 +37,7 @@ class StateLatency(Effect):
             of_base[:] = (1 - share) * values[first] + share * values[after]
         qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
         for i in np.flatnonzero(row < 0):
-            qpos[i, :7] = moved(motion.qpos[0, :7], motion.qvel[0, :6], row[i] * period_s)
+            qpos[i, :7] = integrate_pose(motion.qpos[0, :7], motion.qvel[0, :6], row[i] * period_s)
         return Motion(qpos, qvel)
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
@@ -45,11 +45,11 @@ class StateLatency(Effect):
         if self.is_nominal or not robot.has_free_base:
             return start
         qpos = start.qpos.copy()
-        qpos[0, :7] = moved(start.qpos[0, :7], start.qvel[0, :6], self.delay_s)
+        qpos[0, :7] = integrate_pose(start.qpos[0, :7], start.qvel[0, :6], self.delay_s)
         return Motion(qpos, start.qvel)
 
 
-def moved(pose: np.ndarray, velocity: np.ndarray, seconds: float) -> np.ndarray:
+def integrate_pose(pose: np.ndarray, velocity: np.ndarray, seconds: float) -> np.ndarray:
     """A pose (7,) after some time at constant velocity (6,): linear in world, angular in base axes."""
     quaternion = pose[3:7].copy()
     mujoco.mju_quatIntegrate(quaternion, velocity[3:6], seconds)

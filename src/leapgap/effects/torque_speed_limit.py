@@ -37,7 +37,7 @@ class TorqueSpeedLimit(Effect):
         torque = float(torque_limits(robot)[robot.joints_at(location)].max())
         motors = stated_motors(robot)
         ample = float(ceil(motors.resistance * torque + motors.top_speed_rad_s))
-        unit = cls.declared()["voltage_v"].unit
+        unit = cls.declarations()["voltage_v"].unit
         return (Parameter("voltage_v", unit, ample, ample * 10 / 33, ample, ample * 16 / 33, ample),)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:

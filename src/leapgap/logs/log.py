@@ -162,7 +162,7 @@ class Log:
         """The same jump, cut after ``rows`` rows."""
         return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
 
-    def every(self, rows: int) -> "Log":
+    def downsample(self, rows: int) -> "Log":
         """The same jump by every so many-th row: what was sent to the joints is the mean over them."""
         if rows == 1:
             return self
@@ -175,15 +175,15 @@ class Log:
         return replace(self, columns=columns, info=replace(self.info, sample_period_s=rows * self.info.sample_period_s))
 
 
-def check(jump: Log) -> None:
+def check(log: Log) -> None:
     """Refuse what no later stage could use: shapes, order of time, NaN, incomplete sets of columns."""
-    where = jump.name
-    if "time" not in jump.columns:
+    where = log.name
+    if "time" not in log.columns:
         raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
-    rows = len(jump.columns["time"])
+    rows = len(log.columns["time"])
     if rows < 2:
         raise InputError(where, f"{rows} rows", "two or more", "log the whole jump")
-    for name, values in jump.columns.items():
+    for name, values in log.columns.items():
         if values.shape != (rows,):
             raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
         bad = np.flatnonzero(~np.isfinite(values))
@@ -194,18 +194,18 @@ def check(jump: Log) -> None:
                 "finite numbers",
                 "repair the log, or leave the column out if it was not measured",
             )
-    back = np.flatnonzero(np.diff(jump.columns["time"]) <= 0)
+    back = np.flatnonzero(np.diff(log.columns["time"]) <= 0)
     if len(back):
         raise InputError(
             f"{where}, column time",
-            f"a step of {np.diff(jump.columns['time'])[back[0]]:g} s after row {back[0]}",
+            f"a step of {np.diff(log.columns['time'])[back[0]]:g} s after row {back[0]}",
             "strictly increasing times",
             "sort the rows, or repair the clock",
         )
-    if not jump.joints:
+    if not log.joints:
         raise InputError(where, "no column cmd_tau/<joint>", "commands of every joint", "log the commands")
     for quantity in COMMANDS:
-        missing = [joint for joint in jump.joints if f"{quantity}/{joint}" not in jump.columns]
+        missing = [joint for joint in log.joints if f"{quantity}/{joint}" not in log.columns]
         if missing:
             raise InputError(
                 where,
@@ -214,11 +214,11 @@ def check(jump: Log) -> None:
                 "log them; the gap cannot be judged without the commands",
             )
     for group in (BASE_POSITION, BASE_QUATERNION):
-        present = [name for name in group if name in jump.columns]
+        present = [name for name in group if name in log.columns]
         if present and len(present) != len(group):
             raise InputError(where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all")
-    if BASE_QUATERNION[0] in jump.columns:
-        length = np.linalg.norm(jump.stack(BASE_QUATERNION), axis=1)
+    if BASE_QUATERNION[0] in log.columns:
+        length = np.linalg.norm(log.stack(BASE_QUATERNION), axis=1)
         worst = int(np.argmax(np.abs(length - 1)))
         if abs(length[worst] - 1) > 1e-3:
             raise InputError(
@@ -229,10 +229,10 @@ def check(jump: Log) -> None:
             )
 
 
-def write_log(jump: Log, path: Path) -> None:
+def write_log(log: Log, path: Path) -> None:
     """Write one jump log; the same jump gives the same bytes."""
-    table = pa.table({name: np.ascontiguousarray(values) for name, values in jump.columns.items()})
-    table = table.replace_schema_metadata({METADATA_KEY: jump.info.to_json().encode()})
+    table = pa.table({name: np.ascontiguousarray(values) for name, values in log.columns.items()})
+    table = table.replace_schema_metadata({METADATA_KEY: log.info.to_json().encode()})
     with whole_file(path) as beside:
         pq.write_table(table, beside, compression="zstd")
 

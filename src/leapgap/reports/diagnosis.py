@@ -62,6 +62,6 @@ def diagnose_folder(
     replayer = Replayer(robot)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
-        return {jump.name: replayer.as_jump(motions[jump.name], jump) for jump in jumps}
+        return {jump.name: replayer.as_log(motions[jump.name], jump) for jump in jumps}
 
     return DiagnosedLogs(jumps, robot, diagnosis, replays(diagnosis.nominal), replays(diagnosis.corrected))

@@ -21,7 +21,7 @@ def upright_cosine(quaternion: np.ndarray) -> np.ndarray:
     return 1 - 2 * (x**2 + y**2)
 
 
-def turned(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
+def turn_by(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Quaternions (rows, 4) after a turn about the body's axes by small angles (rows, 3), rad; unit length."""
     w, x, y, z = quaternion.T
     a, b, c = (angles / 2).T

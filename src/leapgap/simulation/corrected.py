@@ -1,4 +1,4 @@
-"""A corrected robot on disk: the model and the effects a diagnosis found, ready to simulate and to plan with."""
+"""A corrected robot on disk: the nominal model and the effects that a diagnosis identified."""
 
 import shutil
 from collections.abc import Sequence

@@ -16,7 +16,7 @@ from leapgap.effects.base import Effect
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump
+from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case_draw import Case
@@ -77,7 +77,7 @@ def withhold(case: Case, references: Sequence[Log], robot: Robot, world: CaseSet
     scatter = 1 + world.period_scatter * rng.standard_normal(count)
     noise_rng, floor_rng = rng.spawn(2)
     plans = [
-        PlannedJump(f"jump_{i}" if i < world.jumps else f"proof_{i - world.jumps}", references[c], round(float(h), 4))
+        MotionPlan(f"jump_{i}" if i < world.jumps else f"proof_{i - world.jumps}", references[c], round(float(h), 4))
         for i, (c, h) in enumerate(zip(chosen, heights, strict=True))
     ]
     generator = Generator(robot, terrain_slots=1, step_s=world.step_s)
@@ -196,8 +196,7 @@ def further_jumps(
     acting = [restored(entry) for entry in truth["effects"]]
     heights = rng.uniform(*block_height_m, len(references))
     plans = [
-        PlannedJump(f"next_{i}", r, round(float(h), 4))
-        for i, (r, h) in enumerate(zip(references, heights, strict=True))
+        MotionPlan(f"next_{i}", r, round(float(h), 4)) for i, (r, h) in enumerate(zip(references, heights, strict=True))
     ]
     scatter = 1 + world.period_scatter * rng.standard_normal(len(plans))
     own: list[Effects] = [(nuisance, *(on_log(e, s, robot) for e in acting)) for s in scatter]

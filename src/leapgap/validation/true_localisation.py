@@ -27,8 +27,8 @@ def places(
     square = np.zeros((len(PHASES), len(channels)))
     for log, trial, rows in zip(logs, off, judged.rows, strict=True):
         scale = np.maximum(noise(log.first_rows(rows), channels), [least_noise(c) for c in channels])
-        pieces = pieces_of(trial.jump.first_rows(rows), horizon_s)
-        motions = generator.motions([replace(trial, jump=piece) for piece, _ in pieces])
+        pieces = pieces_of(trial.log.first_rows(rows), horizon_s)
+        motions = generator.motions([replace(trial, log=piece) for piece, _ in pieces])
         for (piece, phases), motion in zip(pieces, motions, strict=True):
             half = len(piece) // 2
             error = table(motion, channels, robot) - measured(piece, channels)
