@@ -11,7 +11,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class Armature(Effect):
-    """Rotor inertia, added to the model's own; a negative one takes away what the model has, down to nothing."""
+    """Rotor inertia added to the model's own; a negative value takes some of it away, down to zero."""
 
     name = "armature"
     places = "joints"

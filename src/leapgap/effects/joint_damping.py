@@ -11,7 +11,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class JointDamping(Effect):
-    """Torque against the joint's velocity, added to the model's own; negative down to a joint without any."""
+    """Damping added to the model's own; negative values reduce it, down to zero."""
 
     name = "joint_damping"
     places = "joints"

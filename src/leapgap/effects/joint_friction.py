@@ -11,7 +11,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class JointFriction(Effect):
-    """Gears eat up to a constant torque, added to the model's own; negative down to a joint without any."""
+    """Friction torque of the gears added to the model's own; negative values reduce it, down to zero."""
 
     name = "joint_friction"
     places = "joints"
