@@ -21,7 +21,7 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose, run_checks
-from leapgap.diagnosis.gap import Judged, noise_floor, squares
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, noise_floor
 from leapgap.diagnosis.gap_reduction import closure, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
@@ -112,10 +112,10 @@ def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Set
 
     None where the effect changes these jumps by less than twice the noise floor: a share of nothing is no figure.
     """
-    judged, replayer = Judged.of(proof, robot), Replayer(robot, threads=1)
+    judged, replayer = JudgedLogs.of(proof, robot), Replayer(robot, threads=1)
     clock = clock_of(run_checks(judged, robot, settings), judged, robot)
     corrected = []
-    for jump in judged.jumps:
+    for jump in judged.logs:
         own = []
         for effect, cause in zip(found.correction, found.report.causes, strict=False):
             if cause.per_log and clock:
@@ -125,7 +125,7 @@ def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Set
                 effect = Hypothesis(type(effect), robot, effect.location, clock).on(jump.name, np.array([share]))
             own.append(effect)
         corrected.append(tuple(own))
-    nominal, after = squares(judged, replayer, [[()] * len(proof), corrected])
+    nominal, after = candidate_squares(judged, replayer, [[()] * len(proof), corrected])
     floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
     if nominal.sum() < DETECTABLE * floor.sum():
         return None
@@ -192,7 +192,7 @@ def scores(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
             [set(o["true"]) <= n for o, n in zip(outcomes, names, strict=True) if o["kind"] == "pair"]
         ),
         "locations_right": share(
-            [true == said for o in outcomes if o["kind"] == "placed" for true, said in o["located"]]
+            [true == conclusion for o in outcomes if o["kind"] == "placed" for true, conclusion in o["located"]]
         ),
     }
 
@@ -209,14 +209,14 @@ def main() -> None:
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         for outcome in pool.map(judge, chosen):
             outcomes.append(outcome)
-            said = " + ".join(" or ".join(names) for names in outcome["answer"])
+            conclusion = " + ".join(" or ".join(names) for names in outcome["answer"])
             numbers = " ".join(f"{100 * e:.1f}%{'' if covered else '!'}" for e, covered in outcome["told"])
             closes = "/".join("" if outcome[key] is None else f"{outcome[key]:.2f}" for key in ("promised", "realised"))
             line = "\t".join(
                 [
                     outcome["case"],
                     outcome["verdict"],
-                    said,
+                    conclusion,
                     str(outcome["located"]),
                     numbers,
                     closes,

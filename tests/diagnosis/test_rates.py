@@ -8,7 +8,7 @@ import pytest
 
 from leapgap.diagnosis import checks
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.short_rollouts import Pieces, State
+from leapgap.diagnosis.short_rollouts import Pieces, StateChannels
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
@@ -70,7 +70,7 @@ def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> 
     wave = 0.01 * np.sin(2 * np.pi * 10 * jump.time)
     jump = replace(jump, columns=dict(jump.columns) | {"base_pos_x": wave})
     row = round(0.325 * rate_hz)  # the crest
-    pieces = Pieces.of(jump, [row], State.of([jump], robot))
+    pieces = Pieces.of(jump, [row], StateChannels.of([jump], robot))
     assert pieces.starts.states[0, 0] == pytest.approx(wave[row], abs=0.04 * 0.01)
 
 
@@ -80,5 +80,5 @@ def test_whole_jumps_are_compared_every_20_ms(robot: Robot, rate_hz: int, values
     judged = SimpleNamespace(jumps=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
     whole = FullRollouts(SimpleNamespace(judged=judged), FullRolloutSettings())  # type: ignore[arg-type]
     errors = whole.compared([np.zeros((rows, 3)) for rows in judged.rows])
-    assert np.bincount(whole.jump_of_value).tolist() == [3 * values] * 2
+    assert np.bincount(whole.log_of_value).tolist() == [3 * values] * 2
     assert len(errors.some) == 6 * values

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.gap import Judged
+from leapgap.diagnosis.gap import JudgedLogs
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -52,9 +52,9 @@ def test_a_profile_of_the_judged_rows_goes_on_with_its_last_value() -> None:
 
 
 def test_replays_of_all_rows_begin_as_those_of_the_judged_rows(robot: Robot, damped: list[Log]) -> None:
-    judged, replayer = Judged.of(damped, robot), Replayer(robot)
+    judged, replayer = JudgedLogs.of(damped, robot), Replayer(robot)
     effect = SamplePeriod(scale=1.05, profile=(0.95, 1.1, 0.98))
-    for jump, cut in zip(damped, judged.jumps, strict=True):
+    for jump, cut in zip(damped, judged.logs, strict=True):
         (whole,) = replayer.motions([Rollout(jump, (effect.extend_to(len(cut), len(jump)),))])
         (part,) = replayer.motions([Rollout(cut, (effect,))])
         assert np.array_equal(whole.qpos[: len(cut)], part.qpos)

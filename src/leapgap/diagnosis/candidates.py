@@ -45,7 +45,7 @@ class Candidate:
 
     def split(self, numbers: np.ndarray | None = None) -> list[np.ndarray]:
         """Numbers of each hypothesis."""
-        return parted(self.hypotheses, self.numbers if numbers is None else numbers)
+        return split_numbers(self.hypotheses, self.numbers if numbers is None else numbers)
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Fit(Candidate):
     where that says more.
     """
 
-    tried: np.ndarray
+    linearisation_point: np.ndarray
     """Where it was replayed: the numbers are one linear step from here."""
     columns: np.ndarray
     """Errors there and their derivatives, (pieces, values, 1 + numbers)."""
@@ -79,11 +79,11 @@ class ProfileLikelihood:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """What a search believes, and all that it fitted on the way."""
 
     nominal: Fit
-    believed: Fit
+    selected: Fit
     rounds: tuple[tuple[Fit, ...], ...]
     """Fits of sets of one, two, … hypotheses, best on held-out logs first; the last round may not be believed."""
     log_of_piece: np.ndarray
@@ -96,18 +96,18 @@ class Found:
         """The fit of the first so many of the believed hypotheses."""
         if number == 0:
             return self.nominal
-        wanted = self.believed.hypotheses[:number]
+        wanted = self.selected.hypotheses[:number]
         return next(fit for fit in self.rounds[number - 1] if fit.hypotheses == wanted)
 
     @property
     def steps(self) -> tuple[Fit, ...]:
         """Fits of the first one, two, … of the believed hypotheses; the last is what is believed."""
-        return tuple(self.before(k) for k in range(1, len(self.believed.hypotheses) + 1))
+        return tuple(self.before(k) for k in range(1, len(self.selected.hypotheses) + 1))
 
     @property
     def rivals(self) -> tuple[Fit, ...]:
         """Sets as large as the believed one, itself among them."""
-        return self.rounds[len(self.believed.hypotheses) - 1] if self.believed.hypotheses else ()
+        return self.rounds[len(self.selected.hypotheses) - 1] if self.selected.hypotheses else ()
 
     @property
     def alternatives(self) -> tuple[Fit, ...]:
@@ -124,12 +124,12 @@ def in_words(fit: Candidate) -> str:
     return " + ".join(parts)
 
 
-def parted(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
+def split_numbers(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
     """One vector of numbers cut to those of each hypothesis."""
     return np.split(numbers, np.cumsum([len(h.parameters) for h in hypotheses])[:-1]) if hypotheses else []
 
 
-def clipped(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.ndarray:
+def clip_numbers(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.ndarray:
     """Numbers within their ranges."""
-    parts = [h.clipped(n) for h, n in zip(hypotheses, parted(hypotheses, numbers), strict=True)]
+    parts = [h.clip(n) for h, n in zip(hypotheses, split_numbers(hypotheses, numbers), strict=True)]
     return np.concatenate(parts) if parts else numbers

@@ -80,36 +80,36 @@ def state_channels(robot: Robot) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-def logged_channels(jumps: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
+def logged_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
     """Channels of the state that every log knows."""
-    return tuple(c for c in state_channels(robot) if all(is_logged(jump, c.name) for jump in jumps))
+    return tuple(c for c in state_channels(robot) if all(is_logged(log, c.name) for log in logs))
 
 
-def scaled_channels(jumps: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
+def scaled_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
     """Those of them with a scale: the base's headline channels, then joint positions and velocities."""
-    return tuple(c for c in logged_channels(jumps, robot) if c.scale is not None)
+    return tuple(c for c in logged_channels(logs, robot) if c.scale is not None)
 
 
-def is_logged(jump: Log, channel: str) -> bool:
+def is_logged(log: Log, channel: str) -> bool:
     """Whether a log has what a channel needs."""
-    return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in jump
+    return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in log
 
 
-def table(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
+def channel_values(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
     """Channels side by side, (rows, channels)."""
     return np.stack([channel.values(motion, robot) for channel in channels], axis=1)
 
 
-def logged(jump: Log, channel: str) -> np.ndarray:
+def logged_values(log: Log, channel: str) -> np.ndarray:
     """One channel as logged, by its name, (rows,)."""
-    return jump.pitch if channel == "base_pitch" else jump[channel]
+    return log.pitch if channel == "base_pitch" else log[channel]
 
 
-def measured(jump: Log, channels: Sequence[Channel]) -> np.ndarray:
+def measured_values(log: Log, channels: Sequence[Channel]) -> np.ndarray:
     """Channels as logged, (rows, channels)."""
-    return np.stack([logged(jump, channel.name) for channel in channels], axis=1)
+    return np.stack([logged_values(log, channel.name) for channel in channels], axis=1)
 
 
-def noise(jump: Log, channels: Sequence[Channel]) -> np.ndarray:
+def sensor_noise(log: Log, channels: Sequence[Channel]) -> np.ndarray:
     """Standard deviation of each channel's sensor noise, (channels,)."""
-    return noise_of(np.diff(measured(jump, channels), axis=0), jump.info.sample_period_s)
+    return noise_of(np.diff(measured_values(log, channels), axis=0), log.info.sample_period_s)

@@ -7,17 +7,17 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis import checks as consistency
-from leapgap.diagnosis.candidates import Found
+from leapgap.diagnosis.candidates import SearchResult
 from leapgap.diagnosis.checks import Check
-from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, concluded, confirmed_by_jumps, first_shares
+from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, best_set_shares, decide, drop_contradicted_causes
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares_of
-from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReduction, resamples
-from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
-from leapgap.diagnosis.localisation import where
+from leapgap.diagnosis.gap import JudgedLogs, final_position_errors, motion_squares, noise_floor
+from leapgap.diagnosis.gap_reduction import HeldOutFits, HeldOutGap, resamples
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Report
-from leapgap.diagnosis.selection import SearchSettings, find
+from leapgap.diagnosis.selection import SearchSettings, find_causes
 from leapgap.diagnosis.sensitivities import FINE_STEP_S
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import (
@@ -117,72 +117,74 @@ def diagnose(
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
     replayer = Replayer(robot, max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1, threads)
-    judged = Judged.of(jumps, robot)
+    judged = JudgedLogs.of(jumps, robot)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
     rng = np.random.default_rng(settings.seed)
     nominal = replayer.motions([Rollout(jump) for jump in jumps])
-    yardstick = yardstick_of(judged, replayer, nominal, settings, rng)
-    gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
+    heldout_gap = heldout_gap_of(judged, replayer, nominal, settings, rng)
+    gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged, robot, settings)
-    hypotheses = hypotheses_of(kinds, robot, clock_of(checks, judged, robot))
-    found = search(yardstick, hypotheses, settings, progress)
-    heldout = HeldOutReduction(yardstick, jumps, nominal)
+    hypotheses = list_hypotheses(kinds, robot, clock_of(checks, judged, robot))
+    found = search(heldout_gap, hypotheses, settings, progress)
+    heldout = HeldOutFits(heldout_gap, jumps, nominal)
     heldout.replays(found.steps)
-    found = confirmed_by_jumps(found, [yardstick.closes(of) for of in heldout.of(found.steps)], settings.doubts)
-    shares = first_shares(found, yardstick.draws) if found.rivals else np.zeros(0)
-    heldout.of([*found.steps, *found.alternatives])
-    said = conclude(found, shares, heldout, hypotheses, settings, progress)
-    believed = said.steps[-1] if said.steps else found.nominal
-    (replays,) = heldout.replays([believed])
-    (corrected,) = heldout.of([believed])
-    closes = yardstick.closure(corrected) if said.answer else None
+    found = drop_contradicted_causes(
+        found, [heldout_gap.closure_value(of) for of in heldout.squares(found.steps)], settings.doubts
+    )
+    shares = best_set_shares(found, heldout_gap.draws) if found.rivals else np.zeros(0)
+    heldout.squares([*found.steps, *found.alternatives])
+    conclusion = conclude(found, shares, heldout, hypotheses, settings, progress)
+    selected = conclusion.steps[-1] if conclusion.steps else found.nominal
+    (replays,) = heldout.replays([selected])
+    (corrected,) = heldout.squares([selected])
+    closes = heldout_gap.closure(corrected) if conclusion.answer else None
     # Short steps: what the nominal simulation's own step does is no part of the gap.
-    places = where(judged, replayer.with_steps(FINE_STEP_S), settings.where_horizon_s, settings.noise_draws, rng)
+    places = localise(judged, replayer.with_steps(FINE_STEP_S), settings.where_horizon_s, settings.noise_draws, rng)
     report = Report(
-        verdict=said.verdict,
-        sentence=sentence(said, believed, gap, yardstick.gap(corrected), closes, judged),
+        verdict=conclusion.verdict,
+        sentence=sentence(conclusion, selected, gap, heldout_gap.gap(corrected), closes, judged),
         gap_nominal=gap,
-        gap_corrected=yardstick.gap(corrected),
+        gap_corrected=heldout_gap.gap(corrected),
         noise_floor=floor,
-        answer=said.answer,
+        answer=conclusion.answer,
         closure_of_answer=closes,
-        closure_shared=shared_closure(believed, corrected, yardstick),
+        closure_shared=shared_closure(selected, corrected, heldout_gap),
         where=tuple(places),
-        causes=tuple(causes_of(found, said, shares, heldout, settings.model_error)),
+        causes=tuple(causes_of(found, conclusion, shares, heldout, settings.model_error)),
         checks=tuple(checks),
-        next_experiment=next_experiment(said.answer, jumps, robot),
+        next_experiment=next_experiment(conclusion.answer, jumps, robot),
         not_judged=tuple(not_judged(jumps, robot)),
         profiles=tuple(profiles_of(found)),
-        gap_per_log=yardstick.gap_by_log(corrected),
+        gap_per_log=heldout_gap.gap_by_log(corrected),
         landing_misplaced_m=landing(nominal, replays, judged),
         provenance=provenance or Provenance.of(jumps, robot, asdict(settings)),
     )
     logs = [jump.name for jump in jumps]
     return Diagnosis(
-        report, dict(zip(logs, nominal, strict=True)), dict(zip(logs, replays, strict=True)), typical(believed, logs)
+        report, dict(zip(logs, nominal, strict=True)), dict(zip(logs, replays, strict=True)), typical(selected, logs)
     )
 
 
-def yardstick_of(
-    judged: Judged, replayer: Replayer, nominal: Sequence[Motion], settings: Settings, rng: np.random.Generator
+def heldout_gap_of(
+    judged: JudgedLogs, replayer: Replayer, nominal: Sequence[Motion], settings: Settings, rng: np.random.Generator
 ) -> HeldOutGap:
     """Folds, nominal gap, noise floor and resamples of the logs; ``nominal`` are their replays by the nominal robot."""
-    number = len(judged.jumps)
+    number = len(judged.logs)
     return HeldOutGap(
         judged,
         replayer,
         np.array(folds_of(judged, settings.folds)),
-        squares_of(nominal, judged, replayer.robot),
+        motion_squares(nominal, judged, replayer.robot),
         noise_floor(judged, replayer, settings.noise_draws, rng, nominal),
         resamples(number, settings.bootstrap_draws, rng),
     )
 
 
 def conclude(
-    found: Found,
+    found: SearchResult,
     shares: np.ndarray,
-    heldout: HeldOutReduction,
+    heldout: HeldOutFits,
     hypotheses: Sequence[Hypothesis],
     settings: Settings,
     progress: Callable[[str], None],
@@ -191,33 +193,33 @@ def conclude(
 
     ``shares`` are those of the rivals.
     """
-    yardstick, closes = heldout.yardstick, None
-    if found.believed.hypotheses and yardstick.shows:
-        closes = yardstick.closes(*heldout.of([found.believed]))
+    heldout_gap, closes = heldout.heldout_gap, None
+    if found.selected.hypotheses and heldout_gap.has_gap:
+        closes = heldout_gap.closure_value(*heldout.squares([found.selected]))
         if closes < settings.doubts.enough_closure:
             # The nominal step's own error may hide what a small effect closes.
-            finer = yardstick.with_steps(FINE_STEP_S)
-            closes = max(closes, finer.closes(finer.heldout([found.believed])[0]))
-    gap = yardstick.gap(yardstick.nominal) / yardstick.gap(yardstick.floor)
-    said = concluded(found, shares, gap, closes, settings.doubts)
-    if said.verdict != "unknown" or not confirmed(found):
-        return said
-    whole_jumps = FullRollouts(yardstick, settings.whole, progress)
-    return whole_jumps.concluded(found.before(1), hypotheses, settings.doubts.rival_share)
+            finer = heldout_gap.with_steps(FINE_STEP_S)
+            closes = max(closes, finer.closure_value(finer.heldout_squares([found.selected])[0]))
+    gap = heldout_gap.gap(heldout_gap.nominal) / heldout_gap.gap(heldout_gap.floor)
+    conclusion = decide(found, shares, gap, closes, settings.doubts)
+    if conclusion.verdict != "unknown" or not is_first_cause_confirmed(found):
+        return conclusion
+    full_rollouts = FullRollouts(heldout_gap, settings.whole, progress)
+    return full_rollouts.conclude(found.before(1), hypotheses, settings.doubts.rival_share)
 
 
-def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: Judged) -> dict[str, dict[str, float]]:
+def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: JudgedLogs) -> dict[str, dict[str, float]]:
     """Of each log, how far off the simulated trunk is at touch-down, m; nothing for robots without a base."""
-    nominal, corrected = misplaced_at_the_end(whole, judged), misplaced_at_the_end(replays, judged)
+    nominal, corrected = final_position_errors(whole, judged), final_position_errors(replays, judged)
     if nominal is None or corrected is None:
         return {}
-    of_logs = zip(judged.jumps, nominal, corrected, strict=True)
+    of_logs = zip(judged.logs, nominal, corrected, strict=True)
     return {jump.name: {"nominal": before, "corrected": after} for jump, before, after in of_logs}
 
 
-def folds_of(judged: Judged, folds: int) -> list[int]:
+def folds_of(judged: JudgedLogs, folds: int) -> list[int]:
     """Which fold each jump is held out with."""
-    number = len(judged.jumps)
+    number = len(judged.logs)
     if number < 2:
         raise InputError(
             "diagnose.logs",
@@ -229,29 +231,29 @@ def folds_of(judged: Judged, folds: int) -> list[int]:
 
 
 def search(
-    yardstick: HeldOutGap,
+    heldout_gap: HeldOutGap,
     hypotheses: Sequence[Hypothesis],
     settings: Settings,
     progress: Callable[[str], None],
-) -> Found:
+) -> SearchResult:
     """Look for causes in some of the evidence, then in all of it."""
-    jumps = yardstick.judged.jumps
+    jumps = heldout_gap.judged.logs
     most = min(settings.most_pieces, settings.pieces_per_log * len(jumps))
     whole, coarse = (
-        ShortRollouts.of(jumps, yardstick.replayer, settings.horizon_s, settings.every_s, pieces)
+        ShortRollouts.of(jumps, heldout_gap.replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
-    return find(whole, coarse, hypotheses, settings.tolerances, yardstick.folds, settings.plan, progress)
+    return find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
 
 
-def run_checks(judged: Judged, robot: Robot, settings: Settings) -> list[Check]:
+def run_checks(judged: JudgedLogs, robot: Robot, settings: Settings) -> list[Check]:
     """The consistency checks that the logs have columns for."""
     found = (
-        consistency.joint_clock(judged.jumps, robot, settings.clock_threshold),
-        consistency.even_clock(consistency.local_clocks(judged.jumps, robot), settings.even_threshold),
-        consistency.base_clock(judged.jumps, robot, settings.clock_threshold),
-        consistency.free_fall(judged.jumps, robot, settings.fall_threshold),
-        consistency.planted_feet(judged.jumps, robot, settings.planted_threshold_m),
+        consistency.joint_clock(judged.logs, robot, settings.clock_threshold),
+        consistency.even_clock(consistency.local_clocks(judged.logs, robot), settings.even_threshold),
+        consistency.base_clock(judged.logs, robot, settings.clock_threshold),
+        consistency.free_fall(judged.logs, robot, settings.fall_threshold),
+        consistency.planted_feet(judged.logs, robot, settings.planted_threshold_m),
     )
     return [check for check in found if check is not None]
 
@@ -277,20 +279,20 @@ def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> No
             raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
 
 
-def clock_of(checks: Sequence[Check], judged: Judged, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
+def clock_of(checks: Sequence[Check], judged: JudgedLogs, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
     """True over claimed period of each log by its joints, where that check failed; several where it changes within.
 
     The joints are not scored in the headline gap, so this holds on held-out jumps too.
     """
     failed = {check.name: check.per_log for check in checks if not check.passed}
     if "even_clock" in failed:
-        local = consistency.local_clocks(judged.jumps, robot) or {}
+        local = consistency.local_clocks(judged.logs, robot) or {}
         return {log: tuple(clock.tolist()) for log, clock in local.items()}
     if "joint_clock" in failed:
         return {log: (value,) for log, value in failed["joint_clock"].items()}
     return None
 
 
-def confirmed(found: Found) -> bool:
+def is_first_cause_confirmed(found: SearchResult) -> bool:
     """Whether the first cause is one that the logs contradict themselves about, whatever else there is."""
-    return bool(found.believed.hypotheses) and found.believed.hypotheses[0].per_log is not None
+    return bool(found.selected.hypotheses) and found.selected.hypotheses[0].per_log is not None

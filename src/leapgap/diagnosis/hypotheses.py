@@ -34,14 +34,14 @@ class Hypothesis:
         return self.kind.name
 
     @cached_property
-    def of_effect(self) -> tuple[Parameter, ...]:
+    def effect_parameters(self) -> tuple[Parameter, ...]:
         """The effect's own parameters, at this place of the robot."""
         return self.kind.parameters(self.robot, self.location)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """What is fitted."""
-        return self.of_effect if self.per_log is None else (Parameter("share", "1", 0.0, 0.0, 1.25, 1.0),)
+        return self.effect_parameters if self.per_log is None else (Parameter("share", "1", 0.0, 0.0, 1.25, 1.0),)
 
     @property
     def nominal(self) -> np.ndarray:
@@ -69,18 +69,18 @@ class Hypothesis:
     def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:
         """The effect's parameters on one log."""
         if self.per_log is None:
-            return {p.name: float(n) for p, n in zip(self.of_effect, numbers, strict=True)}
-        (p,) = self.of_effect
+            return {p.name: float(n) for p, n in zip(self.effect_parameters, numbers, strict=True)}
+        (p,) = self.effect_parameters
         value = p.nominal + float(numbers[0]) * (float(np.mean(self.per_log[log])) - p.nominal)
         return {p.name: float(np.clip(value, p.lower, p.upper))}
 
-    def clipped(self, numbers: np.ndarray) -> np.ndarray:
+    def clip(self, numbers: np.ndarray) -> np.ndarray:
         """Numbers within their range."""
         return np.clip(numbers, *self.bounds)
 
     def allows(self, numbers: np.ndarray) -> bool:
         """Whether numbers are in their range."""
-        return bool((self.clipped(numbers) == numbers).all())
+        return bool((self.clip(numbers) == numbers).all())
 
     def at_bound(self, numbers: np.ndarray) -> bool:
         """Whether a fit ran to the end of a range, away from nominal: no sensible value fits.
@@ -119,7 +119,7 @@ def usable(kind: type[Effect], robot: Robot) -> bool:
     return kind.lacks(robot) is None
 
 
-def hypotheses_of(
+def list_hypotheses(
     wanted: Sequence[str | type[Effect]], robot: Robot, clock: Mapping[str, tuple[float, ...]] | None
 ) -> list[Hypothesis]:
     """Every effect, a known one by name or a class, at every place.

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.channels import Channel, measured, noise, scaled_channels, table
-from leapgap.diagnosis.gap import Judged, state_noise
+from leapgap.diagnosis.channels import Channel, channel_values, measured_values, scaled_channels, sensor_noise
+from leapgap.diagnosis.gap import JudgedLogs, state_noise
 from leapgap.logs.log import Log
 from leapgap.simulation.replay import Replayer, Rollout
 
@@ -28,11 +28,11 @@ class Place:
     unit: str
 
 
-def phase_of_rows(jump: Log) -> np.ndarray:
+def phase_of_rows(log: Log) -> np.ndarray:
     """Index into ``PHASES`` of each row, by the planned schedule, (rows,)."""
-    schedule = jump.info.schedule
+    schedule = log.info.schedule
     return np.digitize(
-        jump.time + 1e-6,
+        log.time + 1e-6,
         [
             schedule.front_lift_off_s,
             schedule.take_off_s - LIFT_OFF_WINDOW_S,
@@ -46,7 +46,7 @@ def phase_of_rows(jump: Log) -> np.ndarray:
 class Piece:
     """Some rows of a log that a replay of their own is compared with, in the second half, when the start settled."""
 
-    jump: Log
+    log: Log
     phases: np.ndarray
     """Index into ``PHASES`` of each row, (rows,)."""
     sigma: np.ndarray
@@ -63,22 +63,26 @@ class Piece:
         return np.bincount(self.phases[len(self.phases) // 2 :], minlength=len(PHASES))
 
 
-def where(judged: Judged, replayer: Replayer, horizon_s: float, draws: int, rng: np.random.Generator) -> list[Place]:
+def localise(
+    judged: JudgedLogs, replayer: Replayer, horizon_s: float, draws: int, rng: np.random.Generator
+) -> list[Place]:
     """The gap by phase and channel, largest share first.
 
     Replays start anew from the log every ``horizon_s``, so that an error counts where it arises and not where it
     has grown to. What sensor noise leaves on average of ``draws`` is taken off the shares.
     """
-    robot, channels = replayer.robot, scaled_channels(judged.jumps, replayer.robot)
-    sigma = {jump.name: noise(jump, channels) for jump in judged.jumps}
+    robot, channels = replayer.robot, scaled_channels(judged.logs, replayer.robot)
+    sigma = {log.name: sensor_noise(log, channels) for log in judged.logs}
     pieces = [
-        Piece(piece, phases, sigma[jump.name]) for jump in judged.jumps for piece, phases in pieces_of(jump, horizon_s)
+        Piece(piece, phases, sigma[log.name]) for log in judged.logs for piece, phases in pieces_of(log, horizon_s)
     ]
     least = np.array([least_noise(c) for c in channels])
-    motions = replayer.motions([Rollout(piece.jump) for piece in pieces])
-    simulated_there = [table(motion, channels, robot) for motion in motions]
-    errors = [found - measured(piece.jump, channels) for piece, found in zip(pieces, simulated_there, strict=True)]
-    of_noise = noise_alone(pieces, simulated_there, channels, replayer, draws, rng)
+    motions = replayer.motions([Rollout(piece.log) for piece in pieces])
+    simulated_there = [channel_values(motion, channels, robot) for motion in motions]
+    errors = [
+        found - measured_values(piece.log, channels) for piece, found in zip(pieces, simulated_there, strict=True)
+    ]
+    of_noise = noise_errors(pieces, simulated_there, channels, replayer, draws, rng)
 
     def scaled(of: Sequence[np.ndarray]) -> np.ndarray:
         return sum_of(p.squares(e / np.maximum(p.sigma, least)) for p, e in zip(pieces, of, strict=True))
@@ -96,7 +100,7 @@ def where(judged: Judged, replayer: Replayer, horizon_s: float, draws: int, rng:
     return sorted(places, key=lambda place: -place.share)
 
 
-def noise_alone(
+def noise_errors(
     pieces: Sequence[Piece],
     nominal: Sequence[np.ndarray],
     channels: Sequence[Channel],
@@ -108,18 +112,20 @@ def noise_alone(
 
     Every piece is replayed from a first state that is off by sensor noise, and compared with noisy rows.
     """
-    states = [replayer.first_state(Rollout(piece.jump)) for piece in pieces]
+    states = [replayer.first_state(Rollout(piece.log)) for piece in pieces]
     sigmas = [dict(zip((c.name for c in channels), piece.sigma, strict=True)) for piece in pieces]
     off = [state_noise(sigma, replayer.robot) for sigma in sigmas]
     trials = [
-        Rollout(piece.jump, first_state=state + rng.standard_normal(len(state)) * noise_there)
+        Rollout(piece.log, first_state=state + rng.standard_normal(len(state)) * noise_there)
         for _ in range(draws)
         for piece, state, noise_there in zip(pieces, states, off, strict=True)
     ]
     motions = iter(replayer.motions(trials))
     return [
         [
-            table(next(motions), channels, replayer.robot) - true - rng.standard_normal(true.shape) * piece.sigma
+            channel_values(next(motions), channels, replayer.robot)
+            - true
+            - rng.standard_normal(true.shape) * piece.sigma
             for piece, true in zip(pieces, nominal, strict=True)
         ]
         for _ in range(draws)
@@ -131,13 +137,13 @@ def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:
     return np.sum(list(arrays), axis=0)
 
 
-def pieces_of(jump: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
+def pieces_of(log: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
     """The judged rows cut to whole pieces of one horizon, with the phase of each row."""
-    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
-    phases = phase_of_rows(jump)
-    starts = range(0, len(jump) - length + 1, length - 1)
+    length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
+    phases = phase_of_rows(log)
+    starts = range(0, len(log) - length + 1, length - 1)
     return [
-        (replace(jump, columns={k: v[s : s + length] for k, v in jump.columns.items()}), phases[s : s + length])
+        (replace(log, columns={k: v[s : s + length] for k, v in log.columns.items()}), phases[s : s + length])
         for s in starts
     ]
 

@@ -29,22 +29,22 @@ class Provenance:
 
     @staticmethod
     def of(
-        jumps: Sequence[Log], robot: Robot, config: Mapping[str, Any], files: Mapping[str, str] | None = None
+        logs: Sequence[Log], robot: Robot, config: Mapping[str, Any], files: Mapping[str, str] | None = None
     ) -> "Provenance":
         """Of some logs; ``files`` holds the SHA-256 of the file of each log by its name, where there are files."""
-        logs = {jump.name: content_sha256(jump) for jump in jumps} if files is None else dict(files)
-        return Provenance(logs, {name: installed(name) for name in TOOLS}, robot.sha256, config)
+        digests = {log.name: content_sha256(log) for log in logs} if files is None else dict(files)
+        return Provenance(digests, {name: installed_version(name) for name in TOOLS}, robot.sha256, config)
 
 
-def content_sha256(jump: Log) -> str:
+def content_sha256(log: Log) -> str:
     """SHA-256 of the metadata and of all columns, whatever their order, by 64-bit floats."""
-    digest = hashlib.sha256(jump.info.to_json().encode())
-    for name in sorted(jump.columns):
-        digest.update(name.encode() + b"\0" + np.ascontiguousarray(jump[name], dtype="<f8").tobytes())
+    digest = hashlib.sha256(log.info.to_json().encode())
+    for name in sorted(log.columns):
+        digest.update(name.encode() + b"\0" + np.ascontiguousarray(log[name], dtype="<f8").tobytes())
     return digest.hexdigest()
 
 
-def installed(package: str) -> str:
+def installed_version(package: str) -> str:
     """Version of a package; of a source tree that was never installed there is none."""
     try:
         return version(package)

@@ -97,7 +97,7 @@ class Report:
     def to_json(self) -> dict[str, Any]:
         """As written to ``report.json``; numbers rounded to six digits, what is not finite is null."""
         closure = self.closure_of_answer
-        return rounded(
+        return round_floats(
             {
                 "format_version": FORMAT_VERSION,
                 "verdict": self.verdict,
@@ -109,13 +109,13 @@ class Report:
                     "unit": "1",
                 },
                 "answer": [list(names) for names in self.answer],
-                "closure_of_answer": heldout(closure) if closure else None,
-                "closure_shared": heldout(self.closure_shared) if self.closure_shared else None,
+                "closure_of_answer": closure_to_json(closure) if closure else None,
+                "closure_shared": closure_to_json(self.closure_shared) if self.closure_shared else None,
                 "where": [asdict(place) for place in self.where],
                 "causes": [
                     {
                         **asdict(cause),
-                        "closure": heldout(cause.closure),
+                        "closure": closure_to_json(cause.closure),
                         "parameters": {k: asdict(v) for k, v in cause.parameters.items()},
                     }
                     for cause in self.causes
@@ -131,7 +131,7 @@ class Report:
 
     def metrics(self) -> dict[str, Any]:
         """The figures that ``dvc metrics`` follows."""
-        return rounded(
+        return round_floats(
             {
                 "verdict": self.verdict,
                 "answer": " + ".join(" or ".join(names) for names in self.answer),
@@ -147,17 +147,17 @@ class Report:
         )
 
 
-def heldout(interval: Interval) -> dict[str, Any]:
+def closure_to_json(interval: Interval) -> dict[str, Any]:
     """A closure as the report writes it."""
     return {"heldout": interval.value, "ci95": [interval.low, interval.high]}
 
 
-def rounded(value: Any) -> Any:
+def round_floats(value: Any) -> Any:
     """The same structure with floats at six significant digits, tuples as lists, not-finite numbers as None."""
     if isinstance(value, float):
         return float(f"{value:.6g}") if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: rounded(item) for key, item in value.items()}
+        return {key: round_floats(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [rounded(item) for item in value]
+        return [round_floats(item) for item in value]
     return value

@@ -51,7 +51,7 @@ class Products:
                 break
         return weights
 
-    def penalised(self, weights: np.ndarray, prior: np.ndarray) -> float:
+    def penalised_loss(self, weights: np.ndarray, prior: np.ndarray) -> float:
         """Loss of all pieces and of the weights themselves."""
         return float(self.loss(weights).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
 

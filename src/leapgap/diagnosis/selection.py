@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Fit, Found, ProfileLikelihood, clipped, in_words, parted
+from leapgap.diagnosis.candidates import Fit, ProfileLikelihood, SearchResult, clip_numbers, in_words, split_numbers
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.sensitivities import Sensitivities, joined, on_logs
+from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 
 STEP = 0.1
@@ -30,7 +30,7 @@ HOPELESS = 0.3
 
 
 @dataclass(frozen=True)
-class Guess:
+class LinearGuess:
     """A set of hypotheses with numbers, and how well it does in the linear model."""
 
     hypotheses: tuple[Hypothesis, ...]
@@ -39,7 +39,7 @@ class Guess:
 
 
 @dataclass
-class Descent:
+class GaussNewtonFit:
     """One set of hypotheses on its way down."""
 
     hypotheses: tuple[Hypothesis, ...]
@@ -78,7 +78,7 @@ class SearchSettings:
     """On this share of the logs a cause must gain something at all."""
 
 
-def find(
+def find_causes(
     bare: ShortRollouts,
     coarse: ShortRollouts,
     hypotheses: Sequence[Hypothesis],
@@ -86,7 +86,7 @@ def find(
     fold_of_log: np.ndarray,
     plan: SearchSettings,
     progress: Callable[[str], None],
-) -> Found:
+) -> SearchResult:
     """Search some of the evidence about the nominal robot, then all of it about the robot with what was found there.
 
     Far from the truth neither noise nor small effects do what they do near it.
@@ -94,70 +94,72 @@ def find(
     first = Search(Sensitivities.of(coarse, hypotheses, tolerances), fold_of_log, plan, progress)
     singles = first.singles(hypotheses)
     sensible = [fit for fit in singles if fit.sensible]
-    if sensible and first.convincing(sensible[0], first.nominal):
-        best, again = sensible[0], sensible[: (plan.shortlist + 1) // 2]
+    if sensible and first.is_convincing(sensible[0], first.nominal):
+        best, refined = sensible[0], sensible[: (plan.shortlist + 1) // 2]
         around = list(zip(best.hypotheses, best.split(), strict=True))
-        names = {*first.promising(best, hypotheses), *(fit.names[0] for fit in again)}
+        names = {*first.rank_effects(best, hypotheses), *(fit.names[0] for fit in refined)}
         hopeful = [h for h in hypotheses if h.name in names]
         search = Search(Sensitivities.of(bare, hopeful, tolerances, around), fold_of_log, plan, progress)
-        return search.forward(hopeful, search.again(again))
+        return search.select_forward(hopeful, search.refit(refined))
     search = Search(Sensitivities.of(bare, hypotheses, tolerances), fold_of_log, plan, progress)
-    return search.forward(hypotheses, search.singles(hypotheses))
+    return search.select_forward(hypotheses, search.singles(hypotheses))
 
 
 @dataclass
 class Search:
     """Looks for sets of hypotheses on one body of evidence."""
 
-    responses: Sensitivities
+    sensitivities: Sensitivities
     fold_of_log: np.ndarray
     plan: "SearchSettings"
     progress: Callable[[str], None] = field(default=lambda _: None)
 
     def __post_init__(self) -> None:
-        self.evidence: ShortRollouts = self.responses.evidence
+        self.evidence: ShortRollouts = self.sensitivities.evidence
         self.fold_of_piece = self.fold_of_log[self.evidence.log_of_piece]
-        self.nominal = self.judged((), np.zeros(0), self.responses.nominal[:, :, None])
+        self.nominal = self.cross_validate((), np.zeros(0), self.sensitivities.nominal[:, :, None])
 
     def singles(self, hypotheses: Sequence[Hypothesis]) -> tuple[Fit, ...]:
         """Each effect alone: the most promising ones fitted, best on held-out logs first."""
-        guesses = [*self.trials(hypotheses), *self.linear(self.nominal, hypotheses)]
-        return self.fitted(guesses, self.plan.shortlist, self.nominal)
+        guesses = [*self.guess_sizes(hypotheses), *self.guess_linear(self.nominal, hypotheses)]
+        return self.fit_promising(guesses, self.plan.shortlist, self.nominal)
 
-    def again(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
+    def refit(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
         """Fits of other evidence, begun where they ended."""
-        return self.fitted([Guess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits), self.nominal)
+        return self.fit_promising(
+            [LinearGuess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits), self.nominal
+        )
 
-    def forward(self, hypotheses: Sequence[Hypothesis], first: tuple[Fit, ...]) -> Found:
+    def select_forward(self, hypotheses: Sequence[Hypothesis], first: tuple[Fit, ...]) -> SearchResult:
         """Believe the best of the first fits, and add hypotheses while a further one gains on held-out logs."""
-        believed, rounds, fits = self.nominal, [], first
+        selected, rounds, fits = self.nominal, [], first
         while fits:
             rounds.append(fits)
             sensible = [fit for fit in fits if fit.sensible]
-            if not sensible or not self.convincing(sensible[0], believed):
+            if not sensible or not self.is_convincing(sensible[0], selected):
                 break
-            believed = sensible[0]
+            selected = sensible[0]
             if len(rounds) >= self.plan.most_causes:
                 break
-            further = [g for beam in sensible[: self.plan.beams] for g in self.linear(beam, hypotheses)]
-            fits = self.fitted(further, (self.plan.shortlist + 1) // 2, believed)
-        return Found(
+            further = [g for beam in sensible[: self.plan.beams] for g in self.guess_linear(beam, hypotheses)]
+            fits = self.fit_promising(further, (self.plan.shortlist + 1) // 2, selected)
+        return SearchResult(
             self.nominal,
-            believed,
+            selected,
             tuple(rounds),
             self.evidence.log_of_piece,
             self.nominal.columns.shape[1],
-            self.valleys(first),
+            self.profiles(first),
         )
 
-    def valleys(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:
+    def profiles(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:
         """One for each effect, at its best place."""
         best: dict[str, Fit] = {}
         for fit in fits:
             best.setdefault(fit.names[0], fit)
-        return tuple(self.valley(fit) for fit in best.values())
+        return tuple(self.profile(fit) for fit in best.values())
 
-    def valley(self, fit: Fit) -> ProfileLikelihood:
+    def profile(self, fit: Fit) -> ProfileLikelihood:
         """Of one hypothesis, by the derivatives at its fit."""
         (hypothesis,) = fit.hypotheses
         spread = 4 * np.sqrt(fit.covariance[0, 0])
@@ -165,21 +167,21 @@ class Search:
         values = np.unique(np.clip(fit.numbers[0] + spread * np.linspace(-1, 1, 17), *bounds))
         losses, prior = [], self.prior(len(fit.numbers) - 1)
         for value in values:
-            errors = fit.columns[:, :, :1] + (value - fit.tried[0]) * fit.columns[:, :, 1:2]
-            products = self.responses.free(np.concatenate([errors, fit.columns[:, :, 2:]], axis=2))
-            losses.append(products.penalised(products.fit(prior, self.every), prior))
+            errors = fit.columns[:, :, :1] + (value - fit.linearisation_point[0]) * fit.columns[:, :, 1:2]
+            products = self.sensitivities.with_nuisances(np.concatenate([errors, fit.columns[:, :, 2:]], axis=2))
+            losses.append(products.penalised_loss(products.fit(prior, self.all_pieces), prior))
         return ProfileLikelihood(hypothesis, values, np.array(losses) - min(losses))
 
-    def fitted(self, guesses: Sequence[Guess], most: int, before: Fit) -> tuple[Fit, ...]:
+    def fit_promising(self, guesses: Sequence[LinearGuess], most: int, before: Fit) -> tuple[Fit, ...]:
         """The most promising guesses fitted, best on held-out logs first."""
-        fits = sorted(self.exact(self.shortlisted(guesses, most), before.loss), key=lambda fit: fit.heldout.sum())
+        fits = sorted(self.fit_nonlinear(self.shortlist(guesses, most), before.loss), key=lambda fit: fit.heldout.sum())
         for fit in fits[:3]:
             self.progress(f"{in_words(fit)}: gain {self.nominal.heldout.sum() - fit.heldout.sum():.0f}")
         return tuple(fits)
 
-    def shortlisted(self, guesses: Sequence[Guess], most: int) -> list[Guess]:
+    def shortlist(self, guesses: Sequence[LinearGuess], most: int) -> list[LinearGuess]:
         """The most promising guesses, not too many of the same effects, each set once."""
-        kept: dict[frozenset[Hypothesis], Guess] = {}
+        kept: dict[frozenset[Hypothesis], LinearGuess] = {}
         of_effects = Counter[frozenset[str]]()
         for guess in sorted(guesses, key=lambda g: g.loss):
             key, effects = frozenset(guess.hypotheses), frozenset(h.name for h in guess.hypotheses)
@@ -189,7 +191,7 @@ class Search:
                 of_effects[effects] += 1
         return list(kept.values())
 
-    def convincing(self, fit: Fit, before: Fit) -> bool:
+    def is_convincing(self, fit: Fit, before: Fit) -> bool:
         """Whether a further cause gains enough on held-out logs."""
         log = self.evidence.log_of_piece
         gains = np.bincount(log, before.heldout - fit.heldout)[np.unique(log)]  # not every log need have a piece
@@ -200,28 +202,28 @@ class Search:
         return bool(gain > least and gain > plan.least_share * whole and (gains > 0).mean() >= plan.least_agree)
 
     @property
-    def every(self) -> np.ndarray:
+    def all_pieces(self) -> np.ndarray:
         """All pieces."""
         return np.ones(self.evidence.size, bool)
 
     def prior(self, numbers: int) -> np.ndarray:
         """1/σ² of free numbers, then of the nuisances."""
-        return np.concatenate([np.zeros(numbers), np.ones(self.responses.nuisances.shape[2])])
+        return np.concatenate([np.zeros(numbers), np.ones(self.sensitivities.nuisances.shape[2])])
 
     def residuals(self, tried: Sequence[tuple[Sequence[Hypothesis], np.ndarray]]) -> list[np.ndarray]:
         """Whitened errors (pieces, values) of sets of hypotheses with their numbers."""
         candidates = [
-            on_logs(self.evidence, *zip(hypotheses, parted(hypotheses, numbers), strict=True))
+            on_logs(self.evidence, *zip(hypotheses, split_numbers(hypotheses, numbers), strict=True))
             for hypotheses, numbers in tried
         ]
-        return [joined(of) for of in self.evidence.residuals(candidates)]
+        return [concatenate_logs(of) for of in self.evidence.residuals(candidates)]
 
     def loss_of(self, errors: np.ndarray) -> float:
         """Loss of errors once the nuisances took their part."""
-        products, prior = self.responses.free(errors[:, :, None]), self.prior(0)
-        return products.penalised(products.fit(prior, self.every), prior)
+        products, prior = self.sensitivities.with_nuisances(errors[:, :, None]), self.prior(0)
+        return products.penalised_loss(products.fit(prior, self.all_pieces), prior)
 
-    def trials(self, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
+    def guess_sizes(self, hypotheses: Sequence[Hypothesis]) -> list[LinearGuess]:
         """Effects that act everywhere, at several sizes, not linear in them."""
         tried = [
             [(h, numbers)]
@@ -231,50 +233,52 @@ class Search:
             for sign in (1.0, -1.0)
             if h.allows(numbers := h.nominal + size * sign * h.moderate)
         ]
-        found = self.responses.departures(tried)
+        found = self.sensitivities.departures(tried)
         return [
-            Guess((h,), x, self.loss_of(self.responses.nominal + change))
+            LinearGuess((h,), x, self.loss_of(self.sensitivities.nominal + change))
             for ((h, x),), change in zip(tried, found, strict=True)
         ]
 
-    def promising(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[str]:
+    def rank_effects(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[str]:
         """Effects that may act beside a fit, the best first."""
-        guesses = sorted(self.linear(base, hypotheses), key=lambda guess: guess.loss)
+        guesses = sorted(self.guess_linear(base, hypotheses), key=lambda guess: guess.loss)
         return list(dict.fromkeys(guess.hypotheses[-1].name for guess in guesses))[: self.plan.promising]
 
-    def linear(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
+    def guess_linear(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[LinearGuess]:
         """Each further hypothesis on top of a fit, in the linear model."""
-        further = [h for h in hypotheses if h.name not in base.names and h.name in self.responses.names]
+        further = [h for h in hypotheses if h.name not in base.names and h.name in self.sensitivities.names]
         found = []
-        for h, products in zip(further, self.responses.beside(base.columns, further), strict=True):
+        for h, products in zip(further, self.sensitivities.with_hypotheses(base.columns, further), strict=True):
             both, p = (*base.hypotheses, h), len(base.numbers) + len(h.parameters)
-            weights = products.fit(self.prior(p), self.every, LINEAR_ITERATIONS)
+            weights = products.fit(self.prior(p), self.all_pieces, LINEAR_ITERATIONS)
             numbers = np.concatenate([base.numbers, h.nominal]) + weights[1 : 1 + p]
-            found.append(Guess(both, clipped(both, numbers), products.penalised(weights, self.prior(p))))
+            found.append(
+                LinearGuess(both, clip_numbers(both, numbers), products.penalised_loss(weights, self.prior(p)))
+            )
         return found
 
-    def exact(self, guesses: Sequence[Guess], before: float) -> list[Fit]:
+    def fit_nonlinear(self, guesses: Sequence[LinearGuess], before: float) -> list[Fit]:
         """Fit sets of hypotheses to their own replays, all side by side; ``before`` is the loss to be lowered."""
-        descents = [Descent(g.hypotheses, g.numbers, g.numbers) for g in guesses]
+        fits = [GaussNewtonFit(g.hypotheses, g.numbers, g.numbers) for g in guesses]
         for step in range(self.plan.steps):
-            active = [d for d in descents if not d.done]
+            active = [d for d in fits if not d.done]
             if not active:
                 break
             self.step(active)
-            least = min(d.loss for d in descents)
+            least = min(d.loss for d in fits)
             for d in active:
                 d.done = d.done or (step > 0 and before - d.loss < HOPELESS * (before - least))
-        return [self.judged(d.hypotheses, d.best, d.columns) for d in descents if d.columns is not None]
+        return [self.cross_validate(d.hypotheses, d.best, d.columns) for d in fits if d.columns is not None]
 
-    def step(self, descents: Sequence[Descent]) -> None:
+    def step(self, fits: Sequence[GaussNewtonFit]) -> None:
         """One evaluation of each, with derivatives where there are none yet, and one move."""
         tried: list[tuple[tuple[Hypothesis, ...], np.ndarray]] = []
-        for d in descents:
+        for d in fits:
             tried.append((d.hypotheses, d.numbers))
             if d.columns is None:
                 tried += [(d.hypotheses, d.numbers + by) for by in differences(d.hypotheses, d.numbers)]
         found = iter(self.residuals(tried))
-        for d in descents:
+        for d in fits:
             errors = next(found)
             if d.columns is None:
                 by = differences(d.hypotheses, d.numbers)
@@ -289,24 +293,24 @@ class Search:
             d.done = d.loss - loss < SETTLED
             d.loss, d.best = loss, d.numbers
             d.columns = np.concatenate([errors[:, :, None], slopes], axis=2)
-            products, p = self.responses.free(d.columns), len(d.numbers)
-            d.numbers = clipped(d.hypotheses, d.best + products.fit(self.prior(p), self.every)[1 : 1 + p])
+            products, p = self.sensitivities.with_nuisances(d.columns), len(d.numbers)
+            d.numbers = clip_numbers(d.hypotheses, d.best + products.fit(self.prior(p), self.all_pieces)[1 : 1 + p])
 
-    def judged(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
+    def cross_validate(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
         """Held out: numbers and nuisances fitted on the other folds, by the derivatives at the fit.
 
         Where a foot touches a moment later these derivatives mislead: one such piece must not decide, so that none
         is held to lose more than ``MOST_SURPRISE`` by not being fitted.
         """
-        products, p = self.responses.free(columns), len(numbers)
+        products, p = self.sensitivities.with_nuisances(columns), len(numbers)
         prior = self.prior(p)
-        weights = products.fit(prior, self.every)
+        weights = products.fit(prior, self.all_pieces)
         most = products.loss(weights) + MOST_SURPRISE
         heldout, folds = np.zeros(self.evidence.size), []
         for fold in range(int(self.fold_of_log.max()) + 1):
             out = self.fold_of_piece == fold
             others = products.fit(prior, ~out)
-            folds.append(clipped(hypotheses, numbers + others[1 : 1 + p]))
+            folds.append(clip_numbers(hypotheses, numbers + others[1 : 1 + p]))
             heldout[out] = np.minimum(products.loss(others), most)[out]
         chi2 = products.chi2(weights)
         emphasis = 2 * products.values / (products.values + chi2)
@@ -314,12 +318,12 @@ class Search:
         slope = emphasis[:, None] * (products.gram @ weights)[:, 1:]
         return Fit(
             hypotheses=hypotheses,
-            numbers=clipped(hypotheses, numbers + weights[1 : 1 + p]),
+            numbers=clip_numbers(hypotheses, numbers + weights[1 : 1 + p]),
             covariance=covariance(normal, slope.T @ slope + np.diag(prior), p),
             fold_numbers=np.array(folds),
-            tried=numbers,
+            linearisation_point=numbers,
             columns=columns,
-            loss=products.penalised(weights, prior),
+            loss=products.penalised_loss(weights, prior),
             chi2=chi2 / products.values,
             heldout=heldout,
         )

@@ -22,7 +22,7 @@ is searched, but not of nuisances: those must take off the last of an error."""
 
 
 @dataclass(frozen=True)
-class Key:
+class ColumnKey:
     """Which column: an effect's parameter at a single place."""
 
     effect: str
@@ -47,12 +47,12 @@ class Departures:
     def of(evidence: ShortRollouts, around: Acting) -> "Departures":
         """From a robot with some hypotheses in it."""
         (start,) = evidence.residuals([on_logs(evidence, *around)])
-        return Departures(evidence, around, joined(start))
+        return Departures(evidence, around, concatenate_logs(start))
 
     def __call__(self, further: Sequence[Acting]) -> list[np.ndarray]:
         """Whitened changes of sets of further hypotheses, (pieces, values) each."""
         found = self.evidence.residuals([on_logs(self.evidence, *self.around, *one) for one in further])
-        return [joined(of) - self.start for of in found]
+        return [concatenate_logs(of) - self.start for of in found]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Sensitivities:
     """By long steps: twice as fast, and steps err on both sides."""
     nominal: np.ndarray
     """Whitened errors of the nominal robot, (pieces, values)."""
-    keys: tuple[Key, ...]
+    keys: tuple[ColumnKey, ...]
     columns: np.ndarray
     """One for each key, a unit of its parameter, (pieces, values, keys)."""
     nuisances: np.ndarray
@@ -93,12 +93,12 @@ class Sensitivities:
                 names[effect] = Hypothesis(kinds[effect], robot)
         members = {(name, at): of for name, h in names.items() for at, of in places(h.kind, robot).items()}
         keys = tuple(
-            Key(name, k, place)
+            ColumnKey(name, k, place)
             for name, h in names.items()
             for k in range(len(h.parameters))
             for place in members[name, "all"]
         )
-        evidence = evidence.around(on_logs(evidence, *around))
+        evidence = evidence.whiten_for(on_logs(evidence, *around))
         exact = Departures.of(evidence, around)
         rough = Departures.of(evidence.with_steps(ROUGH_STEP_S), around)
         origin, free = exact.start, {name.partition(".")[0] for name in tolerances}
@@ -107,22 +107,22 @@ class Sensitivities:
             (exact, [i for i, key in enumerate(keys) if key.effect in free]),
             (rough, [i for i, key in enumerate(keys) if key.effect not in free]),
         ):
-            changes = departures([[moved(names[keys[i].effect], keys[i])] for i in chosen])
+            changes = departures([[moderate_departure(names[keys[i].effect], keys[i])] for i in chosen])
             for i, change in zip(chosen, changes, strict=True):
                 columns[:, :, i] = change / at_place(names[keys[i].effect], keys[i]).moderate[keys[i].number]
         (stepped,) = evidence.with_steps(FINE_STEP_S).residuals([on_logs(evidence, *around)])
-        nuisances = [joined(stepped) - origin]
+        nuisances = [concatenate_logs(stepped) - origin]
         for name, share in tolerances.items():
             effect, _, parameter = name.partition(".")
             if effect not in names:
                 continue
-            which = [p.name for p in names[effect].of_effect].index(parameter)
+            which = [p.name for p in names[effect].effect_parameters].index(parameter)
             nuisances += [
                 tolerance(kinds[effect], robot, key.place, parameter, share) * columns[:, :, i]
                 for i, key in enumerate(keys)
                 if (key.effect, key.number) == (effect, which)
             ]
-        nominal = origin if not around else joined(evidence.residuals([evidence.same(())])[0])
+        nominal = origin if not around else concatenate_logs(evidence.residuals([evidence.on_every_log(())])[0])
         return Sensitivities(evidence, rough, nominal, keys, columns, np.stack(nuisances, axis=2), members)
 
     @property
@@ -130,11 +130,11 @@ class Sensitivities:
         """Of the effects that have columns."""
         return frozenset(key.effect for key in self.keys)
 
-    def free(self, columns: np.ndarray) -> Products:
+    def with_nuisances(self, columns: np.ndarray) -> Products:
         """Products of columns (pieces, values, columns) and the nuisances."""
         return Products.of(np.concatenate([columns, self.nuisances], axis=2))
 
-    def beside(self, columns: np.ndarray, hypotheses: Sequence[Hypothesis]) -> Iterator[Products]:
+    def with_hypotheses(self, columns: np.ndarray, hypotheses: Sequence[Hypothesis]) -> Iterator[Products]:
         """Products of columns, each hypothesis's own, and the nuisances; one a hypothesis."""
         first, number = columns.shape[2], len(self.keys)
         whole = Products.of(np.concatenate([columns, self.columns, self.nuisances], axis=2))
@@ -167,12 +167,12 @@ def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, shar
     return share * scale
 
 
-def at_place(hypothesis: Hypothesis, key: Key) -> Hypothesis:
+def at_place(hypothesis: Hypothesis, key: ColumnKey) -> Hypothesis:
     """The hypothesis at the single place of a key, whose own numbers may be others than those of all places."""
     return replace(hypothesis, location=key.place)
 
 
-def moved(hypothesis: Hypothesis, key: Key) -> tuple[Hypothesis, np.ndarray]:
+def moderate_departure(hypothesis: Hypothesis, key: ColumnKey) -> tuple[Hypothesis, np.ndarray]:
     """The hypothesis at one place with one number at moderate size."""
     there = at_place(hypothesis, key)
     numbers = there.nominal
@@ -182,9 +182,9 @@ def moved(hypothesis: Hypothesis, key: Key) -> tuple[Hypothesis, np.ndarray]:
 
 def on_logs(evidence: ShortRollouts, *acting: tuple[Hypothesis, np.ndarray]) -> list[tuple[Effect, ...]]:
     """Effects of hypotheses with their numbers on every log."""
-    return [tuple(h.on(p.jump.name, numbers) for h, numbers in acting) for p in evidence.pieces]
+    return [tuple(h.on(p.log.name, numbers) for h, numbers in acting) for p in evidence.pieces]
 
 
-def joined(of_logs: Sequence[np.ndarray]) -> np.ndarray:
+def concatenate_logs(of_logs: Sequence[np.ndarray]) -> np.ndarray:
     """Pieces of all logs in one, (pieces, values)."""
     return np.concatenate(of_logs)

@@ -27,7 +27,7 @@ from leapgap.robot.rotations import turn_between
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 Effects = tuple[Effect, ...]
-Batched = tuple[int, Effects, Starts]
+RolloutRequest = tuple[int, Effects, Starts]
 """What to replay: number of the log, effects, starts."""
 
 SMOOTHED_S = 0.009
@@ -48,16 +48,16 @@ SHARES = 3
 
 
 @dataclass(frozen=True)
-class State:
+class StateChannels:
     """The channels of the robot's state that every log knows, and how they differ between two motions."""
 
     robot: Robot
     channels: tuple[Channel, ...]
 
     @staticmethod
-    def of(jumps: Sequence[Log], robot: Robot) -> "State":
+    def of(logs: Sequence[Log], robot: Robot) -> "StateChannels":
         """Channels that every log has."""
-        return State(robot, logged_channels(jumps, robot))
+        return StateChannels(robot, logged_channels(logs, robot))
 
     @cached_property
     def entries(self) -> np.ndarray:
@@ -75,7 +75,7 @@ class State:
         full[:, robot.model.nv :] = simulated.qvel - logged.qvel
         return full[:, self.entries]
 
-    def moved(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
+    def displace(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
         """A state (nq + nv,) displaced in one channel."""
         nq, nv = self.robot.model.nq, self.robot.model.nv
         tangent = np.zeros(2 * nv)
@@ -90,7 +90,7 @@ class State:
         return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
 
 
-def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
+def thin_evenly(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
     """At most so many rows of all, evenly: others of each log, so that together they cover what all logs do."""
     lengths = [len(own) for own in rows]
     total = sum(lengths)
@@ -99,7 +99,7 @@ def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
     return [own[k] for own, k in zip(rows, np.split(kept, np.cumsum(lengths)[:-1]), strict=True)]
 
 
-def smoothed(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarray, float]:
+def smooth_start(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarray, float]:
     """State at a row by a parabola through its neighbours, (nq + nv,), and the share of their noise that stays.
 
     The log has ``rows`` rows; neighbours are those at most ``reach`` rows away.
@@ -116,7 +116,7 @@ def smoothed(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarra
 class Pieces:
     """The pieces of one log."""
 
-    jump: Log
+    log: Log
     logged: Motion
     starts: Starts
     noise: np.ndarray
@@ -125,32 +125,32 @@ class Pieces:
     """Share of it that the smoothed starts keep, (pieces,)."""
 
     @staticmethod
-    def of(jump: Log, rows: Sequence[int], state: State) -> "Pieces":
+    def of(log: Log, rows: Sequence[int], state: StateChannels) -> "Pieces":
         """Pieces that start at these rows."""
-        logged = motion_of(jump, state.robot)
-        found = [smoothed(logged, row, len(jump), jump.info.rows(SMOOTHED_S)) for row in rows]
+        logged = motion_of(log, state.robot)
+        found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
         states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
         if state.robot.has_free_base:
             states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
         return Pieces(
-            jump,
+            log,
             logged,
             Starts(rows, states),
-            state.noise(logged, jump.info.sample_period_s),
+            state.noise(logged, log.info.sample_period_s),
             np.array([kept for _, kept in found]),
         )
 
-    def every(self, rows: int) -> "Pieces":
+    def downsample(self, rows: int) -> "Pieces":
         """The same pieces of the log's every so many-th row; what is known of its noise stays."""
         starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
-        return replace(self, jump=self.jump.downsample(rows), logged=self.logged[::rows], starts=starts)
+        return replace(self, log=self.log.downsample(rows), logged=self.logged[::rows], starts=starts)
 
 
 @dataclass(frozen=True)
 class ShortRollouts:
     """Logs in pieces, and what noise does to them."""
 
-    state: State
+    state: StateChannels
     replayer: Replayer
     pieces: tuple[Pieces, ...]
     ages: np.ndarray
@@ -159,20 +159,20 @@ class ShortRollouts:
     """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
 
     @staticmethod
-    def of(jumps: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
+    def of(logs: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
         """Cut logs to pieces of a horizon, at most so many in all, compared every so often; no noise known yet."""
-        state = State.of(jumps, replayer.robot)
-        period = jumps[0].info.sample_period_s
+        state = StateChannels.of(logs, replayer.robot)
+        period = logs[0].info.sample_period_s
         ages = np.arange(1, round(horizon_s / every_s) + 1) * max(1, round(every_s / period))
         length = ages[-1] + 1
-        rows = spread([np.arange(0, len(jump) - length + 1, length - 1) for jump in jumps], most)
+        rows = thin_evenly([np.arange(0, len(log) - length + 1, length - 1) for log in logs], most)
         if not any(map(len, rows)):
-            longest = max(len(jump) for jump in jumps) * period
+            longest = max(len(log) for log in logs) * period
             raise InputError("diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log whole jumps")
-        pieces = [Pieces.of(jump, own.tolist(), state) for jump, own in zip(jumps, rows, strict=True)]
+        pieces = [Pieces.of(log, own.tolist(), state) for log, own in zip(logs, rows, strict=True)]
         return ShortRollouts(state, replayer, tuple(pieces), ages, ())
 
-    def around(self, effects: Sequence[Effects]) -> "ShortRollouts":
+    def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":
         """The same with what noise does to a robot with these effects, one set a log."""
         return replace(self, whitening=tuple(self._whitening(effects)))
 
@@ -186,24 +186,24 @@ class ShortRollouts:
         """Index of the log that each piece is of, (pieces,)."""
         return np.repeat(np.arange(len(self.pieces)), [len(p.starts.rows) for p in self.pieces])
 
-    def same(self, effects: Effects) -> list[Effects]:
+    def on_every_log(self, effects: Effects) -> list[Effects]:
         """The same effects on every log."""
         return [effects] * len(self.pieces)
 
     def with_steps(self, largest_step_s: float) -> "ShortRollouts":
         """The same pieces, compared at the same instants, by replays of other steps: of several rows, if need be."""
         replayer = self.replayer.with_steps(largest_step_s)
-        period = self.pieces[0].jump.info.sample_period_s
+        period = self.pieces[0].log.info.sample_period_s
         begun = [row for of in self.pieces for row in of.starts.rows]
         every = math.gcd(*self.ages.tolist(), *begun, max(1, round(largest_step_s / period)))
-        pieces = tuple(of.every(every) for of in self.pieces)
+        pieces = tuple(of.downsample(every) for of in self.pieces)
         return replace(self, replayer=replayer, pieces=pieces, ages=self.ages // every)
 
-    def errors(self, trials: Sequence[Batched]) -> Iterator[np.ndarray]:
+    def errors(self, trials: Sequence[RolloutRequest]) -> Iterator[np.ndarray]:
         """Simulated − logged of trials (log, effects, starts): (pieces, values) each, by all threads."""
         sizes = [len(starts.rows) for _, _, starts in trials]
         most = min(ROLLOUTS_AT_ONCE, -(-sum(sizes) // (SHARES * self.replayer.threads)))
-        batches: list[list[Batched]] = []
+        batches: list[list[RolloutRequest]] = []
         room = 0
         for trial, size in zip(trials, sizes, strict=True):
             if room <= 0:
@@ -214,9 +214,9 @@ class ShortRollouts:
         with ThreadPoolExecutor(self.replayer.threads) as pool:
             yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
 
-    def _batch(self, batch: Sequence[Batched]) -> list[np.ndarray]:
+    def _batch(self, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
         found = []
-        trials = [Rollout(self.pieces[log].jump, effects) for log, effects, _ in batch]
+        trials = [Rollout(self.pieces[log].log, effects) for log, effects, _ in batch]
         motions = self.replayer.replay_pieces(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
         for (log, _, starts), of_trial in zip(batch, motions, strict=True):
             logged = self.pieces[log].logged
@@ -234,9 +234,9 @@ class ShortRollouts:
         logs = range(len(self.pieces))
         trials = [(log, of[log], self.pieces[log].starts) for of in candidates for log in logs]
         errors = self.errors(trials)
-        return [[self.whitened(log, next(errors)) for log in logs] for _ in candidates]
+        return [[self.whiten(log, next(errors)) for log in logs] for _ in candidates]
 
-    def whitened(self, log: int, error: np.ndarray) -> np.ndarray:
+    def whiten(self, log: int, error: np.ndarray) -> np.ndarray:
         """Errors of one log (pieces, values) in units of noise, (pieces, values)."""
         finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
         return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
@@ -246,7 +246,7 @@ class ShortRollouts:
         trials = [
             (log, effects[log], starts)
             for log, own in enumerate(self.pieces)
-            for starts in (own.starts, *self._displaced(own))
+            for starts in (own.starts, *self._displace_starts(own))
         ]
         errors = self.errors(trials)
         for own in self.pieces:
@@ -256,10 +256,10 @@ class ShortRollouts:
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
 
-    def _displaced(self, own: Pieces) -> Iterator[Starts]:
+    def _displace_starts(self, own: Pieces) -> Iterator[Starts]:
         """The starts of a log, a standard deviation of their noise off in one channel after the other."""
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
         for c in range(len(self.state.channels)):
             by = sign * own.start_noise * own.noise[c]
-            states = [self.state.moved(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
+            states = [self.state.displace(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
             yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

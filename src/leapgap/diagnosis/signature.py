@@ -111,16 +111,16 @@ def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon
     return Signature(tuple(found), phases, values)
 
 
-def pieces_of_phases(jump: Log, horizon_s: float) -> list[tuple[str, Log]]:
+def pieces_of_phases(log: Log, horizon_s: float) -> list[tuple[str, Log]]:
     """Pieces of one horizon that lie within one phase each."""
-    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
-    phases = phase_of_rows(jump)
+    length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
+    phases = phase_of_rows(log)
     found = []
-    for start in range(0, len(jump) - length + 1, length - 1):
+    for start in range(0, len(log) - length + 1, length - 1):
         own = phases[start : start + length]
         if own[0] == own[-2]:
-            columns = {name: values[start : start + length] for name, values in jump.columns.items()}
-            found.append((PHASES[own[0]], replace(jump, columns=columns)))
+            columns = {name: values[start : start + length] for name, values in log.columns.items()}
+            found.append((PHASES[own[0]], replace(log, columns=columns)))
     return found
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.atomic_io import sha256
-from leapgap.diagnosis.channels import HEADLINE, logged
-from leapgap.diagnosis.gap import Judged, counts, noise_floor, pooled
+from leapgap.diagnosis.channels import HEADLINE, logged_values
+from leapgap.diagnosis.gap import JudgedLogs, headline_gap, noise_floor, value_counts
 from leapgap.effects.base import Effect
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
@@ -126,10 +126,10 @@ def what_shows(
     rng: np.random.Generator,
 ) -> dict[str, Any]:
     """How much the effects, together and each, change the judged motion, in noise floors; and where."""
-    judged = Judged.of([m.log for m in made], robot)
+    judged = JudgedLogs.of([m.log for m in made], robot)
     replayer = Replayer(robot, threads=1)
-    floor = pooled(noise_floor(judged, replayer, 3, rng), judged)
-    nominal = replayer.motions([Rollout(jump) for jump in judged.jumps])
+    floor = headline_gap(noise_floor(judged, replayer, 3, rng), judged)
+    nominal = replayer.motions([Rollout(jump) for jump in judged.logs])
     shown: dict[str, Any] = {
         "noise_floor": floor,
         "gap_nominal": difference([m.log for m in made], nominal, judged, robot),
@@ -155,14 +155,14 @@ def what_shows(
     }
 
 
-def difference(jumps: Sequence[Log], motions: Sequence[Any], judged: Judged, robot: Robot) -> float:
+def difference(jumps: Sequence[Log], motions: Sequence[Any], judged: JudgedLogs, robot: Robot) -> float:
     """Headline figure between jumps and motions over the judged rows."""
     total = 0.0
     for jump, motion, rows in zip(jumps, motions, judged.rows, strict=True):
         for c in judged.channels:
-            missed = c.values(motion, robot)[:rows] - logged(jump, c.name)[:rows]
+            missed = c.values(motion, robot)[:rows] - logged_values(jump, c.name)[:rows]
             total += float(((missed / HEADLINE[c.name]) ** 2).sum())
-    return float(np.sqrt(total / counts(judged).sum()))
+    return float(np.sqrt(total / value_counts(judged).sum()))
 
 
 def write_case(withheld: Withheld, logs: Path, proof: Path) -> dict[str, Any]:
