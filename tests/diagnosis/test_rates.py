@@ -77,8 +77,8 @@ def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> 
 @pytest.mark.parametrize(("rate_hz", "values"), [(1000, 50), (500, 50), (200, 50), (20, 20)])
 def test_whole_jumps_are_compared_every_20_ms(robot: Robot, rate_hz: int, values: int) -> None:
     jumps = [log(robot, rate_hz, 1.0).first_rows(rate_hz)] * 2
-    judged = SimpleNamespace(jumps=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
+    judged = SimpleNamespace(logs=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
     whole = FullRollouts(SimpleNamespace(judged=judged), FullRolloutSettings())  # type: ignore[arg-type]
-    errors = whole.compared([np.zeros((rows, 3)) for rows in judged.rows])
+    errors = whole.sample([np.zeros((rows, 3)) for rows in judged.rows])
     assert np.bincount(whole.log_of_value).tolist() == [3 * values] * 2
-    assert len(errors.some) == 6 * values
+    assert len(errors.sampled) == 6 * values

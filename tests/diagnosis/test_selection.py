@@ -167,9 +167,9 @@ def test_later_rounds_try_every_effect_before_a_second_place_of_one(search: Sear
     guesses = [
         LinearGuess((first, hypothesis("leg_mass", at)), np.zeros(2), float(loss)) for loss, at in enumerate(places)
     ] + [LinearGuess((first, hypothesis("torque_gain")), np.zeros(2), 10.0)]
-    assert [guess.hypotheses[-1].name for guess in search.shortlisted(guesses, 5)] == ["leg_mass", "torque_gain"]
+    assert [guess.hypotheses[-1].name for guess in search.shortlist(guesses, 5)] == ["leg_mass", "torque_gain"]
     alone = [LinearGuess(guess.hypotheses[1:], np.zeros(1), guess.loss) for guess in guesses]
-    names = [guess.hypotheses[-1].name for guess in search.shortlisted(alone, 5)]
+    names = [guess.hypotheses[-1].name for guess in search.shortlist(alone, 5)]
     assert names == ["leg_mass"] * 3 + ["torque_gain"]
 
 

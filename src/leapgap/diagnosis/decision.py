@@ -1,4 +1,4 @@
-"""What may be said: named, ambiguous, unknown or none, and how sure."""
+"""Decision of a diagnosis: the verdict named, ambiguous, unknown or none, with probabilities of causes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,50 +13,53 @@ Answer = tuple[tuple[str, ...], ...]
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What is answered, and how sure that is."""
+    """Verdict and answer of a diagnosis."""
 
     verdict: str
     answer: Answer
-    """Each cause with the rivals that could stand in its place."""
+    """Each cause, followed by the rivals that cannot be told apart from it."""
     steps: tuple[Candidate, ...] = ()
-    """Beliefs of the first one, two, … causes; the last is what is believed."""
+    """Fits of the first one, two, … causes; the last is the answer's."""
     probabilities: tuple[float, ...] = ()
-    """How often each cause is part of the best set when logs are drawn again."""
+    """Share of the bootstrap resamples of logs in which each cause is part of the best set."""
 
 
 @dataclass(frozen=True)
 class DecisionThresholds:
-    """When a diagnosis is convinced."""
+    """Thresholds of the decision."""
 
     rival_share: float = 0.05
     """A rival that is best in this share of the resamples cannot be told apart."""
     most_left: float = 1.3
-    """χ² over its expectation, mean over pieces: up to here noise explains what an answer leaves of short replays.
+    """Largest mean over pieces of χ² over its expectation at which noise explains the rest of short replays.
 
-    Where it leaves more, it must close ``enough_closure`` of the headline gap on held-out jumps, or
+    Where it leaves more, it must close ``enough_closure`` of the headline gap on held-out logs, or
     ``least_closure`` of it and explain ``least_explained`` of the log likelihood that noise does not.
     """
     least_explained: float = 0.8
     enough_closure: float = 0.7
     least_closure: float = 0.35
     most_worsened: float = 0.02
-    """A further cause that opens more of the headline gap on held-out jumps is not believed, whatever it gains in short
-    replays."""
+    """A further cause that widens the headline gap on held-out logs by a larger share is rejected, whatever it gains in
+    short replays."""
     none_below: float = 1.15
-    """χ² over its expectation, median over pieces: up to here noise explains short replays of the nominal robot;"""
+    """Largest median of χ² over its expectation at which noise explains short replays of the nominal robot."""
     none_gap: float = 2.7
-    """noise floors: up to here noise and what no description of a robot has exactly explain its gap in whole jumps."""
+    """Largest gap of full rollouts, in noise floors, that noise and tolerances of the model explain."""
 
 
 def best_set_shares(found: SearchResult, draws: np.ndarray) -> np.ndarray:
-    """How often each rival has the least held-out loss when logs are drawn again (draws, logs), (rivals,)."""
+    """Share of resamples (draws, logs) in which each rival has the smallest held-out loss, (rivals,)."""
     logs = draws.shape[1]  # not every log need have a piece
     of_logs = np.stack([np.bincount(found.log_of_piece, fit.heldout, minlength=logs) for fit in found.rivals])
     return np.bincount(of_logs[:, draws].sum(axis=2).argmin(axis=0), minlength=len(of_logs)) / len(draws)
 
 
 def answer_of(found: SearchResult, shares: np.ndarray, thresholds: DecisionThresholds) -> Answer:
-    """Each believed effect with the rivals that could stand in its place; ``shares`` are those of the rivals."""
+    """Each selected effect with the rivals that cannot be told apart from it.
+
+    ``shares`` (rivals,) is how often each rival is best, by ``best_set_shares``.
+    """
     names = list(found.selected.names)
     answer = []
     for i, name in enumerate(names):
@@ -72,12 +75,12 @@ def answer_of(found: SearchResult, shares: np.ndarray, thresholds: DecisionThres
 
 
 def probability(name: str, found: SearchResult, shares: np.ndarray) -> float:
-    """How often an effect is part of the best set."""
+    """Share of the resamples in which an effect is part of the best set."""
     return float(sum(share for fit, share in zip(found.rivals, shares, strict=True) if name in fit.names))
 
 
 def explained_share(found: SearchResult, thresholds: DecisionThresholds) -> float:
-    """Share of the nominal robot's loss beyond noise that goes away on held-out logs."""
+    """Share of the nominal robot's loss beyond noise that the selected set removes on held-out logs."""
     noise = losses(np.array(thresholds.none_below * found.values), found.values)
     before, after = (np.maximum(f.heldout - noise, 0.0).sum() for f in (found.nominal, found.selected))
     return float(1 - after / before) if before > 0 else 1.0
@@ -86,9 +89,10 @@ def explained_share(found: SearchResult, thresholds: DecisionThresholds) -> floa
 def drop_contradicted_causes(
     found: SearchResult, closes: Sequence[float], thresholds: DecisionThresholds
 ) -> SearchResult:
-    """The search without further causes that whole jumps contradict; ``closes`` of its first one, two, … causes.
+    """The search result without further causes that full rollouts contradict.
 
-    Derivatives of short replays absorb what the first cause's model is off by in causes that do not act.
+    ``closes`` are the shares of the headline gap that the first one, two, … causes close. In short replays an error in
+    the model of the first cause can look like a further cause.
     """
     worse = (k for k in range(1, len(closes)) if closes[k] < closes[k - 1] - thresholds.most_worsened)
     return replace(found, selected=found.before(next(worse, len(closes))))
@@ -97,10 +101,10 @@ def drop_contradicted_causes(
 def verdict_of(
     found: SearchResult, answer: Answer, gap: float, closes: float | None, thresholds: DecisionThresholds
 ) -> str:
-    """In one word.
+    """The verdict: ``named``, ``ambiguous``, ``unknown`` or ``none``.
 
     ``gap`` is the nominal robot's headline gap in noise floors, ``closes`` the share of it that the answer closes on
-    held-out jumps, None where there is nothing to close.
+    held-out logs, None where there is nothing to close.
     """
     if not found.selected.hypotheses:
         within = np.median(found.nominal.chi2) <= thresholds.none_below and gap <= thresholds.none_gap
@@ -111,7 +115,7 @@ def verdict_of(
 
 
 def explains(found: SearchResult, closes: float | None, thresholds: DecisionThresholds) -> bool:
-    """Whether what is believed explains what happened; ``closes`` as above."""
+    """Whether the selected set explains the logs; ``closes`` as in ``verdict_of``."""
     if closes is not None and closes < -thresholds.most_worsened:
         return False
     if np.mean(found.selected.chi2) <= thresholds.most_left:
@@ -124,7 +128,7 @@ def explains(found: SearchResult, closes: float | None, thresholds: DecisionThre
 def decide(
     found: SearchResult, shares: np.ndarray, gap: float, closes: float | None, thresholds: DecisionThresholds
 ) -> Conclusion:
-    """What a search allows to say; ``shares`` are those of the rivals, ``gap`` and ``closes`` as in ``verdict_of``."""
+    """Conclusion from a search; ``shares`` as in ``answer_of``, ``gap`` and ``closes`` as in ``verdict_of``."""
     answer = answer_of(found, shares, thresholds)
     verdict = verdict_of(found, answer, gap, closes, thresholds)
     if verdict not in ("named", "ambiguous"):

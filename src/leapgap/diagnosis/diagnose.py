@@ -48,37 +48,37 @@ TOLERANCES = {
     "payload.mass_kg": 0.005,
     "trunk_inertia.scale": 0.005,
 }
-"""How exactly the description of a robot is known: standard deviations as shares of its own numbers, offsets in m."""
+"""Tolerances of a robot's model: standard deviations as shares of its own numbers, offsets in m."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a diagnosis looks for and when it is convinced."""
+    """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
     effects: list[str] = field(default_factory=list)
     """Names of the hypotheses; empty: all known effects."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
-    """Replays start anew from the log so often."""
+    """Length of a piece: replays restart from the log after this time."""
     every_s: float = 0.01
-    """Replays are compared with the log so often."""
+    """Replays are compared with the log at this interval."""
     pieces_per_log: int = 8
-    """Pieces of each log that are replayed, where the logs are few."""
+    """Number of pieces that are replayed of each log, if that is fewer than ``most_pieces`` in all."""
     most_pieces: int = 48
-    """Pieces of all logs together that are replayed."""
+    """Largest number of pieces that are replayed of all logs together."""
     plan: SearchSettings = field(default_factory=SearchSettings)
     doubts: DecisionThresholds = field(default_factory=DecisionThresholds)
     tolerances: dict[str, float] = field(default_factory=lambda: dict(TOLERANCES))
-    """``effect.parameter`` → standard deviation of what no description of a robot has exactly, in units of the model's
-    own (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""
+    """``effect.parameter`` → standard deviation of that number of the model, in units of the model's own value
+    (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""
     model_error: float = 0.03
-    """Of a departure from nominal: what a fit in another simulation than the robot's own is off by."""
+    """Relative error of a departure from nominal because the simulation differs from the robot."""
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
     even_threshold: float = 0.03
     whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
-    """Of the search in whole jumps, where a confirmed cause leaves most of the gap."""
+    """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
     noise_draws: int = 3
@@ -88,7 +88,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """A report with what was simulated for it."""
+    """A report with the replays made for it."""
 
     report: Report
     nominal: Mapping[str, Motion]
@@ -108,7 +108,7 @@ def diagnose(
     threads: int | None = None,
     own: Sequence[type[Effect]] = (),
 ) -> Diagnosis:
-    """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on.
+    """Find where the gap lies, which effects cause it, and how far it shrinks on logs not fitted on.
 
     ``provenance`` says which files the logs were read from; where it is None their content stands for them.
     ``own`` are a user's effect classes, looked for beside the known ones (or those of them that the settings name).
@@ -189,9 +189,9 @@ def conclude(
     settings: Settings,
     progress: Callable[[str], None],
 ) -> Conclusion:
-    """What the search allows to say; whole jumps are asked where a cause that logs confirm does not explain enough.
+    """Conclusion from the search; where a confirmed cause does not explain enough, from a search in full rollouts.
 
-    ``shares`` are those of the rivals.
+    ``shares`` as in ``answer_of``.
     """
     heldout_gap, closes = heldout.heldout_gap, None
     if found.selected.hypotheses and heldout_gap.has_gap:
@@ -209,7 +209,7 @@ def conclude(
 
 
 def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: JudgedLogs) -> dict[str, dict[str, float]]:
-    """Of each log, how far off the simulated trunk is at touch-down, m; nothing for robots without a base."""
+    """Error of the trunk's x at touch-down for each log, m, nominal and corrected; empty for robots without a base."""
     nominal, corrected = final_position_errors(whole, judged), final_position_errors(replays, judged)
     if nominal is None or corrected is None:
         return {}
@@ -218,7 +218,7 @@ def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: JudgedLo
 
 
 def folds_of(judged: JudgedLogs, folds: int) -> list[int]:
-    """Which fold each jump is held out with."""
+    """Which fold each log is held out with."""
     number = len(judged.logs)
     if number < 2:
         raise InputError(
@@ -236,7 +236,7 @@ def search(
     settings: Settings,
     progress: Callable[[str], None],
 ) -> SearchResult:
-    """Look for causes in some of the evidence, then in all of it."""
+    """Search for causes in half of the pieces, then in all of them."""
     jumps = heldout_gap.judged.logs
     most = min(settings.most_pieces, settings.pieces_per_log * len(jumps))
     whole, coarse = (
@@ -270,7 +270,7 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:
-    """A tolerance of something that is no parameter of an effect is an ``InputError``."""
+    """Raise ``InputError`` for a tolerance that does not name a parameter of an effect."""
     kinds = effects.registry(own)
     for name in settings.tolerances:
         effect, _, parameter = name.partition(".")
@@ -282,7 +282,7 @@ def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> No
 def clock_of(checks: Sequence[Check], judged: JudgedLogs, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
     """True over claimed period of each log by its joints, where that check failed; several where it changes within.
 
-    The joints are not scored in the headline gap, so this holds on held-out jumps too.
+    The joints are not scored in the headline gap, so this holds on held-out logs too.
     """
     failed = {check.name: check.per_log for check in checks if not check.passed}
     if "even_clock" in failed:
@@ -294,5 +294,5 @@ def clock_of(checks: Sequence[Check], judged: JudgedLogs, robot: Robot) -> Mappi
 
 
 def is_first_cause_confirmed(found: SearchResult) -> bool:
-    """Whether the first cause is one that the logs contradict themselves about, whatever else there is."""
+    """Whether the first cause is one that a consistency check of the logs confirms."""
     return bool(found.selected.hypotheses) and found.selected.hypotheses[0].per_log is not None

@@ -1,8 +1,8 @@
-"""What whole jumps say, where short replays name a cause that logs confirm and yet leave most of the gap.
+"""What full rollouts say, where short replays name a cause that logs confirm and yet leave most of the gap.
 
 A replay that starts anew every 0.1 s hardly feels what acts slowly: mass, inertia, where the centre of mass is. Here
-sets of effects are fitted to replays from a jump's first row to its touch-down, in the channels and scales of the
-headline gap (Gauss–Newton with damped steps, finite differences), and judged on jumps they were not fitted on.
+sets of effects are fitted to replays from a log's first row to its touch-down, in the channels and scales of the
+headline gap (Gauss–Newton with damped steps, finite differences), and judged on logs they were not fitted on.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.25
-"""Of a moderate departure: wide, for contacts make whole jumps rough."""
+"""Of a moderate departure: wide, for contacts make full rollouts rough."""
 EVERY_S = 0.02
 """Errors are compared so often."""
 DAMPINGS = (0.03, 0.3, 2.0)
@@ -38,26 +38,26 @@ class FullRolloutSettings:
     """Of Gauss–Newton."""
     most_causes: int = 3
     least_closure: float = 0.05
-    """Share of the headline gap that a further cause must close on held-out jumps,"""
+    """Share of the headline gap that a further cause must close on held-out logs,"""
     least_sure: float = 0.9
     """in this share of the resamples,"""
     least_agree: float = 0.6
-    """and shrink it on this share of the jumps."""
+    """and shrink it on this share of the logs."""
 
 
 @dataclass(frozen=True)
 class FullRolloutFit(Candidate):
-    """A belief fitted to whole jumps."""
+    """A belief fitted to full rollouts."""
 
     loss: float
-    """Sum of squares, fitted on all jumps."""
+    """Sum of squares, fitted on all logs."""
     heldout: np.ndarray
-    """Sum of squares of each jump, fitted without its fold, (jumps,)."""
+    """Sum of squares of each log, fitted without its fold, (logs,)."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Scaled errors of all jumps one after the other."""
+    """Scaled errors of all logs one after the other."""
 
     sampled: np.ndarray
     """At some rows, (values,)."""
@@ -66,7 +66,7 @@ class Errors:
 
     @staticmethod
     def of(logs: Sequence[np.ndarray], every: Sequence[int]) -> "Errors":
-        """From (rows, channels) of each jump, and after how many of its rows it is compared again."""
+        """From (rows, channels) of each log, and after how many of its rows it is compared again."""
         some = np.concatenate([of_log[::rows].ravel() for of_log, rows in zip(logs, every, strict=True)])
         return Errors(some, float(sum((of_log**2).sum() for of_log in logs)))
 
@@ -94,7 +94,7 @@ class Slopes:
 
 @dataclass
 class FullRollouts:
-    """Fits sets of effects, all of them everywhere, to whole jumps."""
+    """Fits sets of effects, all of them everywhere, to full rollouts."""
 
     heldout_gap: HeldOutGap
     plan: FullRolloutSettings
@@ -128,7 +128,7 @@ class FullRollouts:
         return Conclusion(verdict, tuple(answer), tuple(steps), tuple(sure))
 
     def is_convincing(self, before: FullRolloutFit, after: FullRolloutFit) -> bool:
-        """Whether a further cause closes enough more, on enough held-out jumps."""
+        """Whether a further cause closes enough more, on enough held-out logs."""
         plan, draws = self.plan, self.heldout_gap.draws
         closes = [self.heldout_gap.closure_value(fit.heldout) for fit in (before, after)]
         sure = (before.heldout[draws].sum(axis=1) > after.heldout[draws].sum(axis=1)).mean()
@@ -156,7 +156,7 @@ class FullRollouts:
         return [(sets, numbers) for _, sets, numbers in sorted(found, key=lambda one: one[0])]
 
     def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray) -> FullRolloutFit:
-        """Down to the least squares of all jumps; each fold's numbers are one step of the other jumps from there."""
+        """Down to the least squares of all logs; each fold's numbers are one step of the other logs from there."""
         scale = np.concatenate([h.moderate for h in hypotheses])
         slopes = self.slopes(hypotheses, numbers)
         for _ in range(self.plan.steps):
@@ -185,7 +185,7 @@ class FullRollouts:
         return FullRolloutFit(hypotheses, numbers, spread, np.array(of_folds), slopes.errors.squares, heldout)
 
     def covariance(self, slopes: Slopes, scale: np.ndarray) -> np.ndarray:
-        """Of the numbers, by the scatter of the slopes over jumps: errors of a jump go together."""
+        """Of the numbers, by the scatter of the slopes over logs: errors of a log go together."""
         curvature = np.linalg.pinv(slopes.by_number.T @ slopes.by_number)
         logs = int(self.log_of_value.max()) + 1
         pull = slopes.by_number * slopes.errors.sampled[:, None]
@@ -212,7 +212,7 @@ class FullRollouts:
         )
 
     def sample(self, errors: Sequence[np.ndarray]) -> Errors:
-        """Scaled errors (rows, channels) of all jumps, at the rows that are compared."""
+        """Scaled errors (rows, channels) of all logs, at the rows that are compared."""
         return Errors.of(errors, self.every)
 
     def effects_on_logs(
@@ -231,12 +231,12 @@ class FullRollouts:
 
     @cached_property
     def every(self) -> list[int]:
-        """After how many rows each jump is compared again."""
+        """After how many rows each log is compared again."""
         return [log.info.rows(EVERY_S) for log in self.heldout_gap.judged.logs]
 
     @cached_property
     def log_of_value(self) -> np.ndarray:
-        """Which jump each compared value is of, (values,)."""
+        """Which log each compared value is of, (values,)."""
         judged = self.heldout_gap.judged
         instants = [len(range(0, rows, every)) for rows, every in zip(judged.rows, self.every, strict=True)]
         sizes = np.array(instants) * len(judged.channels)

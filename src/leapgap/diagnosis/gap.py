@@ -94,7 +94,7 @@ class JudgedLogs:
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Number of judged rows of each jump."""
+        """Number of judged rows of each log."""
         return tuple(len(log) for log in self.logs)
 
     @property
@@ -106,9 +106,9 @@ class JudgedLogs:
 def scaled_errors(
     judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
 ) -> list[list[np.ndarray]]:
-    """Simulated − measured, scaled, of every candidate on every jump: ``[candidate][log]`` (rows, channels).
+    """Simulated − measured, scaled, of every candidate on every log: ``[candidate][log]`` (rows, channels).
 
-    ``candidates[c][j]`` are the effects of candidate c on jump j; all of them roll out as one batch.
+    ``candidates[c][j]`` are the effects of candidate c on log j; all of them roll out as one batch.
     """
     trials = [
         Rollout(log, effects)
@@ -120,13 +120,13 @@ def scaled_errors(
 
 
 def scaled_error(motion: Motion, log: Log, judged: JudgedLogs, robot: Robot) -> np.ndarray:
-    """Simulated − measured, scaled, in the judged rows of a jump, (rows, channels); ``motion`` may go on longer."""
+    """Simulated − measured, scaled, in the judged rows of a log, (rows, channels); ``motion`` may go on longer."""
     difference = channel_values(motion[: len(log)], judged.channels, robot) - measured_values(log, judged.channels)
     return np.clip(np.nan_to_num(difference / judged.scales, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
 
 
 def motion_squares(motions: Sequence[Motion], judged: JudgedLogs, robot: Robot) -> np.ndarray:
-    """Sum of squared scaled errors of one motion a jump, (jumps,)."""
+    """Sum of squared scaled errors of one motion a log, (logs,)."""
     errors = (scaled_error(motion, log, judged, robot) for motion, log in zip(motions, judged.logs, strict=True))
     return np.array([float((error**2).sum()) for error in errors])
 
@@ -134,17 +134,17 @@ def motion_squares(motions: Sequence[Motion], judged: JudgedLogs, robot: Robot) 
 def candidate_squares(
     judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
 ) -> np.ndarray:
-    """Sum of squared scaled errors of each candidate on each jump, (candidates, jumps)."""
+    """Sum of squared scaled errors of each candidate on each log, (candidates, logs)."""
     return np.array([[float((e**2).sum()) for e in of_logs] for of_logs in scaled_errors(judged, replayer, candidates)])
 
 
 def value_counts(judged: JudgedLogs) -> np.ndarray:
-    """Number of values behind each jump's sum of squares, (jumps,)."""
+    """Number of values behind each log's sum of squares, (logs,)."""
     return np.array(judged.rows) * len(judged.channels)
 
 
 def headline_gap(sum_of_squares: np.ndarray, judged: JudgedLogs) -> float:
-    """The headline gap: root mean square over rows, channels and jumps."""
+    """The headline gap: root mean square over rows, channels and logs."""
     return float(np.sqrt(sum_of_squares.sum() / value_counts(judged).sum()))
 
 
@@ -155,7 +155,7 @@ def noise_floor(
     rng: np.random.Generator,
     nominal: Sequence[Motion] | None = None,
 ) -> np.ndarray:
-    """Mean square that sensor noise alone leaves, a jump, (jumps,), summed over rows and channels.
+    """Mean square that sensor noise alone leaves, a log, (logs,), summed over rows and channels.
 
     The nominal robot plays the log: its motion plus noise of each channel is taken as measured, and replayed
     from its own noisy first row. ``nominal`` are its motions, where they are known already.

@@ -1,4 +1,4 @@
-"""How far: what believed effects close of the headline gap on jumps they were not fitted on."""
+"""How far: what believed effects close of the headline gap on logs they were not fitted on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +18,7 @@ LEAST_ABOVE = 0.05
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its 95 % interval over jumps drawn again."""
+    """A figure with its 95 % interval over resampled logs."""
 
     value: float
     low: float
@@ -40,14 +40,14 @@ def above_noise(gap: float, floor: float) -> bool:
 
 
 def resamples(logs: int, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Bootstrap over jumps: indices (draws, jumps)."""
+    """Bootstrap over logs: indices (draws, logs)."""
     return rng.integers(0, logs, size=(draws, logs))
 
 
 def closure(
     nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: JudgedLogs, draws: np.ndarray
 ) -> Interval:
-    """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a jump.
+    """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a log.
 
     A gap that has nothing to close closes 0.
     """
@@ -76,7 +76,7 @@ def extend_to_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> 
 def heldout_squares(
     judged: JudgedLogs, replayer: Replayer, beliefs: Sequence[Candidate], folds: Sequence[int]
 ) -> np.ndarray:
-    """Headline sums of squares on each jump, at numbers fitted without its fold, (beliefs, jumps)."""
+    """Headline sums of squares on each log, at numbers fitted without its fold, (beliefs, logs)."""
     candidates = [
         [effects_on(belief, log.name, fold) for log, fold in zip(judged.logs, folds, strict=True)] for belief in beliefs
     ]
@@ -85,25 +85,25 @@ def heldout_squares(
 
 @dataclass(frozen=True)
 class HeldOutGap:
-    """What every belief about some logs is measured with: whole jumps that it was not fitted on."""
+    """What every belief about some logs is measured with: full rollouts that it was not fitted on."""
 
     judged: JudgedLogs
     replayer: Replayer
     folds: np.ndarray
-    """Which fold each jump is held out with, (jumps,)."""
+    """Which fold each log is held out with, (logs,)."""
     nominal: np.ndarray
-    """Sums of squares of the nominal robot, (jumps,),"""
+    """Sums of squares of the nominal robot, (logs,),"""
     floor: np.ndarray
-    """and of noise alone, (jumps,)."""
+    """and of noise alone, (logs,)."""
     draws: np.ndarray
-    """Jumps drawn again, (draws, jumps)."""
+    """Jumps drawn again, (draws, logs)."""
 
     def heldout_squares(self, beliefs: Sequence[Candidate]) -> np.ndarray:
-        """Sums of squares on jumps not fitted on, (beliefs, jumps)."""
+        """Sums of squares on logs not fitted on, (beliefs, logs)."""
         return heldout_squares(self.judged, self.replayer, beliefs, self.folds.tolist())
 
     def closure(self, corrected: np.ndarray) -> Interval:
-        """Of sums of squares (jumps,)."""
+        """Of sums of squares (logs,)."""
         return closure(self.nominal, corrected, self.floor, self.judged, self.draws)
 
     def closure_value(self, corrected: np.ndarray) -> float:
@@ -112,11 +112,11 @@ class HeldOutGap:
 
     @property
     def has_gap(self) -> bool:
-        """Whether whole jumps have a gap to close; where not, only short replays can tell."""
+        """Whether full rollouts have a gap to close; where not, only short replays can tell."""
         return above_noise(self.gap(self.nominal), self.gap(self.floor))
 
     def gap(self, corrected: np.ndarray) -> float:
-        """Headline gap of sums of squares (jumps,)."""
+        """Headline gap of sums of squares (logs,)."""
         return headline_gap(corrected, self.judged)
 
     def gap_by_log(self, corrected: np.ndarray) -> dict[str, dict[str, float]]:
@@ -134,7 +134,7 @@ class HeldOutGap:
 
 @dataclass
 class HeldOutFits:
-    """Sums of squares (jumps,) of beliefs on jumps they were not fitted on; each belief is replayed once."""
+    """Sums of squares (logs,) of beliefs on logs they were not fitted on; each belief is replayed once."""
 
     heldout_gap: HeldOutGap
     logs: Sequence[Log]

@@ -1,4 +1,4 @@
-"""Where the gap lies: its share by phase of the jump and channel, above what sensor noise leaves there."""
+"""Where the gap lies: its share by phase of the motion and channel, above what sensor noise leaves there."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -42,7 +42,7 @@ class Cause:
     per_log: Mapping[str, Mapping[str, float]]
     closure: Interval
     gap: float
-    """Headline gap on held-out jumps with this effect added."""
+    """Headline gap on held-out logs with this effect added."""
     confusable_with: tuple[str, ...]
 
 

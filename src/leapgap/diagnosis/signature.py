@@ -85,9 +85,9 @@ def moderate_effects(robot: Robot) -> dict[str, Effect]:
 
 
 def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon_s: float = 0.05) -> Signature:
-    """Traces of effects in the nominal robot's own jump: replay with the effect − replay without, from equal starts.
+    """Traces of effects in the nominal robot's own motion: replay with the effect − replay without, from equal starts.
 
-    The jump is cut into pieces of one horizon; each starts anew from the nominal motion, which is taken as what was
+    The log is cut into pieces of one horizon; each starts anew from the nominal motion, which is taken as what was
     logged. So a trace stands in the phase where it arises, not where it has grown to. The second half of a piece
     counts, when the start has settled.
     """

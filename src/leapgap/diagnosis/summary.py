@@ -21,7 +21,7 @@ from leapgap.robot.model import Robot
 SIGMAS = 1.96
 """Of a 95 % interval."""
 OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
-"""Of further jumps that may tell causes apart, unless one as far was logged."""
+"""Of further experiments that may tell causes apart, unless one as far was logged."""
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
 NOTICEABLE = 0.05
 """A share of the gap; of a smaller one no percentage is told."""
@@ -92,7 +92,7 @@ def cause_of(
 
 
 def shared_closure(selected: Candidate, heldout: np.ndarray, heldout_gap: HeldOutGap) -> Interval | None:
-    """Closure of the answer where every jump gets the median of the other folds' values instead of its own."""
+    """Closure of the answer where every log gets the median of the other folds' values instead of its own."""
     if not selected.hypotheses:
         return None
     if not any(h.per_log for h in selected.hypotheses):
@@ -184,7 +184,7 @@ def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: JudgedLogs) -> st
 
 
 def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[str, Any] | None:
-    """What would tell apart the first causes that these logs cannot: other jumps than were logged.
+    """What would tell apart the first causes that these logs cannot: other logs than were logged.
 
     ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
     """
