@@ -66,6 +66,6 @@ def test_only_effects_that_act_everywhere_and_are_not_there_yet_are_tried(robot:
     whole = FullRollouts(heldout_gap, FullRolloutSettings())
     hypotheses = list_hypotheses(["payload", "torque_gain"], robot, None)
     base = whole.fit((Hypothesis(effects.known()["payload"], robot),), np.array([0.0]))
-    assert [tuple(h.name for h in sets) for sets, _ in whole.promising(base, hypotheses)] == [
+    assert [tuple(h.name for h in sets) for sets, _ in whole.rank_extensions(base, hypotheses)] == [
         ("payload", "torque_gain")
     ]

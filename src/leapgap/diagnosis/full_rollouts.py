@@ -1,8 +1,8 @@
-"""What full rollouts say, where short replays name a cause that logs confirm and yet leave most of the gap.
+"""Search in full rollouts, used where a confirmed cause from short replays leaves most of the gap.
 
-A replay that starts anew every 0.1 s hardly feels what acts slowly: mass, inertia, where the centre of mass is. Here
+Replays that restart from the log every 0.1 s are insensitive to slow influences: mass, inertia, centre of mass. Here
 sets of effects are fitted to replays from a log's first row to its touch-down, in the channels and scales of the
-headline gap (Gauss–Newton with damped steps, finite differences), and judged on logs they were not fitted on.
+headline gap (Levenberg–Marquardt, finite differences), and judged on held-out logs.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,35 +19,35 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.25
-"""Of a moderate departure: wide, for contacts make full rollouts rough."""
+"""Step of finite differences, as a share of the moderate departure; wide, because contacts make full rollouts rough."""
 EVERY_S = 0.02
-"""Errors are compared so often."""
+"""Interval between the instants at which errors are compared, s."""
 DAMPINGS = (0.03, 0.3, 2.0)
-"""Of a step, tried side by side, as shares of the curvature; the middle one for the numbers of a fold."""
+"""Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature; folds use the middle one."""
 SETTLED = 0.005
-"""A fit whose loss falls by a smaller share is done."""
+"""A fit has converged when its loss falls by a smaller share than this."""
 
 
 @dataclass(frozen=True)
 class FullRolloutSettings:
-    """How wide the search is, and when a further cause is believed."""
+    """Width of the search, and thresholds for a further cause."""
 
     promising: int = 2
-    """Effects fitted in the first round, those that promise most by their derivatives; of every later one half."""
+    """Number of effects fitted in the first round, the best ones by the linear model; half as many in later rounds."""
     steps: int = 6
-    """Of Gauss–Newton."""
+    """Largest number of Gauss–Newton steps."""
     most_causes: int = 3
     least_closure: float = 0.05
-    """Share of the headline gap that a further cause must close on held-out logs,"""
+    """Smallest share of the headline gap that a further cause must close on held-out logs."""
     least_sure: float = 0.9
-    """in this share of the resamples,"""
+    """Smallest share of the resamples in which a further cause must reduce the gap."""
     least_agree: float = 0.6
-    """and shrink it on this share of the logs."""
+    """Smallest share of the logs on which a further cause must reduce the gap."""
 
 
 @dataclass(frozen=True)
 class FullRolloutFit(Candidate):
-    """A belief fitted to full rollouts."""
+    """A candidate fitted to full rollouts."""
 
     loss: float
     """Sum of squares, fitted on all logs."""
@@ -57,51 +57,51 @@ class FullRolloutFit(Candidate):
 
 @dataclass(frozen=True)
 class Errors:
-    """Scaled errors of all logs one after the other."""
+    """Scaled errors of all logs, concatenated."""
 
     sampled: np.ndarray
-    """At some rows, (values,)."""
+    """Errors at the rows that are compared, (values,)."""
     squares: float
     """Sum of squares at all rows."""
 
     @staticmethod
     def of(logs: Sequence[np.ndarray], every: Sequence[int]) -> "Errors":
-        """From (rows, channels) of each log, and after how many of its rows it is compared again."""
+        """From errors (rows, channels) of each log, compared at every ``every``-th row of it."""
         some = np.concatenate([of_log[::rows].ravel() for of_log, rows in zip(logs, every, strict=True)])
         return Errors(some, float(sum((of_log**2).sum() for of_log in logs)))
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """Errors at some numbers, and what departures of moderate size change in them."""
+    """Errors at some numbers and their derivatives by departures of moderate size."""
 
     errors: Errors
     by_number: np.ndarray
     """(values, numbers)"""
 
     def step(self, damping: float, kept: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Departures that lower the squares of the kept values, (numbers,)."""
+        """Levenberg–Marquardt step that lowers the squares of the kept values, in moderate departures, (numbers,)."""
         slopes = self.by_number[kept]
         curvature = slopes.T @ slopes
         damped = curvature + np.diag(damping * np.diag(curvature) + 1e-9)
         return np.asarray(-np.linalg.solve(damped, slopes.T @ self.errors.sampled[kept]))
 
     def broyden_update(self, by: np.ndarray, errors: Errors) -> "Slopes":
-        """After a move (numbers,) that led to other errors, which the slopes then explain (Broyden's rule)."""
+        """Slopes after a step ``by`` (numbers,) that led to ``errors``, updated by Broyden's rule."""
         surprise = errors.sampled - self.errors.sampled - self.by_number @ by
         return Slopes(errors, self.by_number + surprise[:, None] * by / max(float(by @ by), 1e-12))
 
 
 @dataclass
 class FullRollouts:
-    """Fits sets of effects, all of them everywhere, to full rollouts."""
+    """Fits sets of effects that act at all places to full rollouts."""
 
     heldout_gap: HeldOutGap
     plan: FullRolloutSettings
     progress: Callable[[str], None] = lambda _: None
 
     def conclude(self, first: Candidate, hypotheses: Sequence[Hypothesis], rival_share: float) -> Conclusion:
-        """The first cause fitted anew, then with one further cause after the other while that is convincing.
+        """Fit the first cause, then add one cause after the other while it is convincing.
 
         A rival that is best in ``rival_share`` of the resamples cannot be told apart.
         """
@@ -128,7 +128,7 @@ class FullRollouts:
         return Conclusion(verdict, tuple(answer), tuple(steps), tuple(sure))
 
     def is_convincing(self, before: FullRolloutFit, after: FullRolloutFit) -> bool:
-        """Whether a further cause closes enough more, on enough held-out logs."""
+        """Whether a further cause closes enough more of the gap, on enough held-out logs."""
         plan, draws = self.plan, self.heldout_gap.draws
         closes = [self.heldout_gap.closure_value(fit.heldout) for fit in (before, after)]
         sure = (before.heldout[draws].sum(axis=1) > after.heldout[draws].sum(axis=1)).mean()
@@ -140,7 +140,7 @@ class FullRollouts:
     def rank_extensions(
         self, base: FullRolloutFit, hypotheses: Sequence[Hypothesis]
     ) -> list[tuple[tuple[Hypothesis, ...], np.ndarray]]:
-        """Sets of one effect more and the numbers to start at, first those that by their derivatives help most."""
+        """Sets with one more effect and their first numbers, best first by the linear model."""
         further = [h for h in hypotheses if h.location == "all" and h.name not in base.names]
         every = (*base.hypotheses, *further)
         start = np.concatenate([base.numbers, *(h.nominal for h in further)])
@@ -156,7 +156,7 @@ class FullRollouts:
         return [(sets, numbers) for _, sets, numbers in sorted(found, key=lambda one: one[0])]
 
     def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray) -> FullRolloutFit:
-        """Down to the least squares of all logs; each fold's numbers are one step of the other logs from there."""
+        """Fit to all logs by least squares; the numbers of each fold are one step from there with the other logs."""
         scale = np.concatenate([h.moderate for h in hypotheses])
         slopes = self.slopes(hypotheses, numbers)
         for _ in range(self.plan.steps):
@@ -185,7 +185,7 @@ class FullRollouts:
         return FullRolloutFit(hypotheses, numbers, spread, np.array(of_folds), slopes.errors.squares, heldout)
 
     def covariance(self, slopes: Slopes, scale: np.ndarray) -> np.ndarray:
-        """Of the numbers, by the scatter of the slopes over logs: errors of a log go together."""
+        """Covariance of the numbers by the scatter of the gradient over logs; errors within a log are correlated."""
         curvature = np.linalg.pinv(slopes.by_number.T @ slopes.by_number)
         logs = int(self.log_of_value.max()) + 1
         pull = slopes.by_number * slopes.errors.sampled[:, None]
@@ -194,7 +194,7 @@ class FullRollouts:
         return np.asarray(curvature @ scatter @ curvature * scale[:, None] * scale)
 
     def slopes(self, hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> Slopes:
-        """Errors at numbers and finite differences about them, inside their ranges."""
+        """Errors at numbers, and finite differences about them within their ranges."""
         scale = np.concatenate([h.moderate for h in hypotheses])
         lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
         by = DIFFERENCE * scale
@@ -218,7 +218,7 @@ class FullRollouts:
     def effects_on_logs(
         self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]
     ) -> list[list[tuple[Effect, ...]]]:
-        """The effects ``[number][log]``."""
+        """Effects ``[number][log]`` for vectors of numbers."""
         return [
             [
                 tuple(
@@ -231,12 +231,12 @@ class FullRollouts:
 
     @cached_property
     def every(self) -> list[int]:
-        """After how many rows each log is compared again."""
+        """Number of rows between the compared rows of each log."""
         return [log.info.rows(EVERY_S) for log in self.heldout_gap.judged.logs]
 
     @cached_property
     def log_of_value(self) -> np.ndarray:
-        """Which log each compared value is of, (values,)."""
+        """Index of the log of each compared value, (values,)."""
         judged = self.heldout_gap.judged
         instants = [len(range(0, rows, every)) for rows, every in zip(judged.rows, self.every, strict=True)]
         sizes = np.array(instants) * len(judged.channels)

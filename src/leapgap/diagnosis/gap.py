@@ -1,4 +1,4 @@
-"""How large the gap is: the headline figure and its noise floor."""
+"""Size of the gap: the headline figure and its noise floor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 GAIN_CHANGE_MARGIN_S = 0.010
-"""Before a change of gains this much is left out: the change reaches the motors at an unknown instant near its row."""
+"""Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
 TOUCHING_M = 0.005
-"""A sole this near the ground counts as touching."""
+"""Largest height of a sole above the ground that counts as touching."""
 DIVERGED_ERROR = 100.0
-"""Scaled error given to a replay that left the world of numbers, so that it loses and nothing becomes NaN."""
+"""Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors."""
 
 
 def headline_rows(log: Log, robot: Robot) -> int:
-    """Rows that are judged: up to touch-down or the first change of gains, whichever is first."""
+    """Number of judged rows: up to touch-down or the first change of gains, whichever is first."""
     rows = log.rows_before_gain_change
     if rows < len(log):
         rows -= round(GAIN_CHANGE_MARGIN_S / log.info.sample_period_s)
@@ -59,7 +59,7 @@ def touch_down_row(log: Log, robot: Robot) -> int:
 
 
 def final_position_errors(motions: Sequence[Motion], judged: "JudgedLogs") -> list[float] | None:
-    """How far along x each replay's trunk is from the log's in the last judged row (touch-down), m; None: no base."""
+    """Error of the trunk's x in the last judged row (touch-down) of each replay, m; None without a base."""
     if all(channel.name != "base_pos_x" for channel in judged.channels):
         return None
     return [
@@ -70,16 +70,16 @@ def final_position_errors(motions: Sequence[Motion], judged: "JudgedLogs") -> li
 
 @dataclass(frozen=True)
 class JudgedLogs:
-    """Logs with what is compared of them."""
+    """Logs with the rows and channels that are compared."""
 
     logs: tuple[Log, ...]
-    """Cut after the rows that are judged."""
+    """Logs, cut after the judged rows."""
     channels: tuple[Channel, ...]
     """Headline channels that every log has."""
 
     @staticmethod
     def of(logs: Sequence[Log], robot: Robot) -> "JudgedLogs":
-        """Fix rows and channels once, from the logs alone; every hypothesis is judged on the same."""
+        """Choose rows and channels from the logs alone, so that every hypothesis is judged on the same ones."""
         if not logs:
             raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
         headline = tuple(c for c in scaled_channels(logs, robot) if c.name in HEADLINE or not robot.has_free_base)
@@ -99,7 +99,7 @@ class JudgedLogs:
 
     @property
     def scales(self) -> np.ndarray:
-        """What counts as one of each channel, (channels,)."""
+        """Scale of each channel, (channels,)."""
         return np.array([c.scale for c in self.channels], dtype=float)
 
 
@@ -126,7 +126,7 @@ def scaled_error(motion: Motion, log: Log, judged: JudgedLogs, robot: Robot) -> 
 
 
 def motion_squares(motions: Sequence[Motion], judged: JudgedLogs, robot: Robot) -> np.ndarray:
-    """Sum of squared scaled errors of one motion a log, (logs,)."""
+    """Sum of squared scaled errors of one motion for each log, (logs,)."""
     errors = (scaled_error(motion, log, judged, robot) for motion, log in zip(motions, judged.logs, strict=True))
     return np.array([float((error**2).sum()) for error in errors])
 
@@ -139,7 +139,7 @@ def candidate_squares(
 
 
 def value_counts(judged: JudgedLogs) -> np.ndarray:
-    """Number of values behind each log's sum of squares, (logs,)."""
+    """Number of values in each log's sum of squares, (logs,)."""
     return np.array(judged.rows) * len(judged.channels)
 
 
@@ -155,10 +155,10 @@ def noise_floor(
     rng: np.random.Generator,
     nominal: Sequence[Motion] | None = None,
 ) -> np.ndarray:
-    """Mean square that sensor noise alone leaves, a log, (logs,), summed over rows and channels.
+    """Mean sum of squares that sensor noise alone gives for each log, (logs,), summed over rows and channels.
 
-    The nominal robot plays the log: its motion plus noise of each channel is taken as measured, and replayed
-    from its own noisy first row. ``nominal`` are its motions, where they are known already.
+    The motion of the nominal robot plus noise of each channel is taken as measured, and replayed from its noisy first
+    row. ``nominal`` are its motions, where they are known already.
     """
     robot = replayer.robot
     every = scaled_channels(judged.logs, robot)

@@ -1,4 +1,4 @@
-"""How far: what believed effects close of the headline gap on logs they were not fitted on."""
+"""Gap reduction: share of the headline gap that fitted effects close on held-out logs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,12 +13,12 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 LEAST_ABOVE = 0.05
-"""Of the noise floor: a share of less is a share of noise."""
+"""Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its 95 % interval over resampled logs."""
+    """A value with its 95 % interval over resampled logs."""
 
     value: float
     low: float
@@ -26,30 +26,30 @@ class Interval:
 
     @property
     def capped_at_one(self) -> "Interval":
-        """The same of a share, with nothing above 1 and the value within: what is told to a person.
+        """The interval of a share, clipped to at most 1, with the value inside: the form for texts.
 
-        A corrected gap below the noise floor is there by chance, and no more than all of a gap can go away.
+        A corrected gap may be below the noise floor by chance, which gives a share above 1.
         """
         value = min(self.value, 1.0)
         return Interval(value, min(self.low, value), max(min(self.high, 1.0), value))
 
 
 def above_noise(gap: float, floor: float) -> bool:
-    """Whether a headline gap has something to close."""
+    """Whether a headline gap is above its noise floor."""
     return gap - floor > LEAST_ABOVE * floor
 
 
 def resamples(logs: int, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Bootstrap over logs: indices (draws, logs)."""
+    """Bootstrap resamples of logs: indices (draws, logs)."""
     return rng.integers(0, logs, size=(draws, logs))
 
 
 def closure(
     nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: JudgedLogs, draws: np.ndarray
 ) -> Interval:
-    """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a log.
+    """Share of the headline gap above its noise floor that is closed; arguments are sums of squares (logs,).
 
-    A gap that has nothing to close closes 0.
+    It is 0 where the gap is not above the noise floor.
     """
     number = value_counts(judged)
 
@@ -63,20 +63,20 @@ def closure(
 
 
 def effects_on(fit: Candidate, log: str, fold: int | None) -> tuple[Effect, ...]:
-    """Effects of a fit on one log, as fitted without a fold (None: on all logs)."""
+    """Effects of a candidate on one log, with the numbers fitted without a fold (None: on all logs)."""
     numbers = fit.numbers if fold is None else fit.fold_numbers[fold]
     return tuple(h.on(log, own) for h, own in zip(fit.hypotheses, fit.split(numbers), strict=True))
 
 
 def extend_to_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> tuple[Effect, ...]:
-    """Effects found on the first rows of a log, on all of it."""
+    """Effects fitted on the first ``rows`` rows of a log, extended to all its rows."""
     return tuple(effect.extend_to(rows, all_rows) for effect in effects)
 
 
 def heldout_squares(
     judged: JudgedLogs, replayer: Replayer, beliefs: Sequence[Candidate], folds: Sequence[int]
 ) -> np.ndarray:
-    """Headline sums of squares on each log, at numbers fitted without its fold, (beliefs, logs)."""
+    """Sums of squares of candidates on each log, with the numbers fitted without its fold, (candidates, logs)."""
     candidates = [
         [effects_on(belief, log.name, fold) for log, fold in zip(judged.logs, folds, strict=True)] for belief in beliefs
     ]
@@ -85,38 +85,38 @@ def heldout_squares(
 
 @dataclass(frozen=True)
 class HeldOutGap:
-    """What every belief about some logs is measured with: full rollouts that it was not fitted on."""
+    """The headline gap of candidates on held-out logs, in full rollouts."""
 
     judged: JudgedLogs
     replayer: Replayer
     folds: np.ndarray
-    """Which fold each log is held out with, (logs,)."""
+    """Index of the fold of each log, (logs,)."""
     nominal: np.ndarray
-    """Sums of squares of the nominal robot, (logs,),"""
+    """Sums of squares of the nominal robot, (logs,)."""
     floor: np.ndarray
-    """and of noise alone, (logs,)."""
+    """Sums of squares of noise alone, (logs,)."""
     draws: np.ndarray
-    """Jumps drawn again, (draws, logs)."""
+    """Bootstrap resamples of logs, (draws, logs)."""
 
     def heldout_squares(self, beliefs: Sequence[Candidate]) -> np.ndarray:
-        """Sums of squares on logs not fitted on, (beliefs, logs)."""
+        """Sums of squares on held-out logs, (candidates, logs)."""
         return heldout_squares(self.judged, self.replayer, beliefs, self.folds.tolist())
 
     def closure(self, corrected: np.ndarray) -> Interval:
-        """Of sums of squares (logs,)."""
+        """Share of the gap that is closed where sums of squares (logs,) remain, with its interval."""
         return closure(self.nominal, corrected, self.floor, self.judged, self.draws)
 
     def closure_value(self, corrected: np.ndarray) -> float:
-        """The same without an interval."""
+        """Share of the gap that is closed, without an interval."""
         return closure(self.nominal, corrected, self.floor, self.judged, self.draws[:1]).value
 
     @property
     def has_gap(self) -> bool:
-        """Whether full rollouts have a gap to close; where not, only short replays can tell."""
+        """Whether full rollouts have a gap above noise."""
         return above_noise(self.gap(self.nominal), self.gap(self.floor))
 
     def gap(self, corrected: np.ndarray) -> float:
-        """Headline gap of sums of squares (logs,)."""
+        """Headline gap from sums of squares (logs,)."""
         return headline_gap(corrected, self.judged)
 
     def gap_by_log(self, corrected: np.ndarray) -> dict[str, dict[str, float]]:
@@ -126,7 +126,7 @@ class HeldOutGap:
         return {n: {"nominal": float(a), "corrected": float(b)} for n, a, b in zip(names, *both, strict=True)}
 
     def with_steps(self, largest_step_s: float) -> "HeldOutGap":
-        """In replays of other steps."""
+        """The same with another largest step of the simulation."""
         replayer = self.replayer.with_steps(largest_step_s)
         nominal = candidate_squares(self.judged, replayer, [[()] * len(self.judged.logs)])[0]
         return replace(self, replayer=replayer, nominal=nominal)
@@ -134,7 +134,7 @@ class HeldOutGap:
 
 @dataclass
 class HeldOutFits:
-    """Sums of squares (logs,) of beliefs on logs they were not fitted on; each belief is replayed once."""
+    """Cache of held-out replays and sums of squares (logs,) of candidates; each candidate is replayed once."""
 
     heldout_gap: HeldOutGap
     logs: Sequence[Log]
@@ -142,12 +142,12 @@ class HeldOutFits:
     nominal: Sequence[Motion]
     """Their replays by the nominal robot."""
     squares_by_id: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
-    """By identity: beliefs hold arrays."""
+    """By identity of the candidate, whose arrays cannot be hashed."""
     motions: dict[int, Sequence[Motion]] = field(default_factory=dict)
-    """Replays of all rows, of the beliefs that were asked for them."""
+    """Replays of all rows, by identity of the candidate."""
 
     def replays(self, beliefs: Sequence[Candidate]) -> list[Sequence[Motion]]:
-        """Replays of all rows by several beliefs, each log with the numbers that were fitted without it."""
+        """Replays of all rows by several candidates, each log with the numbers fitted without its fold."""
         new = list({id(b): b for b in beliefs if id(b) not in self.motions and b.hypotheses}.values())
         folds = self.heldout_gap.folds.tolist()
         trials = [
@@ -164,7 +164,7 @@ class HeldOutFits:
         return [self.motions[id(belief)] if belief.hypotheses else self.nominal for belief in beliefs]
 
     def squares(self, beliefs: Sequence[Candidate]) -> list[np.ndarray]:
-        """Those of several beliefs, replayed as one batch where they are not known yet."""
+        """Sums of squares (logs,) of several candidates; those not in the cache are replayed as one batch."""
         new = list({id(b): b for b in beliefs if id(b) not in self.squares_by_id and b.hypotheses}.values())
         for belief, found in zip(new, self.heldout_gap.heldout_squares(new), strict=True):
             self.squares_by_id[id(belief)] = belief, found

@@ -1,4 +1,4 @@
-"""Where the gap lies: its share by phase of the motion and channel, above what sensor noise leaves there."""
+"""Localisation of the gap: its share by phase of the motion and channel, above sensor noise."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,19 +12,19 @@ from leapgap.simulation.replay import Replayer, Rollout
 
 PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
 LIFT_OFF_WINDOW_S = 0.050
-"""Lift-off is this long before and after the planned take-off."""
+"""Half width of the phase of lift-off about the planned take-off, s."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """One field of the map of the gap."""
+    """Share and size of the gap in one phase and channel."""
 
     phase: str
     channel: str
     share: float
-    """Of the whole squared gap above noise, each channel measured in units of its noise."""
+    """Share of the whole squared gap above noise, each channel in units of its noise."""
     rms: float
-    """Of the gap as it is, noise included."""
+    """Root mean square of the gap, noise included."""
     unit: str
 
 
@@ -44,7 +44,7 @@ def phase_of_rows(log: Log) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Piece:
-    """Some rows of a log that a replay of their own is compared with, in the second half, when the start settled."""
+    """Some rows of a log with a replay of their own; it is compared in the second half, after its start settled."""
 
     log: Log
     phases: np.ndarray
@@ -59,7 +59,7 @@ class Piece:
 
     @property
     def counts(self) -> np.ndarray:
-        """Rows of each phase that are compared, (phases,)."""
+        """Number of compared rows of each phase, (phases,)."""
         return np.bincount(self.phases[len(self.phases) // 2 :], minlength=len(PHASES))
 
 
@@ -68,8 +68,8 @@ def localise(
 ) -> list[Place]:
     """The gap by phase and channel, largest share first.
 
-    Replays start anew from the log every ``horizon_s``, so that an error counts where it arises and not where it
-    has grown to. What sensor noise leaves on average of ``draws`` is taken off the shares.
+    Replays restart from the log every ``horizon_s``, so that an error counts in the phase in which it arises. The mean
+    effect of sensor noise over ``draws`` is subtracted from the shares.
     """
     robot, channels = replayer.robot, scaled_channels(judged.logs, replayer.robot)
     sigma = {log.name: sensor_noise(log, channels) for log in judged.logs}
@@ -108,9 +108,9 @@ def noise_errors(
     draws: int,
     rng: np.random.Generator,
 ) -> list[list[np.ndarray]]:
-    """Errors ``[draw][piece]`` (rows, channels) of a robot that is the nominal one, ``nominal`` its true motions.
+    """Errors ``[draw][piece]`` (rows, channels) that sensor noise alone gives, where ``nominal`` are the true motions.
 
-    Every piece is replayed from a first state that is off by sensor noise, and compared with noisy rows.
+    Every piece is replayed from a noisy first state and compared with noisy rows.
     """
     states = [replayer.first_state(Rollout(piece.log)) for piece in pieces]
     sigmas = [dict(zip((c.name for c in channels), piece.sigma, strict=True)) for piece in pieces]
@@ -133,12 +133,12 @@ def noise_errors(
 
 
 def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:
-    """Of arrays of one shape."""
+    """Sum of arrays of one shape."""
     return np.sum(list(arrays), axis=0)
 
 
 def pieces_of(log: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
-    """The judged rows cut to whole pieces of one horizon, with the phase of each row."""
+    """Pieces of one horizon of the judged rows, with the phase of each row."""
     length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
     phases = phase_of_rows(log)
     starts = range(0, len(log) - length + 1, length - 1)
@@ -149,5 +149,5 @@ def pieces_of(log: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
 
 
 def least_noise(channel: Channel) -> float:
-    """Smallest noise a channel is credited with: a log rounded to its last digit is not exact."""
+    """Lower bound of a channel's noise, since logs are rounded to a last digit."""
     return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2}[channel.unit]

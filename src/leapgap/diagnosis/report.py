@@ -22,22 +22,22 @@ class ParameterEstimate:
     nominal: float
     unit: str
     at_bound: bool
-    """Whether the fit ran into the end of the range of sensible values: then it is not to be believed."""
+    """Whether the fit ended at a limit of the range; then its value is not reliable."""
 
     @property
     def unconstrained(self) -> bool:
-        """Whether the interval holds the nominal value, so that the logs do not know this number."""
+        """Whether the interval holds the nominal value, so that the logs do not determine this parameter."""
         return self.ci95[0] <= self.nominal <= self.ci95[1]
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One hypothesis as judged."""
+    """One hypothesis with its estimates and held-out results."""
 
     effect: str
     location: str
     probability: float
-    """How often it is part of the best set on held-out logs when the evidence is drawn again."""
+    """Share of the bootstrap resamples in which it is part of the best set on held-out logs."""
     parameters: Mapping[str, ParameterEstimate]
     per_log: Mapping[str, Mapping[str, float]]
     closure: Interval
@@ -48,7 +48,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Profile:
-    """Loss of log likelihood about the best value of one parameter, all logs: how well the data know it."""
+    """Loss of log likelihood about the best value of one parameter, over all logs."""
 
     effect: str
     label: str
@@ -58,7 +58,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything a person is told, and what ``report.json`` holds."""
+    """All results of a diagnosis; ``report.json`` holds them."""
 
     verdict: str
     sentence: str
@@ -68,34 +68,34 @@ class Report:
     answer: tuple[tuple[str, ...], ...]
     closure_of_answer: Interval | None
     closure_shared: Interval | None
-    """Of the answer with one value shared by all logs, where its values differ by log."""
+    """Closure of the answer with one value shared by all logs, where its values differ by log."""
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     checks: tuple[Check, ...]
     next_experiment: Mapping[str, Any] | None
     not_judged: tuple[str, ...]
-    """What could not be judged, and for want of what."""
+    """What could not be judged because columns are missing."""
     profiles: tuple[Profile, ...]
     gap_per_log: Mapping[str, Mapping[str, float]]
     """Headline gap of each log: nominal and corrected (held out)."""
     landing_misplaced_m: Mapping[str, Mapping[str, float]]
-    """Where the trunk is along x at the end of what is judged (touch-down), simulated − logged: nominal and corrected
-    (held out) of each log; empty without a base."""
+    """Error of the trunk's x in the last judged row (touch-down), simulated − logged: nominal and corrected (held out)
+    of each log; empty without a base."""
     provenance: Provenance
 
     @property
     def median_log(self) -> str:
-        """The log whose nominal gap is the median one: neither the best nor the worst to show."""
+        """Name of the log whose nominal gap is the median, as an example to show."""
         ordered = sorted(self.gap_per_log, key=lambda name: self.gap_per_log[name]["nominal"])
         return ordered[len(ordered) // 2]
 
     def landing_off_cm(self, of: str) -> float | None:
-        """Mean absolute misplacement at touch-down of ``nominal`` or ``corrected``."""
+        """Mean absolute error of the trunk's x at touch-down, cm; ``of`` is ``nominal`` or ``corrected``."""
         off = [abs(both[of]) for both in self.landing_misplaced_m.values()]
         return 100 * sum(off) / len(off) if off else None
 
     def to_json(self) -> dict[str, Any]:
-        """As written to ``report.json``; numbers rounded to six digits, what is not finite is null."""
+        """Content of ``report.json``; numbers have six significant digits, non-finite ones are null."""
         closure = self.closure_of_answer
         return round_floats(
             {
@@ -130,7 +130,7 @@ class Report:
         )
 
     def metrics(self) -> dict[str, Any]:
-        """The figures that ``dvc metrics`` follows."""
+        """Metrics for ``dvc metrics``."""
         return round_floats(
             {
                 "verdict": self.verdict,
@@ -148,7 +148,7 @@ class Report:
 
 
 def closure_to_json(interval: Interval) -> dict[str, Any]:
-    """A closure as the report writes it."""
+    """A closure in the form of ``report.json``."""
     return {"heldout": interval.value, "ci95": [interval.low, interval.high]}
 
 

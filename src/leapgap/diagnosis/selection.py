@@ -1,8 +1,8 @@
-"""Which effects: sets of hypotheses fitted to the evidence of some logs and judged on the others.
+"""Selection of effects: sets of hypotheses are fitted to short rollouts of some logs and judged on the others.
 
-Every hypothesis is tried in the linear model of the responses; the most promising are fitted to replays of their own
-(Gauss–Newton, derivatives kept up to date by Broyden's rule), several at once. Nuisances are free for the nominal
-robot and for every hypothesis alike.
+Every hypothesis is tried in the linear model of the sensitivities. The most promising ones are fitted to replays of
+their own (Gauss–Newton with Broyden's updates of the derivatives), several in one batch. Nuisances are fitted for the
+nominal robot and for every hypothesis alike.
 """
 
 from collections import Counter
@@ -17,21 +17,21 @@ from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 
 STEP = 0.1
-"""Of a moderate departure: finite differences of Gauss–Newton."""
+"""Step of finite differences, as a share of the moderate departure."""
 SETTLED = 0.3
-"""A fit whose loss falls by less is done."""
+"""A fit has converged when its loss falls by less than this."""
 TRIALS = (0.4, 2.5)
-"""Moderate departures at which an effect that acts everywhere is tried as it is, beside the linear model."""
+"""Sizes, in moderate departures, at which an effect at all places is simulated beside the linear model."""
 LINEAR_ITERATIONS = 4
 MOST_SURPRISE = 30.0
-"""Log likelihood that a piece may lose by not being fitted; pieces that derivatives do not mislead lose a few."""
+"""Upper limit of the loss of a piece above its fitted loss when it is held out; usual losses are a few units."""
 HOPELESS = 0.3
-"""A fit that after its second step bought less than this share of what the best one bought is not pursued."""
+"""A fit stops when, after its second step, it has gained less than this share of the best fit's gain."""
 
 
 @dataclass(frozen=True)
 class LinearGuess:
-    """A set of hypotheses with numbers, and how well it does in the linear model."""
+    """A set of hypotheses with numbers, and its loss in the linear model."""
 
     hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
@@ -40,13 +40,13 @@ class LinearGuess:
 
 @dataclass
 class GaussNewtonFit:
-    """One set of hypotheses on its way down."""
+    """State of the Gauss–Newton iteration of one set of hypotheses."""
 
     hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
-    """Where it is tried next."""
+    """Numbers of the next evaluation, (numbers,)."""
     best: np.ndarray
-    """Where it was best."""
+    """Numbers with the smallest loss so far, (numbers,)."""
     loss: float = np.inf
     columns: np.ndarray | None = None
     done: bool = False
@@ -54,28 +54,28 @@ class GaussNewtonFit:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """How wide the search is, and when a further cause is believed."""
+    """Width of the search, and thresholds for a further cause."""
 
     shortlist: int = 8
-    """Sets fitted to replays of their own in the first round; of every later one, half as many."""
+    """Number of sets fitted to replays of their own in the first round; half as many in later rounds."""
     per_effect: int = 3
-    """Of those of the first round, with one effect at different places; later ones try every set of effects once, at
-    the places that promise most."""
+    """Largest number of those sets with one effect at different places; later rounds try each set of effects once, at
+    its best places."""
     steps: int = 8
-    """Of Gauss–Newton; most sets settle earlier."""
+    """Largest number of Gauss–Newton steps; most sets converge earlier."""
     promising: int = 7
-    """Effects that in some of the evidence explain most beside the first, and are tried in all of it."""
+    """Number of effects that, by half of the evidence, explain most beside the first; they are tried in all of it."""
     beams: int = 2
-    """Sets of a round that the next one builds on."""
+    """Number of sets of a round that the next round extends."""
     most_causes: int = 4
     least_gain: float = 20.0
-    """A cause must gain so much log likelihood on held-out logs; logs without any gap gain up to 17."""
+    """Smallest gain of log likelihood of a cause on held-out logs; on logs without any gap it is up to 17."""
     least_further_gain: float = 60.0
-    """A further cause must gain so much: what the first leaves by being simulated otherwise gains up to 50."""
+    """Smallest gain of a further cause; errors in the simulation of the first cause give gains of up to 50."""
     least_share: float = 0.015
-    """A cause must gain this share of what all causes together gain."""
+    """Smallest gain of a cause as a share of the gain of all causes together."""
     least_agree: float = 0.75
-    """On this share of the logs a cause must gain something at all."""
+    """Smallest share of the logs on which a cause must have a positive gain."""
 
 
 def find_causes(
@@ -87,9 +87,9 @@ def find_causes(
     plan: SearchSettings,
     progress: Callable[[str], None],
 ) -> SearchResult:
-    """Search some of the evidence about the nominal robot, then all of it about the robot with what was found there.
+    """Search in half of the pieces about the nominal robot, then in all of them about the robot with the first cause.
 
-    Far from the truth neither noise nor small effects do what they do near it.
+    The second search is needed because sensitivities and noise depend on the robot they are taken at.
     """
     first = Search(Sensitivities.of(coarse, hypotheses, tolerances), fold_of_log, plan, progress)
     singles = first.singles(hypotheses)
@@ -107,7 +107,7 @@ def find_causes(
 
 @dataclass
 class Search:
-    """Looks for sets of hypotheses on one body of evidence."""
+    """Search for sets of hypotheses on one set of short rollouts."""
 
     sensitivities: Sensitivities
     fold_of_log: np.ndarray
@@ -120,18 +120,18 @@ class Search:
         self.nominal = self.cross_validate((), np.zeros(0), self.sensitivities.nominal[:, :, None])
 
     def singles(self, hypotheses: Sequence[Hypothesis]) -> tuple[Fit, ...]:
-        """Each effect alone: the most promising ones fitted, best on held-out logs first."""
+        """Fits of single effects, the most promising ones, best on held-out logs first."""
         guesses = [*self.guess_sizes(hypotheses), *self.guess_linear(self.nominal, hypotheses)]
         return self.fit_promising(guesses, self.plan.shortlist, self.nominal)
 
     def refit(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
-        """Fits of other evidence, begun where they ended."""
+        """Fits of the same sets on this evidence, starting from the given fits."""
         return self.fit_promising(
             [LinearGuess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits), self.nominal
         )
 
     def select_forward(self, hypotheses: Sequence[Hypothesis], first: tuple[Fit, ...]) -> SearchResult:
-        """Believe the best of the first fits, and add hypotheses while a further one gains on held-out logs."""
+        """Forward selection from the best of the first fits, while further hypotheses gain on held-out logs."""
         selected, rounds, fits = self.nominal, [], first
         while fits:
             rounds.append(fits)
@@ -153,14 +153,14 @@ class Search:
         )
 
     def profiles(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:
-        """One for each effect, at its best place."""
+        """Profile likelihood of each effect at its best place."""
         best: dict[str, Fit] = {}
         for fit in fits:
             best.setdefault(fit.names[0], fit)
         return tuple(self.profile(fit) for fit in best.values())
 
     def profile(self, fit: Fit) -> ProfileLikelihood:
-        """Of one hypothesis, by the derivatives at its fit."""
+        """Profile likelihood of one hypothesis, by the derivatives at its fit."""
         (hypothesis,) = fit.hypotheses
         spread = 4 * np.sqrt(fit.covariance[0, 0])
         bounds = (hypothesis.bounds[0][0], hypothesis.bounds[1][0])
@@ -173,14 +173,14 @@ class Search:
         return ProfileLikelihood(hypothesis, values, np.array(losses) - min(losses))
 
     def fit_promising(self, guesses: Sequence[LinearGuess], most: int, before: Fit) -> tuple[Fit, ...]:
-        """The most promising guesses fitted, best on held-out logs first."""
+        """Fit the most promising guesses; best on held-out logs first."""
         fits = sorted(self.fit_nonlinear(self.shortlist(guesses, most), before.loss), key=lambda fit: fit.heldout.sum())
         for fit in fits[:3]:
             self.progress(f"{in_words(fit)}: gain {self.nominal.heldout.sum() - fit.heldout.sum():.0f}")
         return tuple(fits)
 
     def shortlist(self, guesses: Sequence[LinearGuess], most: int) -> list[LinearGuess]:
-        """The most promising guesses, not too many of the same effects, each set once."""
+        """The best guesses by their loss: each set once, and a limited number of the same effects."""
         kept: dict[frozenset[Hypothesis], LinearGuess] = {}
         of_effects = Counter[frozenset[str]]()
         for guess in sorted(guesses, key=lambda g: g.loss):
@@ -203,11 +203,11 @@ class Search:
 
     @property
     def all_pieces(self) -> np.ndarray:
-        """All pieces."""
+        """Mask that selects all pieces, bool, (pieces,)."""
         return np.ones(self.evidence.size, bool)
 
     def prior(self, numbers: int) -> np.ndarray:
-        """1/σ² of free numbers, then of the nuisances."""
+        """1/σ² of the numbers, which is 0, then of the nuisances, (numbers + nuisances,)."""
         return np.concatenate([np.zeros(numbers), np.ones(self.sensitivities.nuisances.shape[2])])
 
     def residuals(self, tried: Sequence[tuple[Sequence[Hypothesis], np.ndarray]]) -> list[np.ndarray]:
@@ -219,12 +219,12 @@ class Search:
         return [concatenate_logs(of) for of in self.evidence.residuals(candidates)]
 
     def loss_of(self, errors: np.ndarray) -> float:
-        """Loss of errors once the nuisances took their part."""
+        """Loss of errors (pieces, values) with the nuisances fitted."""
         products, prior = self.sensitivities.with_nuisances(errors[:, :, None]), self.prior(0)
         return products.penalised_loss(products.fit(prior, self.all_pieces), prior)
 
     def guess_sizes(self, hypotheses: Sequence[Hypothesis]) -> list[LinearGuess]:
-        """Effects that act everywhere, at several sizes, not linear in them."""
+        """Guesses from simulations of effects at all places at several sizes."""
         tried = [
             [(h, numbers)]
             for h in hypotheses
@@ -240,12 +240,12 @@ class Search:
         ]
 
     def rank_effects(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[str]:
-        """Effects that may act beside a fit, the best first."""
+        """Names of effects to add to a fit, best first by the linear model."""
         guesses = sorted(self.guess_linear(base, hypotheses), key=lambda guess: guess.loss)
         return list(dict.fromkeys(guess.hypotheses[-1].name for guess in guesses))[: self.plan.promising]
 
     def guess_linear(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[LinearGuess]:
-        """Each further hypothesis on top of a fit, in the linear model."""
+        """Guesses in the linear model: a fit with each further hypothesis."""
         further = [h for h in hypotheses if h.name not in base.names and h.name in self.sensitivities.names]
         found = []
         for h, products in zip(further, self.sensitivities.with_hypotheses(base.columns, further), strict=True):
@@ -258,7 +258,7 @@ class Search:
         return found
 
     def fit_nonlinear(self, guesses: Sequence[LinearGuess], before: float) -> list[Fit]:
-        """Fit sets of hypotheses to their own replays, all side by side; ``before`` is the loss to be lowered."""
+        """Fit sets of hypotheses to their own replays, all in one batch; ``before`` is the loss to be lowered."""
         fits = [GaussNewtonFit(g.hypotheses, g.numbers, g.numbers) for g in guesses]
         for step in range(self.plan.steps):
             active = [d for d in fits if not d.done]
@@ -271,7 +271,7 @@ class Search:
         return [self.cross_validate(d.hypotheses, d.best, d.columns) for d in fits if d.columns is not None]
 
     def step(self, fits: Sequence[GaussNewtonFit]) -> None:
-        """One evaluation of each, with derivatives where there are none yet, and one move."""
+        """Evaluate each fit once, with derivatives where there are none yet, and update its numbers."""
         tried: list[tuple[tuple[Hypothesis, ...], np.ndarray]] = []
         for d in fits:
             tried.append((d.hypotheses, d.numbers))
@@ -297,10 +297,10 @@ class Search:
             d.numbers = clip_numbers(d.hypotheses, d.best + products.fit(self.prior(p), self.all_pieces)[1 : 1 + p])
 
     def cross_validate(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
-        """Held out: numbers and nuisances fitted on the other folds, by the derivatives at the fit.
+        """Numbers and held-out losses of a set, fitted on the other folds by the derivatives ``columns`` at ``numbers``.
 
-        Where a foot touches a moment later these derivatives mislead: one such piece must not decide, so that none
-        is held to lose more than ``MOST_SURPRISE`` by not being fitted.
+        These derivatives are wrong where the time of a contact changes. So that no such piece decides alone, the loss
+        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss.
         """
         products, p = self.sensitivities.with_nuisances(columns), len(numbers)
         prior = self.prior(p)
@@ -330,7 +330,7 @@ class Search:
 
 
 def covariance(normal: np.ndarray, scatter: np.ndarray, numbers: int) -> np.ndarray:
-    """Of the first numbers: the inverse curvature, widened to the sandwich N⁻¹ S N⁻¹ where errors are not white."""
+    """Covariance of the first numbers: inverse curvature, widened to the sandwich N⁻¹ S N⁻¹ if that is larger."""
     inverse = np.linalg.pinv(normal)
     plain, sandwich = inverse[:numbers, :numbers], (inverse @ scatter @ inverse)[:numbers, :numbers]
     wider = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300)))
@@ -338,7 +338,7 @@ def covariance(normal: np.ndarray, scatter: np.ndarray, numbers: int) -> np.ndar
 
 
 def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
-    """A small step in each number, inside its range."""
+    """A small step in each number within its range, (numbers,) each."""
     steps = STEP * np.concatenate([h.moderate for h in hypotheses])
     lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
     inside = (numbers + steps <= upper) & (numbers + steps >= lower)
@@ -346,7 +346,7 @@ def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[n
 
 
 def broyden(columns: np.ndarray, move: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Derivatives (pieces, values, numbers) that also explain what a move did to the errors."""
+    """Derivatives (pieces, values, numbers) after a step ``move`` that led to ``errors``, by Broyden's rule."""
     length = float(move @ move)
     slopes = columns[:, :, 1:]
     if length == 0:

@@ -1,7 +1,7 @@
-"""What each effect does to the evidence: one column of whitened errors for each parameter and single place.
+"""Sensitivities of the whitened errors to effects: one column for each parameter and single place.
 
-Columns are secants, from the nominal robot to an effect of moderate size; those of a pair, a joint group or all joints
-are sums of the single ones. Some also serve as nuisances: what no description of a robot has exactly.
+Columns are secants from the nominal robot to an effect of moderate size; those of a pair, a joint group or all joints
+are sums of the single ones. Some also serve as nuisances: parameters that the model has only within a tolerance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,13 +17,13 @@ from leapgap.effects.base import Effect
 from leapgap.robot.model import Robot
 
 FINE_STEP_S, ROUGH_STEP_S = 0.00028, 0.0022
-"""Replays of short steps show what the nominal simulation's own step does; long ones will do for derivatives of what
-is searched, but not of nuisances: those must take off the last of an error."""
+"""Largest simulation steps. Replays of short steps show the error of the nominal step. Long steps are accurate enough
+for derivatives of the effects that are searched, but not for those of nuisances."""
 
 
 @dataclass(frozen=True)
 class ColumnKey:
-    """Which column: an effect's parameter at a single place."""
+    """Key of a column: an effect's parameter at a single place."""
 
     effect: str
     number: int
@@ -36,7 +36,7 @@ Acting = Sequence[tuple[Hypothesis, np.ndarray]]
 
 @dataclass(frozen=True)
 class Departures:
-    """What hypotheses change in the evidence."""
+    """Changes of the whitened errors by hypotheses."""
 
     evidence: ShortRollouts
     around: Acting
@@ -45,7 +45,7 @@ class Departures:
 
     @staticmethod
     def of(evidence: ShortRollouts, around: Acting) -> "Departures":
-        """From a robot with some hypotheses in it."""
+        """Departures from a robot with the hypotheses ``around``."""
         (start,) = evidence.residuals([on_logs(evidence, *around)])
         return Departures(evidence, around, concatenate_logs(start))
 
@@ -61,16 +61,16 @@ class Sensitivities:
 
     evidence: ShortRollouts
     departures: Departures
-    """By long steps: twice as fast, and steps err on both sides."""
+    """Departures by long steps of the simulation; twice as fast, and the error of the step cancels in differences."""
     nominal: np.ndarray
     """Whitened errors of the nominal robot, (pieces, values)."""
     keys: tuple[ColumnKey, ...]
     columns: np.ndarray
-    """One for each key, a unit of its parameter, (pieces, values, keys)."""
+    """Derivatives by each key's parameter, (pieces, values, keys)."""
     nuisances: np.ndarray
-    """One standard deviation each, (pieces, values, nuisances)."""
+    """Changes by one standard deviation of each nuisance, (pieces, values, nuisances)."""
     members: Mapping[tuple[str, str], tuple[str, ...]]
-    """(effect, location) → single places."""
+    """Single places of each (effect, location)."""
 
     @staticmethod
     def of(
@@ -127,15 +127,15 @@ class Sensitivities:
 
     @property
     def names(self) -> frozenset[str]:
-        """Of the effects that have columns."""
+        """Names of the effects that have columns."""
         return frozenset(key.effect for key in self.keys)
 
     def with_nuisances(self, columns: np.ndarray) -> Products:
-        """Products of columns (pieces, values, columns) and the nuisances."""
+        """Inner products of columns (pieces, values, columns) and the nuisances."""
         return Products.of(np.concatenate([columns, self.nuisances], axis=2))
 
     def with_hypotheses(self, columns: np.ndarray, hypotheses: Sequence[Hypothesis]) -> Iterator[Products]:
-        """Products of columns, each hypothesis's own, and the nuisances; one a hypothesis."""
+        """Inner products of columns, the columns of one hypothesis, and the nuisances; one for each hypothesis."""
         first, number = columns.shape[2], len(self.keys)
         whole = Products.of(np.concatenate([columns, self.columns, self.nuisances], axis=2))
         every = np.arange(whole.gram.shape[1])
@@ -152,7 +152,7 @@ class Sensitivities:
             yield Products(gram, whole.values)
 
     def at(self, hypothesis: Hypothesis, number: int) -> list[int]:
-        """Which columns sum to a number of a hypothesis."""
+        """Indices of the columns whose sum is the derivative by a number of a hypothesis."""
         places = self.members[hypothesis.name, hypothesis.location]
         return [
             i
@@ -162,18 +162,18 @@ class Sensitivities:
 
 
 def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, share: float) -> float:
-    """Standard deviation of an effect's parameter at a place, in its unit: a share of what the model has there."""
+    """Standard deviation of an effect's parameter at a place, in its unit: a share of the model's own value there."""
     (scale,) = (p.scale for p in kind.parameters(robot, place) if p.name == parameter)
     return share * scale
 
 
 def at_place(hypothesis: Hypothesis, key: ColumnKey) -> Hypothesis:
-    """The hypothesis at the single place of a key, whose own numbers may be others than those of all places."""
+    """The hypothesis at the single place of a key, whose nominal numbers may differ from those of all places."""
     return replace(hypothesis, location=key.place)
 
 
 def moderate_departure(hypothesis: Hypothesis, key: ColumnKey) -> tuple[Hypothesis, np.ndarray]:
-    """The hypothesis at one place with one number at moderate size."""
+    """The hypothesis at the place of a key, with one number at moderate size."""
     there = at_place(hypothesis, key)
     numbers = there.nominal
     numbers[key.number] += there.moderate[key.number]
@@ -181,10 +181,10 @@ def moderate_departure(hypothesis: Hypothesis, key: ColumnKey) -> tuple[Hypothes
 
 
 def on_logs(evidence: ShortRollouts, *acting: tuple[Hypothesis, np.ndarray]) -> list[tuple[Effect, ...]]:
-    """Effects of hypotheses with their numbers on every log."""
+    """Effects of hypotheses with their numbers, one tuple for each log."""
     return [tuple(h.on(p.log.name, numbers) for h, numbers in acting) for p in evidence.pieces]
 
 
 def concatenate_logs(of_logs: Sequence[np.ndarray]) -> np.ndarray:
-    """Pieces of all logs in one, (pieces, values)."""
+    """Concatenate the pieces of all logs, (pieces, values)."""
     return np.concatenate(of_logs)

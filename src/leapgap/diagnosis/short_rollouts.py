@@ -1,8 +1,8 @@
-"""The evidence: what short replays from the log leave of every logged channel, in units of what noise explains.
+"""Short rollouts: errors of short replays from the log in every logged channel, whitened by sensor noise.
 
 Each log is cut to pieces. A piece is replayed from its own smoothed first state, and compared with the log at several
-ages. What sensor noise does to such an error is known: noise of the start grows as the robot's own dynamics let it
-(finite differences), noise of the comparison is white. Both together whiten the errors of a piece.
+ages. The covariance of such an error has two parts: noise of the start, propagated by the robot's dynamics (finite
+differences), and white noise of the log. It whitens the errors of a piece.
 """
 
 import itertools
@@ -28,10 +28,10 @@ from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 Effects = tuple[Effect, ...]
 RolloutRequest = tuple[int, Effects, Starts]
-"""What to replay: number of the log, effects, starts."""
+"""Replays of pieces of one log: index of the log, effects, starts."""
 
 SMOOTHED_S = 0.009
-"""A start is the value of a parabola through the rows of this long before and after it."""
+"""Starts are smoothed by a parabola through the rows up to this time before and after them."""
 LEAST_NOISE = {
     "base_pos": 1e-4,
     "base_turn": 1e-4,
@@ -40,16 +40,16 @@ LEAST_NOISE = {
     "joint_pos": 1e-4,
     "joint_vel": 1e-3,
 }
-"""Smallest noise a quantity is credited with, m, rad, m/s, rad/s: a log rounded to its last digit is not exact."""
+"""Lower bound of a quantity's noise, m, rad, m/s, rad/s, since logs are rounded to a last digit."""
 ROLLOUTS_AT_ONCE = 200
-"""By one thread: bounds its memory."""
+"""Largest number of rollouts in one batch of a thread; it bounds memory."""
 SHARES = 3
-"""Of the work for each thread: several, so that no thread waits long for another."""
+"""Number of batches for each thread; several, so that no thread waits long for another."""
 
 
 @dataclass(frozen=True)
 class StateChannels:
-    """The channels of the robot's state that every log knows, and how they differ between two motions."""
+    """Channels of the robot's state that every log has, and their differences between two motions."""
 
     robot: Robot
     channels: tuple[Channel, ...]
@@ -61,7 +61,7 @@ class StateChannels:
 
     @cached_property
     def entries(self) -> np.ndarray:
-        """Where the channels stand in the tangent of the state (2 nv,), (channels,)."""
+        """Indices of the channels in the tangent of the state (2 nv,), (channels,)."""
         return np.array([channel.entry for channel in self.channels])
 
     def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
@@ -76,7 +76,7 @@ class StateChannels:
         return full[:, self.entries]
 
     def displace(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
-        """A state (nq + nv,) displaced in one channel."""
+        """Displace a state (nq + nv,) by ``by`` in one channel."""
         nq, nv = self.robot.model.nq, self.robot.model.nv
         tangent = np.zeros(2 * nv)
         tangent[self.entries[channel]] = by
@@ -91,7 +91,7 @@ class StateChannels:
 
 
 def thin_evenly(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
-    """At most so many rows of all, evenly: others of each log, so that together they cover what all logs do."""
+    """Thin the rows of all logs together evenly to at most ``most``, so that logs keep different rows."""
     lengths = [len(own) for own in rows]
     total = sum(lengths)
     kept = np.zeros(total, bool)
@@ -120,13 +120,13 @@ class Pieces:
     logged: Motion
     starts: Starts
     noise: np.ndarray
-    """Of the log's sensors, (channels,)."""
+    """Standard deviation of the log's sensor noise, (channels,)."""
     start_noise: np.ndarray
-    """Share of it that the smoothed starts keep, (pieces,)."""
+    """Share of the noise that remains in the smoothed starts, (pieces,)."""
 
     @staticmethod
     def of(log: Log, rows: Sequence[int], state: StateChannels) -> "Pieces":
-        """Pieces that start at these rows."""
+        """Pieces of a log that start at these rows."""
         logged = motion_of(log, state.robot)
         found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
         states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
@@ -141,26 +141,26 @@ class Pieces:
         )
 
     def downsample(self, rows: int) -> "Pieces":
-        """The same pieces of the log's every so many-th row; what is known of its noise stays."""
+        """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
         starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
         return replace(self, log=self.log.downsample(rows), logged=self.logged[::rows], starts=starts)
 
 
 @dataclass(frozen=True)
 class ShortRollouts:
-    """Logs in pieces, and what noise does to them."""
+    """Short rollouts of pieces of logs, with the whitening of their errors."""
 
     state: StateChannels
     replayer: Replayer
     pieces: tuple[Pieces, ...]
     ages: np.ndarray
-    """Rows after the start at which a piece is compared."""
+    """Rows after the start of a piece at which it is compared, (ages,)."""
     whitening: tuple[np.ndarray, ...]
     """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
 
     @staticmethod
     def of(logs: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
-        """Cut logs to pieces of a horizon, at most so many in all, compared every so often; no noise known yet."""
+        """Cut logs to at most ``most`` pieces of a horizon, compared every ``every_s``; without whitening yet."""
         state = StateChannels.of(logs, replayer.robot)
         period = logs[0].info.sample_period_s
         ages = np.arange(1, round(horizon_s / every_s) + 1) * max(1, round(every_s / period))
@@ -173,7 +173,7 @@ class ShortRollouts:
         return ShortRollouts(state, replayer, tuple(pieces), ages, ())
 
     def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":
-        """The same with what noise does to a robot with these effects, one set a log."""
+        """The same with the whitening for a robot with these effects, one tuple for each log."""
         return replace(self, whitening=tuple(self._whitening(effects)))
 
     @property
@@ -187,11 +187,11 @@ class ShortRollouts:
         return np.repeat(np.arange(len(self.pieces)), [len(p.starts.rows) for p in self.pieces])
 
     def on_every_log(self, effects: Effects) -> list[Effects]:
-        """The same effects on every log."""
+        """The same effects for every log."""
         return [effects] * len(self.pieces)
 
     def with_steps(self, largest_step_s: float) -> "ShortRollouts":
-        """The same pieces, compared at the same instants, by replays of other steps: of several rows, if need be."""
+        """The same pieces with another largest step, which may be several rows; compared at the same instants."""
         replayer = self.replayer.with_steps(largest_step_s)
         period = self.pieces[0].log.info.sample_period_s
         begun = [row for of in self.pieces for row in of.starts.rows]
@@ -200,7 +200,7 @@ class ShortRollouts:
         return replace(self, replayer=replayer, pieces=pieces, ages=self.ages // every)
 
     def errors(self, trials: Sequence[RolloutRequest]) -> Iterator[np.ndarray]:
-        """Simulated − logged of trials (log, effects, starts): (pieces, values) each, by all threads."""
+        """Simulated − logged values of each request, (pieces, values), computed by all threads."""
         sizes = [len(starts.rows) for _, _, starts in trials]
         most = min(ROLLOUTS_AT_ONCE, -(-sum(sizes) // (SHARES * self.replayer.threads)))
         batches: list[list[RolloutRequest]] = []
@@ -237,12 +237,12 @@ class ShortRollouts:
         return [[self.whiten(log, next(errors)) for log in logs] for _ in candidates]
 
     def whiten(self, log: int, error: np.ndarray) -> np.ndarray:
-        """Errors of one log (pieces, values) in units of noise, (pieces, values)."""
+        """Whiten the errors of one log, (pieces, values)."""
         finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
         return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
 
     def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:
-        """Inverse Cholesky factors of each piece's covariance: starts that are a little wrong, and white noise."""
+        """Inverse Cholesky factors of each piece's error covariance, from noise of its start and of the log."""
         trials = [
             (log, effects[log], starts)
             for log, own in enumerate(self.pieces)
@@ -257,7 +257,7 @@ class ShortRollouts:
             yield np.linalg.inv(np.linalg.cholesky(covariance))
 
     def _displace_starts(self, own: Pieces) -> Iterator[Starts]:
-        """The starts of a log, a standard deviation of their noise off in one channel after the other."""
+        """The starts of a log, displaced in one channel after the other by a standard deviation of their noise."""
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
         for c in range(len(self.state.channels)):
             by = sign * own.start_noise * own.noise[c]

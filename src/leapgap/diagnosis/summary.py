@@ -1,4 +1,4 @@
-"""How a diagnosis is told: causes with their numbers, one sentence, the next experiment, and what logs lack."""
+"""Summary of a diagnosis: causes with their numbers, one sentence, the next experiment, and missing columns."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,12 +19,12 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 SIGMAS = 1.96
-"""Of a 95 % interval."""
+"""Half width of a 95 % interval in standard deviations."""
 OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
-"""Of further experiments that may tell causes apart, unless one as far was logged."""
+"""Distances of further experiments that may tell causes apart, and how near one counts as logged already."""
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
 NOTICEABLE = 0.05
-"""A share of the gap; of a smaller one no percentage is told."""
+"""Smallest share of the gap that is stated as a percentage."""
 
 
 def causes_of(
@@ -34,20 +34,20 @@ def causes_of(
     heldout: HeldOutFits,
     model_error: float,
 ) -> list[Cause]:
-    """The believed causes, then those that could stand in their place, then every effect alone, best first.
+    """Selected effects, then their confusable alternatives, then all single effects, by probability.
 
     ``model_error`` as in ``Settings``.
     """
     heldout_gap = heldout.heldout_gap
 
-    def told(belief: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]) -> Cause:
+    def held_out_cause(belief: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]) -> Cause:
         (squares_left,) = heldout.squares([step])
         closes, gap = heldout_gap.closure(squares_left), heldout_gap.gap(squares_left)
         return cause_of(belief, which, sure, rivals, closes, gap, heldout_gap.judged, model_error)
 
     selected = conclusion.steps[-1] if conclusion.steps else found.nominal
     causes = [
-        told(selected, k, step, sure, names[1:])
+        held_out_cause(selected, k, step, sure, names[1:])
         for k, (names, step, sure) in enumerate(
             zip(conclusion.answer, conclusion.steps, conclusion.probabilities, strict=True)
         )
@@ -58,7 +58,7 @@ def causes_of(
         if (newest.name, newest.location) not in known:
             known.add((newest.name, newest.location))
             sure = probability(newest.name, found, shares) if newest.name not in selected.names else 0.0
-            others.append(told(fit, len(fit.hypotheses) - 1, fit, sure, ()))
+            others.append(held_out_cause(fit, len(fit.hypotheses) - 1, fit, sure, ()))
     return causes + sorted(others, key=lambda cause: -cause.probability)
 
 
@@ -72,7 +72,7 @@ def cause_of(
     judged: JudgedLogs,
     model_error: float,
 ) -> Cause:
-    """One hypothesis of a fit in words of the report."""
+    """One hypothesis of a fit as a cause of the report."""
     hypothesis, numbers = fit.hypotheses[which], fit.split()[which]
     spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
     logs = [log.name for log in judged.logs]
@@ -92,7 +92,7 @@ def cause_of(
 
 
 def shared_closure(selected: Candidate, heldout: np.ndarray, heldout_gap: HeldOutGap) -> Interval | None:
-    """Closure of the answer where every log gets the median of the other folds' values instead of its own."""
+    """Closure of the answer where each log gets the median of the values of other folds instead of its own."""
     if not selected.hypotheses:
         return None
     if not any(h.per_log for h in selected.hypotheses):
@@ -115,7 +115,7 @@ def typical(fit: Candidate, logs: Sequence[str], fold: int | None = None) -> tup
 
 
 def profiles_of(found: SearchResult) -> list[Profile]:
-    """Each effect's valley, with its place and unit."""
+    """Profile likelihoods in the form of the report, with place and unit."""
     profiles = []
     for valley in found.profiles:
         h, parameter = valley.hypothesis, valley.hypothesis.parameters[0]
@@ -146,7 +146,7 @@ def sentence(
             "below says where it lies."
         )
     parts = [
-        f"{effects.describe(h.kind)} ({sized(h, numbers, judged)})"
+        f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, judged)})"
         + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(selected.hypotheses, selected.split(), answer, strict=True)
     ]
@@ -171,7 +171,7 @@ def share_in_words(closes: Interval) -> str:
     return "all of the gap" if low == "100" else f"all of the gap (95 %: {low} % or more)"
 
 
-def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: JudgedLogs) -> str:
+def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, judged: JudgedLogs) -> str:
     """``joint_damping at RR: damping 0.4``; the median and range where values differ by log."""
     of_logs = [hypothesis.values(log.name, numbers) for log in judged.logs]
     sizes = []
@@ -184,7 +184,7 @@ def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: JudgedLogs) -> st
 
 
 def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[str, Any] | None:
-    """What would tell apart the first causes that these logs cannot: other logs than were logged.
+    """Proposal of further experiments that tell apart causes that these logs cannot; None where it is not needed.
 
     ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
     """
@@ -209,7 +209,7 @@ def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[s
 
 
 def not_judged(logs: Sequence[Log], robot: Robot) -> list[str]:
-    """Columns some log lacks, and what cannot be said without them."""
+    """Names of columns that some log lacks, in words."""
     wanted = [*HEADLINE, *(f"base_angvel_{axis}" for axis in "xz")] if robot.has_free_base else []
     wanted += [f"{quantity}/{robot.joints[0]}" for quantity in ("joint_pos", "joint_vel", "tau")]
     wanted += ["imu_acc_z", "supply_voltage"]
