@@ -48,24 +48,24 @@ class DecisionThresholds:
     """Largest gap of full rollouts, in noise floors, that noise and tolerances of the model explain."""
 
 
-def best_set_shares(found: SearchResult, draws: np.ndarray) -> np.ndarray:
+def best_set_shares(result: SearchResult, draws: np.ndarray) -> np.ndarray:
     """Share of resamples (draws, logs) in which each rival has the smallest held-out loss, (rivals,)."""
     logs = draws.shape[1]  # not every log need have a piece
-    of_logs = np.stack([np.bincount(found.log_of_piece, fit.heldout, minlength=logs) for fit in found.rivals])
+    of_logs = np.stack([np.bincount(result.log_of_piece, fit.heldout, minlength=logs) for fit in result.rivals])
     return np.bincount(of_logs[:, draws].sum(axis=2).argmin(axis=0), minlength=len(of_logs)) / len(draws)
 
 
-def answer_of(found: SearchResult, shares: np.ndarray, thresholds: DecisionThresholds) -> Answer:
+def answer_of(result: SearchResult, shares: np.ndarray, thresholds: DecisionThresholds) -> Answer:
     """Each selected effect with the rivals that cannot be told apart from it.
 
     ``shares`` (rivals,) is how often each rival is best, by ``best_set_shares``.
     """
-    names = list(found.selected.names)
+    names = list(result.selected.names)
     answer = []
     for i, name in enumerate(names):
         others = set(names[:i] + names[i + 1 :])
         standing_in: dict[str, float] = {}
-        for fit, share in zip(found.rivals, shares, strict=True):
+        for fit, share in zip(result.rivals, shares, strict=True):
             left = set(fit.names) - others
             if others < set(fit.names) and len(left) == 1 and name not in fit.names:
                 (rival,) = left
@@ -74,20 +74,20 @@ def answer_of(found: SearchResult, shares: np.ndarray, thresholds: DecisionThres
     return tuple(answer)
 
 
-def probability(name: str, found: SearchResult, shares: np.ndarray) -> float:
+def probability(name: str, result: SearchResult, shares: np.ndarray) -> float:
     """Share of the resamples in which an effect is part of the best set."""
-    return float(sum(share for fit, share in zip(found.rivals, shares, strict=True) if name in fit.names))
+    return float(sum(share for fit, share in zip(result.rivals, shares, strict=True) if name in fit.names))
 
 
-def explained_share(found: SearchResult, thresholds: DecisionThresholds) -> float:
+def explained_share(result: SearchResult, thresholds: DecisionThresholds) -> float:
     """Share of the nominal robot's loss beyond noise that the selected set removes on held-out logs."""
-    noise = losses(np.array(thresholds.none_below * found.values), found.values)
-    before, after = (np.maximum(f.heldout - noise, 0.0).sum() for f in (found.nominal, found.selected))
+    noise = losses(np.array(thresholds.none_below * result.values), result.values)
+    before, after = (np.maximum(f.heldout - noise, 0.0).sum() for f in (result.nominal, result.selected))
     return float(1 - after / before) if before > 0 else 1.0
 
 
 def drop_contradicted_causes(
-    found: SearchResult, closes: Sequence[float], thresholds: DecisionThresholds
+    result: SearchResult, closes: Sequence[float], thresholds: DecisionThresholds
 ) -> SearchResult:
     """The search result without further causes that full rollouts contradict.
 
@@ -95,42 +95,42 @@ def drop_contradicted_causes(
     the model of the first cause can look like a further cause.
     """
     worse = (k for k in range(1, len(closes)) if closes[k] < closes[k - 1] - thresholds.most_worsened)
-    return replace(found, selected=found.before(next(worse, len(closes))))
+    return replace(result, selected=result.before(next(worse, len(closes))))
 
 
 def verdict_of(
-    found: SearchResult, answer: Answer, gap: float, closes: float | None, thresholds: DecisionThresholds
+    result: SearchResult, answer: Answer, gap: float, closes: float | None, thresholds: DecisionThresholds
 ) -> str:
     """The verdict: ``named``, ``ambiguous``, ``unknown`` or ``none``.
 
     ``gap`` is the nominal robot's headline gap in noise floors, ``closes`` the share of it that the answer closes on
     held-out logs, None where there is nothing to close.
     """
-    if not found.selected.hypotheses:
-        within = np.median(found.nominal.chi2) <= thresholds.none_below and gap <= thresholds.none_gap
+    if not result.selected.hypotheses:
+        within = np.median(result.nominal.chi2) <= thresholds.none_below and gap <= thresholds.none_gap
         return "none" if within else "unknown"
-    if not explains(found, closes, thresholds):
+    if not explains(result, closes, thresholds):
         return "unknown"
     return "named" if all(len(names) == 1 for names in answer) else "ambiguous"
 
 
-def explains(found: SearchResult, closes: float | None, thresholds: DecisionThresholds) -> bool:
+def explains(result: SearchResult, closes: float | None, thresholds: DecisionThresholds) -> bool:
     """Whether the selected set explains the logs; ``closes`` as in ``verdict_of``."""
     if closes is not None and closes < -thresholds.most_worsened:
         return False
-    if np.mean(found.selected.chi2) <= thresholds.most_left:
+    if np.mean(result.selected.chi2) <= thresholds.most_left:
         return True
     if closes is None or closes < thresholds.least_closure:
         return False
-    return closes >= thresholds.enough_closure or explained_share(found, thresholds) >= thresholds.least_explained
+    return closes >= thresholds.enough_closure or explained_share(result, thresholds) >= thresholds.least_explained
 
 
 def decide(
-    found: SearchResult, shares: np.ndarray, gap: float, closes: float | None, thresholds: DecisionThresholds
+    result: SearchResult, shares: np.ndarray, gap: float, closes: float | None, thresholds: DecisionThresholds
 ) -> Conclusion:
     """Conclusion from a search; ``shares`` as in ``answer_of``, ``gap`` and ``closes`` as in ``verdict_of``."""
-    answer = answer_of(found, shares, thresholds)
-    verdict = verdict_of(found, answer, gap, closes, thresholds)
+    answer = answer_of(result, shares, thresholds)
+    verdict = verdict_of(result, answer, gap, closes, thresholds)
     if verdict not in ("named", "ambiguous"):
         return Conclusion(verdict, ())
-    return Conclusion(verdict, answer, found.steps, tuple(probability(names[0], found, shares) for names in answer))
+    return Conclusion(verdict, answer, result.steps, tuple(probability(names[0], result, shares) for names in answer))

@@ -126,16 +126,16 @@ def diagnose(
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged, robot, settings)
     hypotheses = list_hypotheses(kinds, robot, clock_of(checks, judged, robot))
-    found = search(heldout_gap, hypotheses, settings, progress)
+    result = search(heldout_gap, hypotheses, settings, progress)
     heldout = HeldOutFits(heldout_gap, jumps, nominal)
-    heldout.replays(found.steps)
-    found = drop_contradicted_causes(
-        found, [heldout_gap.closure_value(of) for of in heldout.squares(found.steps)], settings.doubts
+    heldout.replays(result.steps)
+    result = drop_contradicted_causes(
+        result, [heldout_gap.closure_value(of) for of in heldout.squares(result.steps)], settings.doubts
     )
-    shares = best_set_shares(found, heldout_gap.draws) if found.rivals else np.zeros(0)
-    heldout.squares([*found.steps, *found.alternatives])
-    conclusion = conclude(found, shares, heldout, hypotheses, settings, progress)
-    selected = conclusion.steps[-1] if conclusion.steps else found.nominal
+    shares = best_set_shares(result, heldout_gap.draws) if result.rivals else np.zeros(0)
+    heldout.squares([*result.steps, *result.alternatives])
+    conclusion = conclude(result, shares, heldout, hypotheses, settings, progress)
+    selected = conclusion.steps[-1] if conclusion.steps else result.nominal
     (replays,) = heldout.replays([selected])
     (corrected,) = heldout.squares([selected])
     closes = heldout_gap.closure(corrected) if conclusion.answer else None
@@ -151,11 +151,11 @@ def diagnose(
         closure_of_answer=closes,
         closure_shared=shared_closure(selected, corrected, heldout_gap),
         where=tuple(places),
-        causes=tuple(causes_of(found, conclusion, shares, heldout, settings.model_error)),
+        causes=tuple(causes_of(result, conclusion, shares, heldout, settings.model_error)),
         checks=tuple(checks),
         next_experiment=next_experiment(conclusion.answer, jumps, robot),
         not_judged=tuple(not_judged(jumps, robot)),
-        profiles=tuple(profiles_of(found)),
+        profiles=tuple(profiles_of(result)),
         gap_per_log=heldout_gap.gap_by_log(corrected),
         landing_misplaced_m=landing(nominal, replays, judged),
         provenance=provenance or Provenance.of(jumps, robot, asdict(settings)),
@@ -182,7 +182,7 @@ def heldout_gap_of(
 
 
 def conclude(
-    found: SearchResult,
+    result: SearchResult,
     shares: np.ndarray,
     heldout: HeldOutFits,
     hypotheses: Sequence[Hypothesis],
@@ -194,18 +194,18 @@ def conclude(
     ``shares`` as in ``answer_of``.
     """
     heldout_gap, closes = heldout.heldout_gap, None
-    if found.selected.hypotheses and heldout_gap.has_gap:
-        closes = heldout_gap.closure_value(*heldout.squares([found.selected]))
+    if result.selected.hypotheses and heldout_gap.has_gap:
+        closes = heldout_gap.closure_value(*heldout.squares([result.selected]))
         if closes < settings.doubts.enough_closure:
             # The nominal step's own error may hide what a small effect closes.
             finer = heldout_gap.with_steps(FINE_STEP_S)
-            closes = max(closes, finer.closure_value(finer.heldout_squares([found.selected])[0]))
+            closes = max(closes, finer.closure_value(finer.heldout_squares([result.selected])[0]))
     gap = heldout_gap.gap(heldout_gap.nominal) / heldout_gap.gap(heldout_gap.floor)
-    conclusion = decide(found, shares, gap, closes, settings.doubts)
-    if conclusion.verdict != "unknown" or not is_first_cause_confirmed(found):
+    conclusion = decide(result, shares, gap, closes, settings.doubts)
+    if conclusion.verdict != "unknown" or not is_first_cause_confirmed(result):
         return conclusion
     full_rollouts = FullRollouts(heldout_gap, settings.whole, progress)
-    return full_rollouts.conclude(found.before(1), hypotheses, settings.doubts.rival_share)
+    return full_rollouts.conclude(result.before(1), hypotheses, settings.doubts.rival_share)
 
 
 def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: JudgedLogs) -> dict[str, dict[str, float]]:
@@ -293,6 +293,6 @@ def clock_of(checks: Sequence[Check], judged: JudgedLogs, robot: Robot) -> Mappi
     return None
 
 
-def is_first_cause_confirmed(found: SearchResult) -> bool:
+def is_first_cause_confirmed(result: SearchResult) -> bool:
     """Whether the first cause is one that a consistency check of the logs confirms."""
-    return bool(found.selected.hypotheses) and found.selected.hypotheses[0].per_log is not None
+    return bool(result.selected.hypotheses) and result.selected.hypotheses[0].per_log is not None

@@ -74,13 +74,14 @@ def extend_to_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> 
 
 
 def heldout_squares(
-    judged: JudgedLogs, replayer: Replayer, beliefs: Sequence[Candidate], folds: Sequence[int]
+    judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Candidate], folds: Sequence[int]
 ) -> np.ndarray:
     """Sums of squares of candidates on each log, with the numbers fitted without its fold, (candidates, logs)."""
-    candidates = [
-        [effects_on(belief, log.name, fold) for log, fold in zip(judged.logs, folds, strict=True)] for belief in beliefs
+    effect_sets = [
+        [effects_on(candidate, log.name, fold) for log, fold in zip(judged.logs, folds, strict=True)]
+        for candidate in candidates
     ]
-    return candidate_squares(judged, replayer, candidates) if candidates else np.zeros((0, len(judged.logs)))
+    return candidate_squares(judged, replayer, effect_sets) if effect_sets else np.zeros((0, len(judged.logs)))
 
 
 @dataclass(frozen=True)
@@ -98,9 +99,9 @@ class HeldOutGap:
     draws: np.ndarray
     """Bootstrap resamples of logs, (draws, logs)."""
 
-    def heldout_squares(self, beliefs: Sequence[Candidate]) -> np.ndarray:
+    def heldout_squares(self, candidates: Sequence[Candidate]) -> np.ndarray:
         """Sums of squares on held-out logs, (candidates, logs)."""
-        return heldout_squares(self.judged, self.replayer, beliefs, self.folds.tolist())
+        return heldout_squares(self.judged, self.replayer, candidates, self.folds.tolist())
 
     def closure(self, corrected: np.ndarray) -> Interval:
         """Share of the gap that is closed where sums of squares (logs,) remain, with its interval."""
@@ -146,28 +147,32 @@ class HeldOutFits:
     motions: dict[int, Sequence[Motion]] = field(default_factory=dict)
     """Replays of all rows, by identity of the candidate."""
 
-    def replays(self, beliefs: Sequence[Candidate]) -> list[Sequence[Motion]]:
+    def replays(self, candidates: Sequence[Candidate]) -> list[Sequence[Motion]]:
         """Replays of all rows by several candidates, each log with the numbers fitted without its fold."""
-        new = list({id(b): b for b in beliefs if id(b) not in self.motions and b.hypotheses}.values())
+        new = list({id(c): c for c in candidates if id(c) not in self.motions and c.hypotheses}.values())
         folds = self.heldout_gap.folds.tolist()
         trials = [
-            Rollout(log, extend_to_whole_log(effects_on(belief, log.name, fold), rows, len(log)))
-            for belief in new
+            Rollout(log, extend_to_whole_log(effects_on(candidate, log.name, fold), rows, len(log)))
+            for candidate in new
             for log, fold, rows in zip(self.logs, folds, self.heldout_gap.judged.rows, strict=True)
         ]
         found = iter(self.heldout_gap.replayer.motions(trials))
-        for belief in new:
+        for candidate in new:
             motions = [next(found) for _ in self.logs]
-            self.motions[id(belief)] = motions
+            self.motions[id(candidate)] = motions
             judged = self.heldout_gap.judged
-            self.squares_by_id[id(belief)] = belief, motion_squares(motions, judged, self.heldout_gap.replayer.robot)
-        return [self.motions[id(belief)] if belief.hypotheses else self.nominal for belief in beliefs]
+            self.squares_by_id[id(candidate)] = (
+                candidate,
+                motion_squares(motions, judged, self.heldout_gap.replayer.robot),
+            )
+        return [self.motions[id(candidate)] if candidate.hypotheses else self.nominal for candidate in candidates]
 
-    def squares(self, beliefs: Sequence[Candidate]) -> list[np.ndarray]:
+    def squares(self, candidates: Sequence[Candidate]) -> list[np.ndarray]:
         """Sums of squares (logs,) of several candidates; those not in the cache are replayed as one batch."""
-        new = list({id(b): b for b in beliefs if id(b) not in self.squares_by_id and b.hypotheses}.values())
-        for belief, found in zip(new, self.heldout_gap.heldout_squares(new), strict=True):
-            self.squares_by_id[id(belief)] = belief, found
+        new = list({id(c): c for c in candidates if id(c) not in self.squares_by_id and c.hypotheses}.values())
+        for candidate, found in zip(new, self.heldout_gap.heldout_squares(new), strict=True):
+            self.squares_by_id[id(candidate)] = candidate, found
         return [
-            self.squares_by_id[id(belief)][1] if belief.hypotheses else self.heldout_gap.nominal for belief in beliefs
+            self.squares_by_id[id(candidate)][1] if candidate.hypotheses else self.heldout_gap.nominal
+            for candidate in candidates
         ]

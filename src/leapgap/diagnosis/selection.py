@@ -297,7 +297,7 @@ class Search:
             d.numbers = clip_numbers(d.hypotheses, d.best + products.fit(self.prior(p), self.all_pieces)[1 : 1 + p])
 
     def cross_validate(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
-        """Numbers and held-out losses of a set, fitted on the other folds by the derivatives ``columns`` at ``numbers``.
+        """Numbers and held-out losses of a set, fitted on the other folds by derivatives ``columns`` at ``numbers``.
 
         These derivatives are wrong where the time of a contact changes. So that no such piece decides alone, the loss
         of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss.

@@ -84,7 +84,9 @@ def moderate_effects(robot: Robot) -> dict[str, Effect]:
     return found
 
 
-def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon_s: float = 0.05) -> Signature:
+def signature(
+    reference: Log, robot: Robot, effects_by_label: Mapping[str, Effect], horizon_s: float = 0.05
+) -> Signature:
     """Traces of effects in the nominal robot's own motion: replay with the effect − replay without, from equal starts.
 
     The log is cut into pieces of one horizon. Each piece starts from the nominal motion, which stands for the logged
@@ -95,20 +97,20 @@ def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon
     (motion,) = replayer.motions([Rollout(reference)])
     pieces = pieces_of_phases(replayer.as_log(motion, reference), horizon_s)
     phases = tuple(phase for phase in PHASES if any(p == phase for p, _ in pieces))
-    candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in found.values())]
+    candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in effects_by_label.values())]
     trials = [Rollout(piece, of) for of in candidates for _, piece in pieces]
     true = replayer.true_motions(trials)
     traces = [
         trace_of(replayer.measure(trial, whole), whole, trial, robot) for trial, whole in zip(trials, true, strict=True)
     ]
-    values = np.zeros((len(found), len(phases), len(CHANNELS)))
-    for e in range(len(found)):
+    values = np.zeros((len(effects_by_label), len(phases), len(CHANNELS)))
+    for e in range(len(effects_by_label)):
         for p, phase in enumerate(phases):
             chosen = [i for i, (own, _) in enumerate(pieces) if own == phase]
             values[e, p] = np.sqrt(
                 np.mean([distance(traces[(e + 1) * len(pieces) + i], traces[i]) ** 2 for i in chosen], axis=0)
             )
-    return Signature(tuple(found), phases, values)
+    return Signature(tuple(effects_by_label), phases, values)
 
 
 def pieces_of_phases(log: Log, horizon_s: float) -> list[tuple[str, Log]]:

@@ -28,7 +28,7 @@ NOTICEABLE = 0.05
 
 
 def causes_of(
-    found: SearchResult,
+    result: SearchResult,
     conclusion: Conclusion,
     shares: np.ndarray,
     heldout: HeldOutFits,
@@ -40,12 +40,14 @@ def causes_of(
     """
     heldout_gap = heldout.heldout_gap
 
-    def held_out_cause(belief: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]) -> Cause:
+    def held_out_cause(
+        candidate: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]
+    ) -> Cause:
         (squares_left,) = heldout.squares([step])
         closes, gap = heldout_gap.closure(squares_left), heldout_gap.gap(squares_left)
-        return cause_of(belief, which, sure, rivals, closes, gap, heldout_gap.judged, model_error)
+        return cause_of(candidate, which, sure, rivals, closes, gap, heldout_gap.judged, model_error)
 
-    selected = conclusion.steps[-1] if conclusion.steps else found.nominal
+    selected = conclusion.steps[-1] if conclusion.steps else result.nominal
     causes = [
         held_out_cause(selected, k, step, sure, names[1:])
         for k, (names, step, sure) in enumerate(
@@ -53,11 +55,11 @@ def causes_of(
         )
     ]
     known, others = {(cause.effect, cause.location) for cause in causes}, []
-    for fit in found.alternatives:
+    for fit in result.alternatives:
         newest = fit.hypotheses[-1]
         if (newest.name, newest.location) not in known:
             known.add((newest.name, newest.location))
-            sure = probability(newest.name, found, shares) if newest.name not in selected.names else 0.0
+            sure = probability(newest.name, result, shares) if newest.name not in selected.names else 0.0
             others.append(held_out_cause(fit, len(fit.hypotheses) - 1, fit, sure, ()))
     return causes + sorted(others, key=lambda cause: -cause.probability)
 
@@ -114,14 +116,14 @@ def typical(fit: Candidate, logs: Sequence[str], fold: int | None = None) -> tup
     return tuple(found)
 
 
-def profiles_of(found: SearchResult) -> list[Profile]:
+def profiles_of(result: SearchResult) -> list[Profile]:
     """Profile likelihoods in the form of the report, with place and unit."""
     profiles = []
-    for valley in found.profiles:
-        h, parameter = valley.hypothesis, valley.hypothesis.parameters[0]
+    for profile in result.profiles:
+        h, parameter = profile.hypothesis, profile.hypothesis.parameters[0]
         label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the clocks' own estimate"
         where = "" if h.location == "all" else f" at {h.location}"
-        profiles.append(Profile(h.name + where, label, tuple(valley.values.tolist()), tuple(valley.loss.tolist())))
+        profiles.append(Profile(h.name + where, label, tuple(profile.values.tolist()), tuple(profile.loss.tolist())))
     return profiles
 
 
