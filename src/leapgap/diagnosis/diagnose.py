@@ -12,7 +12,7 @@ from leapgap.diagnosis.checks import Check
 from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, best_set_shares, decide, drop_contradicted_causes
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import JudgedLogs, final_position_errors, motion_squares, noise_floor
-from leapgap.diagnosis.gap_reduction import HeldOutFits, HeldOutGap, resamples
+from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReplays, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.provenance import Provenance
@@ -127,7 +127,7 @@ def diagnose(
     checks = run_checks(judged, robot, settings)
     hypotheses = list_hypotheses(kinds, robot, clock_of(checks, judged, robot))
     result = search(heldout_gap, hypotheses, settings, progress)
-    heldout = HeldOutFits(heldout_gap, jumps, nominal)
+    heldout = HeldOutReplays(heldout_gap, jumps, nominal)
     heldout.replays(result.steps)
     result = drop_contradicted_causes(
         result, [heldout_gap.closure_value(of) for of in heldout.squares(result.steps)], settings.doubts
@@ -184,7 +184,7 @@ def heldout_gap_of(
 def conclude(
     result: SearchResult,
     shares: np.ndarray,
-    heldout: HeldOutFits,
+    heldout: HeldOutReplays,
     hypotheses: Sequence[Hypothesis],
     settings: Settings,
     progress: Callable[[str], None],

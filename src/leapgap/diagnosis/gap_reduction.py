@@ -134,7 +134,7 @@ class HeldOutGap:
 
 
 @dataclass
-class HeldOutFits:
+class HeldOutReplays:
     """Cache of held-out replays and sums of squares (logs,) of candidates; each candidate is replayed once."""
 
     heldout_gap: HeldOutGap

@@ -11,7 +11,7 @@ from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import HEADLINE, is_logged
 from leapgap.diagnosis.decision import Answer, Conclusion, probability
 from leapgap.diagnosis.gap import JudgedLogs, candidate_squares
-from leapgap.diagnosis.gap_reduction import HeldOutFits, HeldOutGap, Interval, effects_on
+from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReplays, Interval, effects_on
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.effects.base import Effect
@@ -31,7 +31,7 @@ def causes_of(
     result: SearchResult,
     conclusion: Conclusion,
     shares: np.ndarray,
-    heldout: HeldOutFits,
+    heldout: HeldOutReplays,
     model_error: float,
 ) -> list[Cause]:
     """Selected effects, then their confusable alternatives, then all single effects, by probability.
