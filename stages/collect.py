@@ -100,7 +100,7 @@ def hidden_effects(variants: dict[str, Any], hardware: str, seed: int) -> tuple[
     """What the named hardware has and its controller does not know."""
     if hardware not in variants:
         raise InputError("collect.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
-    return Variant(**variants[hardware]).drawn(seed)
+    return Variant(**variants[hardware]).draw(seed)
 
 
 def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Target]:

@@ -10,7 +10,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from leapgap.atomic_io import read_json, whole_folder, write_json, write_text
-from leapgap.diagnosis.report import rounded
+from leapgap.diagnosis.report import round_floats
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
 from leapgap.reports.validation import html
@@ -61,14 +61,14 @@ def score(config: DictConfig) -> None:
     out = output_folder(settings.out)
     with whole_folder(out) as folder:
         data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
-        write_json(folder / "scores.json", rounded(data))
+        write_json(folder / "scores.json", round_floats(data))
         write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
     if settings.metrics:
-        write_json(Path(settings.metrics), rounded(metrics(halves)))
+        write_json(Path(settings.metrics), round_floats(metrics(halves)))
     if settings.real_metrics and real:
-        write_json(Path(settings.real_metrics), rounded(real_metrics(real[0])))
+        write_json(Path(settings.real_metrics), round_floats(real_metrics(real[0])))
     for o in outcomes:
-        print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {said(o)}")
+        print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {conclusion(o)}")
     print(f"page: {out / 'index.html'}")
 
 
@@ -141,7 +141,7 @@ def real_metrics(o: CaseOutcome) -> dict[str, Any]:
     }
 
 
-def said(o: CaseOutcome) -> str:
+def conclusion(o: CaseOutcome) -> str:
     """A verdict in words."""
     return o.verdict + (": " + " + ".join(" or ".join(names) for names in o.answer) if o.answer else "")
 
@@ -162,7 +162,7 @@ def page(
             "wrongly_named": o.wrongly_named,
             "where_right": o.where_right,
             "where_mirrored": o.where_mirrored,
-            "said": said(o),
+            "said": conclusion(o),
             "report": f"{at}/{o.case}/report.html",
         }
         for o in outcomes

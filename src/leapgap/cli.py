@@ -192,7 +192,7 @@ def effect_rows(robot: Any) -> list[tuple[str, ...]]:
             of_robot = {p.name: (f"{p.nominal:g}", f"{p.lower:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)}
         else:
             of_robot = {}
-        for name, about in kind.declared().items():
+        for name, about in kind.declarations().items():
             nominal = "the model's own" if about.nominal is None else f"{about.nominal:g}"
             default = (nominal, f"needs {missing}" if missing else "see: leapgap effects ROBOT")
             rows.append((kind.name, name, about.unit, *of_robot.get(name, default), places, effects.describe(kind)))

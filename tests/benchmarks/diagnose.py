@@ -29,15 +29,15 @@ class Counting(Replayer):
 
     steps = 0
 
-    def restarted(self, trials, starts, rows):  # type: ignore[no-untyped-def]
+    def replay_pieces(self, trials, starts, rows):  # type: ignore[no-untyped-def]
         """Count the steps of pieces."""
-        pieces = sum(len(s.rows) * self.substeps(t.jump) for t, s in zip(trials, starts, strict=True))
+        pieces = sum(len(s.rows) * self.substeps(t.log) for t, s in zip(trials, starts, strict=True))
         Counting.steps += pieces * (rows - 1)
-        return super().restarted(trials, starts, rows)
+        return super().replay_pieces(trials, starts, rows)
 
     def true_motions(self, trials: list[Rollout], rows: int | None = None) -> list[Motion]:  # type: ignore[override]
         """Count the steps of whole logs."""
-        Counting.steps += sum(min(len(t.jump), rows or len(t.jump)) * self.substeps(t.jump) for t in trials)
+        Counting.steps += sum(min(len(t.log), rows or len(t.log)) * self.substeps(t.log) for t in trials)
         return super().true_motions(trials, rows)
 
 

@@ -22,13 +22,13 @@ from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose
-from leapgap.diagnosis.gap import Judged, noise_floor, squares
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, noise_floor
 from leapgap.diagnosis.gap_reduction import closure, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump, make_jumps, terrain_slots
+from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop, terrain_slots
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from stages.common import read_config
@@ -81,7 +81,7 @@ def first_value(effect: Effect) -> float:
 
 def made(name: str, value: float, location: str = "all") -> Effect:
     """An effect by its first parameter."""
-    return effects.effect(name, location, **{next(iter(effects.known()[name].declared())): value})
+    return effects.effect(name, location, **{next(iter(effects.known()[name].declarations())): value})
 
 
 def cases() -> list[Case]:
@@ -101,11 +101,11 @@ def jumps_of(case: Case, robot: Robot) -> list[Log]:
     rng = np.random.default_rng(case.seed)
     references = [read_log(REFERENCES / f"h00_d{d}.parquet") for d in DISTANCES]
     plans = [
-        PlannedJump(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
+        MotionPlan(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
         for i in range(len(DISTANCES) + PROOF)
     ]
     assert terrain_slots(plans) == 1
-    return make_jumps(plans, robot, case.effects, SensorNoise(), Course(), rng)
+    return run_open_loop(plans, robot, case.effects, SensorNoise(), Course(), rng)
 
 
 def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Settings) -> float | None:
@@ -113,10 +113,10 @@ def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Set
 
     None where the effect changes these jumps by less than twice the noise floor: a share of nothing is no figure.
     """
-    judged, replayer = Judged.of(proof, robot), Replayer(robot, threads=1)
-    clock = clock_of(run_checks(judged.jumps, robot, settings.check_thresholds), judged, robot)
+    judged, replayer = JudgedLogs.of(proof, robot), Replayer(robot, threads=1)
+    clock = clock_of(run_checks(judged.logs, robot, settings.check_thresholds), judged, robot)
     corrected = []
-    for jump in judged.jumps:
+    for jump in judged.logs:
         own = []
         for effect, cause in zip(found.correction, found.report.causes, strict=False):
             if cause.per_log and clock:
@@ -126,7 +126,7 @@ def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Set
                 effect = Hypothesis(type(effect), robot, effect.location, clock).on(jump.name, np.array([share]))
             own.append(effect)
         corrected.append(tuple(own))
-    nominal, after = squares(judged, replayer, [[()] * len(proof), corrected])
+    nominal, after = candidate_squares(judged, replayer, [[()] * len(proof), corrected])
     floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
     if nominal.sum() < DETECTABLE * floor.sum():
         return None
@@ -193,7 +193,7 @@ def scores(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
             [set(o["true"]) <= n for o, n in zip(outcomes, names, strict=True) if o["kind"] == "pair"]
         ),
         "locations_right": share(
-            [true == said for o in outcomes if o["kind"] == "placed" for true, said in o["located"]]
+            [true == conclusion for o in outcomes if o["kind"] == "placed" for true, conclusion in o["located"]]
         ),
     }
 
@@ -210,14 +210,14 @@ def main() -> None:
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         for outcome in pool.map(judge, chosen):
             outcomes.append(outcome)
-            said = " + ".join(" or ".join(names) for names in outcome["answer"])
+            conclusion = " + ".join(" or ".join(names) for names in outcome["answer"])
             numbers = " ".join(f"{100 * e:.1f}%{'' if covered else '!'}" for e, covered in outcome["told"])
             closes = "/".join("" if outcome[key] is None else f"{outcome[key]:.2f}" for key in ("promised", "realised"))
             line = "\t".join(
                 [
                     outcome["case"],
                     outcome["verdict"],
-                    said,
+                    conclusion,
                     str(outcome["located"]),
                     numbers,
                     closes,

@@ -20,10 +20,10 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.gap import Judged, noise_floor, pooled, squares
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, headline_gap, noise_floor
 from leapgap.diagnosis.gap_reduction import closure, resamples
-from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
-from leapgap.diagnosis.sensitivities import joined, on_logs
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.sensitivities import concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
@@ -43,12 +43,12 @@ STEP, MOST_ITERATIONS = 0.02, 30
 
 def peer(logs: Sequence[Log], robot: Robot, settings: Settings) -> tuple[dict[str, list[float]], tuple[Effect, ...]]:
     """Every parameter at once: those whose interval leaves out nominal, as departures, and all effects."""
-    everything = [h for h in hypotheses_of(list(effects.known()), robot, None) if h.location == "all"]
+    everything = [h for h in list_hypotheses(list(effects.known()), robot, None) if h.location == "all"]
     replayer = Replayer(robot)
-    judged = Judged.of(logs, robot)
+    judged = JudgedLogs.of(logs, robot)
     most = min(settings.most_pieces, settings.pieces_per_log * len(logs))
-    bare = ShortRollouts.of(judged.jumps, replayer, settings.horizon_s, settings.every_s, most)
-    evidence = bare.around(bare.same(()))
+    bare = ShortRollouts.of(judged.logs, replayer, settings.horizon_s, settings.every_s, most)
+    evidence = bare.whiten_for(bare.on_every_log(()))
     names = [(h, k, p) for h in everything for k, p in enumerate(h.parameters)]
     scale = np.array([h.moderate[k] for h, k, _ in names])
     nominal = np.array([p.nominal for _, _, p in names])
@@ -65,26 +65,26 @@ def peer(logs: Sequence[Log], robot: Robot, settings: Settings) -> tuple[dict[st
     def residual(x: np.ndarray, _: sysid.ParameterDict) -> tuple[list[np.ndarray], None, None]:
         columns = x.reshape(len(names), -1).T
         found = evidence.residuals([on_logs(evidence, *acting(one)) for one in columns])
-        errors = np.stack([joined(of).ravel() for of in found], axis=1)
+        errors = np.stack([concatenate_logs(of).ravel() for of in found], axis=1)
         return [errors if x.ndim > 1 else errors[:, 0]], None, None
 
     fitted, result = sysid.optimize(parameters, residual, verbose=False, eps=STEP, max_iters=MOST_ITERATIONS)
     x = fitted.as_vector()
     _, half = sysid.calculate_intervals(residual(x, fitted)[0], result.jac)
-    said: dict[str, list[float]] = {}
+    conclusion: dict[str, list[float]] = {}
     for (h, _, _), value, width in zip(names, x, half, strict=True):
         if abs(value) > width:
-            said.setdefault(h.name, []).append(float(value))
-    return said, tuple(h.on(logs[0].name, numbers) for h, numbers in acting(x))
+            conclusion.setdefault(h.name, []).append(float(value))
+    return conclusion, tuple(h.on(logs[0].name, numbers) for h, numbers in acting(x))
 
 
 def heldout(correction: Sequence[Effect], proof: Sequence[Log], robot: Robot, settings: Settings) -> dict[str, float]:
     """Headline gap of a correction on jumps that nobody saw, and how much of the nominal one it closes."""
-    judged, replayer = Judged.of(proof, robot), Replayer(robot)
-    nominal, after = squares(judged, replayer, [[()] * len(proof), [tuple(correction)] * len(proof)])
+    judged, replayer = JudgedLogs.of(proof, robot), Replayer(robot)
+    nominal, after = candidate_squares(judged, replayer, [[()] * len(proof), [tuple(correction)] * len(proof)])
     floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
     closed = closure(nominal, after, floor, judged, resamples(len(proof), 1, np.random.default_rng(0))).value
-    return {"gap_nominal": pooled(nominal, judged), "gap": pooled(after, judged), "closure": closed}
+    return {"gap_nominal": headline_gap(nominal, judged), "gap": headline_gap(after, judged), "closure": closed}
 
 
 def compare(case: Case, robot: Robot, settings: Settings) -> dict[str, Any]:
@@ -97,7 +97,7 @@ def compare(case: Case, robot: Robot, settings: Settings) -> dict[str, Any]:
     ours_s = time.perf_counter() - began
     ours = {name for names in found.report.answer for name in names[:1]}
     began = time.perf_counter()
-    said, everything = peer(seen, robot, settings)
+    conclusion, everything = peer(seen, robot, settings)
     peer_s = time.perf_counter() - began
     return {
         "case": case.label,
@@ -110,9 +110,9 @@ def compare(case: Case, robot: Robot, settings: Settings) -> dict[str, Any]:
             **heldout(found.correction, proof, robot, settings),
         },
         "sysid": {
-            "says": sorted(said),
-            "wrong": len(set(said) - true),
-            "missed": len(true - set(said)),
+            "says": sorted(conclusion),
+            "wrong": len(set(conclusion) - true),
+            "missed": len(true - set(conclusion)),
             "seconds": peer_s,
             **heldout(everything, proof, robot, settings),
         },

@@ -7,9 +7,9 @@ from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.full_rollouts import Errors, FullRollouts, FullRolloutSettings, Slopes
-from leapgap.diagnosis.gap import Judged, squares
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares
 from leapgap.diagnosis.gap_reduction import HeldOutGap, resamples
-from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -20,33 +20,33 @@ SLOW = effects.effect("sample_period", scale=1.07)
 JUMPS = 4
 
 
-def concluded(robot: Robot, reference: Log, *further: Effect) -> Conclusion:
+def decide(robot: Robot, reference: Log, *further: Effect) -> Conclusion:
     """Four jumps by a slow clock, which checks took for half as slow again."""
-    judged = Judged.of(hardware(robot, reference, SLOW, *further, jumps=JUMPS), robot)
-    clock = {jump.name: (1.105,) for jump in judged.jumps}
+    judged = JudgedLogs.of(hardware(robot, reference, SLOW, *further, jumps=JUMPS), robot)
+    clock = {jump.name: (1.105,) for jump in judged.logs}
     replayer, folds = Replayer(robot), np.arange(JUMPS)
-    hypotheses = hypotheses_of(["sample_period", "com_offset", "joint_friction", "payload"], robot, clock)
+    hypotheses = list_hypotheses(["sample_period", "com_offset", "joint_friction", "payload"], robot, clock)
     first = Candidate(hypotheses[:1], np.array([1.0]), np.eye(1), np.ones((JUMPS, 1)))
-    nominal = squares(judged, replayer, [[()] * JUMPS])[0]
+    nominal = candidate_squares(judged, replayer, [[()] * JUMPS])[0]
     draws = resamples(JUMPS, 200, np.random.default_rng(0))
     plan = FullRolloutSettings(most_causes=2)
-    yardstick = HeldOutGap(judged, replayer, folds, nominal, np.full(JUMPS, 1.0), draws)
-    return FullRollouts(yardstick, plan).concluded(first, hypotheses, 0.05)
+    heldout_gap = HeldOutGap(judged, replayer, folds, nominal, np.full(JUMPS, 1.0), draws)
+    return FullRollouts(heldout_gap, plan).conclude(first, hypotheses, 0.05)
 
 
 def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: Log) -> None:
-    said = concluded(robot, reference, effects.effect("com_offset", x_m=0.03, z_m=0.03))
-    assert (said.verdict, said.answer) == ("named", (("sample_period",), ("com_offset",)))
-    (share,), offset = said.steps[-1].split()
+    conclusion = decide(robot, reference, effects.effect("com_offset", x_m=0.03, z_m=0.03))
+    assert (conclusion.verdict, conclusion.answer) == ("named", (("sample_period",), ("com_offset",)))
+    (share,), offset = conclusion.steps[-1].split()
     assert share == pytest.approx(0.07 / 0.105, abs=0.1)
     assert offset == pytest.approx([0.03, 0.03], abs=0.01)
-    assert said.steps[-1].heldout.sum() < 0.2 * said.steps[0].heldout.sum()
+    assert conclusion.steps[-1].heldout.sum() < 0.2 * conclusion.steps[0].heldout.sum()
 
 
 def test_nothing_is_added_to_a_clock_that_explains_all(robot: Robot, reference: Log) -> None:
-    said = concluded(robot, reference)
-    assert said.answer == (("sample_period",),)
-    assert said.steps[0].numbers == pytest.approx([0.07 / 0.105], abs=0.1)
+    conclusion = decide(robot, reference)
+    assert conclusion.answer == (("sample_period",),)
+    assert conclusion.steps[0].numbers == pytest.approx([0.07 / 0.105], abs=0.1)
 
 
 def test_a_step_ends_at_the_least_squares_of_a_linear_law() -> None:
@@ -56,16 +56,16 @@ def test_a_step_ends_at_the_least_squares_of_a_linear_law() -> None:
     assert slopes.step(0.0) == pytest.approx(true, abs=1e-6)
     assert slopes.step(0.0, np.arange(200) < 50) == pytest.approx(true, abs=1e-6)
     wrong = Slopes(slopes.errors, by_number + 0.5 * rng.standard_normal((200, 2)))
-    mended = wrong.moved(true, Errors(np.zeros(200), 0.0))
+    mended = wrong.broyden_update(true, Errors(np.zeros(200), 0.0))
     assert mended.by_number @ true == pytest.approx(by_number @ true)
 
 
 def test_only_effects_that_act_everywhere_and_are_not_there_yet_are_tried(robot: Robot, reference: Log) -> None:
-    judged = Judged.of(hardware(robot, reference, jumps=2), robot)
-    yardstick = HeldOutGap(judged, Replayer(robot), np.arange(2), np.ones(2), np.ones(2), np.zeros((1, 2), int))
-    whole = FullRollouts(yardstick, FullRolloutSettings())
-    hypotheses = hypotheses_of(["payload", "torque_gain"], robot, None)
-    base = whole.fitted((Hypothesis(effects.known()["payload"], robot),), np.array([0.0]))
-    assert [tuple(h.name for h in sets) for sets, _ in whole.promising(base, hypotheses)] == [
+    judged = JudgedLogs.of(hardware(robot, reference, jumps=2), robot)
+    heldout_gap = HeldOutGap(judged, Replayer(robot), np.arange(2), np.ones(2), np.ones(2), np.zeros((1, 2), int))
+    whole = FullRollouts(heldout_gap, FullRolloutSettings())
+    hypotheses = list_hypotheses(["payload", "torque_gain"], robot, None)
+    base = whole.fit((Hypothesis(effects.known()["payload"], robot),), np.array([0.0]))
+    assert [tuple(h.name for h in sets) for sets, _ in whole.rank_extensions(base, hypotheses)] == [
         ("payload", "torque_gain")
     ]

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.channels import logged_channels, noise
+from leapgap.diagnosis.channels import logged_channels, sensor_noise
 from leapgap.diagnosis.checks.base_clock import BaseClock
 from leapgap.diagnosis.checks.free_fall import FreeFall
 from leapgap.diagnosis.checks.joint_clock import JointClock
 from leapgap.diagnosis.checks.planted_feet import PlantedFeet
-from leapgap.diagnosis.gap import Judged, headline_rows, noise_floor, pooled, scaled_errors, squares
-from leapgap.diagnosis.localisation import PHASES, phase_of_rows, where
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, headline_gap, headline_rows, noise_floor, scaled_errors
+from leapgap.diagnosis.localisation import PHASES, localise, phase_of_rows
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump, make_jumps
+from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
@@ -22,30 +22,30 @@ SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
 
 
 def hardware(robot: Robot, reference: Log, *found: effects.Effect, noise: SensorNoise = SILENT, jumps: int = 1):
-    plans = [PlannedJump(f"made_{i}", reference, 0.01 * i) for i in range(jumps)]
-    return make_jumps(plans, robot, found, noise, Course(), np.random.default_rng(0))
+    plans = [MotionPlan(f"made_{i}", reference, 0.01 * i) for i in range(jumps)]
+    return run_open_loop(plans, robot, found, noise, Course(), np.random.default_rng(0))
 
 
 def test_real_jumps_have_the_published_gap(robot: Robot, real_jumps: list[Log]) -> None:
     """The project's reference figure: 0.94 for the sixteen jumps on rows 0 to 1089 with the nominal robot."""
     sixteen = [jump for jump in real_jumps if jump.name in {f"jump_{i:02d}" for i in (*range(1, 11), *range(15, 21))}]
-    judged = Judged.of(sixteen, robot)
+    judged = JudgedLogs.of(sixteen, robot)
     assert set(judged.rows) == {1090}
-    gap = pooled(squares(judged, Replayer(robot), [[()] * len(sixteen)])[0], judged)
+    gap = headline_gap(candidate_squares(judged, Replayer(robot), [[()] * len(sixteen)])[0], judged)
     assert gap == pytest.approx(0.942, abs=0.01)
 
 
 def test_the_nominal_robot_without_noise_has_no_gap(robot: Robot, reference: Log) -> None:
-    judged = Judged.of(hardware(robot, reference), robot)
-    assert pooled(squares(judged, Replayer(robot), [[()]])[0], judged) < 1e-6
+    judged = JudgedLogs.of(hardware(robot, reference), robot)
+    assert headline_gap(candidate_squares(judged, Replayer(robot), [[()]])[0], judged) < 1e-6
 
 
 def test_the_noise_floor_is_the_gap_of_a_perfect_model(robot: Robot, reference: Log) -> None:
     """Logs of the nominal robot with noise: what is left is the floor, estimated from the logs alone."""
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=3)
-    judged, replayer = Judged.of(jumps, robot), Replayer(robot)
-    gap = pooled(squares(judged, replayer, [[()] * 3])[0], judged)
-    floor = pooled(noise_floor(judged, replayer, 4, np.random.default_rng(1)), judged)
+    judged, replayer = JudgedLogs.of(jumps, robot), Replayer(robot)
+    gap = headline_gap(candidate_squares(judged, replayer, [[()] * 3])[0], judged)
+    floor = headline_gap(noise_floor(judged, replayer, 4, np.random.default_rng(1)), judged)
     assert 0.4 < gap / floor < 2.5
 
 
@@ -53,7 +53,7 @@ def test_noise_is_read_off_the_high_frequencies(robot: Robot, reference: Log) ->
     (jump,) = hardware(robot, reference, noise=dataclasses.replace(SILENT, base_pos_m=0.002, joint_vel_rad_s=0.07))
     channels = logged_channels([jump], robot)
     known = [channel for channel in channels if channel.name not in ("base_roll", "base_yaw")]
-    found = dict(zip((channel.name for channel in known), noise(jump, known), strict=True))
+    found = dict(zip((channel.name for channel in known), sensor_noise(jump, known), strict=True))
     assert found["base_pos_z"] == pytest.approx(0.002, rel=0.15)
     assert found["joint_vel/RR_calf"] == pytest.approx(0.07, rel=0.15)
     assert found["joint_pos/RR_calf"] < 1e-4
@@ -65,7 +65,7 @@ def test_errors_are_scaled_as_the_contract_says(robot: Robot) -> None:
     lifted = Log(
         "lifted", dict(jump.columns) | {"base_pos_z": jump["base_pos_z"] + 0.05 * (np.arange(100) > 0)}, jump.info
     )
-    judged = Judged.of([lifted], robot)
+    judged = JudgedLogs.of([lifted], robot)
     (error,) = scaled_errors(judged, Replayer(robot), [[()]])[0]
     names = [channel.name for channel in judged.channels]
     assert error[1, names.index("base_pos_z")] == pytest.approx(-1, abs=1e-3)
@@ -99,7 +99,7 @@ def test_phases_follow_the_schedule(reference: Log) -> None:
 def test_where_finds_the_weak_joint_in_its_phases(robot: Robot, reference: Log) -> None:
     weak = effects.effect("torque_gain", location="RR_calf", scale=0.6)
     jumps = hardware(robot, reference, weak, noise=SensorNoise())
-    places = where(Judged.of(jumps, robot), Replayer(robot), 0.1, 3, np.random.default_rng(0))
+    places = localise(JudgedLogs.of(jumps, robot), Replayer(robot), 0.1, 3, np.random.default_rng(0))
     assert sum(place.share for place in places) == pytest.approx(1)
     assert "RR_calf" in places[0].channel
     assert places[0].phase in ("rear_contact", "lift_off")
@@ -111,7 +111,7 @@ def test_where_is_told_above_noise(robot: Robot, reference: Log) -> None:
     tops = []
     for noise_of in (SILENT, SensorNoise()):
         jumps = hardware(robot, reference, drag, noise=noise_of, jumps=4)
-        places = where(Judged.of(jumps, robot), Replayer(robot), 0.1, 3, np.random.default_rng(0))
+        places = localise(JudgedLogs.of(jumps, robot), Replayer(robot), 0.1, 3, np.random.default_rng(0))
         tops.append((places[0].phase, places[0].channel))
     assert tops[0] == tops[1]
 

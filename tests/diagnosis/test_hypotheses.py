@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of, places
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses, places
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 
 KINDS = effects.known()
@@ -26,12 +26,12 @@ def test_every_parameter_of_an_effect_is_fitted_together(robot: Robot) -> None:
 
 
 def test_an_effect_that_differs_by_log_takes_a_share_of_each_logs_clock(robot: Robot) -> None:
-    (h,) = hypotheses_of(["sample_period"], robot, {"a": (1.1,), "b": (1.1, 1.3)})
+    (h,) = list_hypotheses(["sample_period"], robot, {"a": (1.1,), "b": (1.1, 1.3)})
     assert h.values("b", np.array([0.5])) == {"scale": pytest.approx(1.1)}
     assert h.on("a", h.nominal).is_nominal
     assert h.on("a", np.array([1.0])).profile == ()
     assert h.on("b", np.array([1.0])).profile == pytest.approx((1.1 / 1.2, 1.3 / 1.2))
-    (shared,) = hypotheses_of(["sample_period"], robot, None)
+    (shared,) = list_hypotheses(["sample_period"], robot, None)
     assert shared.values("a", np.array([1.05])) == {"scale": 1.05}
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.hypotheses import hypotheses_of
+from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.base import Effect, parameter
 from leapgap.errors import InputError
@@ -138,7 +138,7 @@ def test_a_users_effect_is_found_fitted_and_reported(arm: Robot, logs: list[Log]
 
 
 def test_hypotheses_take_names_and_classes(arm: Robot) -> None:
-    found = hypotheses_of(["joint_damping", CableSpring], arm, None)
+    found = list_hypotheses(["joint_damping", CableSpring], arm, None)
     assert {h.name for h in found} == {"joint_damping", "cable_pull"}
     own = next(h for h in found if h.name == "cable_pull" and h.location == "L_elbow")
     assert own.on("log", np.array([3.0])) == CableSpring("L_elbow", stiffness_nm_rad=3.0)

@@ -10,7 +10,7 @@ from leapgap.diagnosis.checks import clocks as local
 from leapgap.diagnosis.checks.free_fall import GRAVITY, FreeFall
 from leapgap.diagnosis.checks.planted_feet import PlantedFeet
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.short_rollouts import Pieces, State
+from leapgap.diagnosis.short_rollouts import Pieces, StateChannels
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
@@ -72,15 +72,15 @@ def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> 
     wave = 0.01 * np.sin(2 * np.pi * 10 * jump.time)
     jump = replace(jump, columns=dict(jump.columns) | {"base_pos_x": wave})
     row = round(0.325 * rate_hz)  # the crest
-    pieces = Pieces.of(jump, [row], State.of([jump], robot))
+    pieces = Pieces.of(jump, [row], StateChannels.of([jump], robot))
     assert pieces.starts.states[0, 0] == pytest.approx(wave[row], abs=0.04 * 0.01)
 
 
 @pytest.mark.parametrize(("rate_hz", "values"), [(1000, 50), (500, 50), (200, 50), (20, 20)])
 def test_whole_jumps_are_compared_every_20_ms(robot: Robot, rate_hz: int, values: int) -> None:
     jumps = [log(robot, rate_hz, 1.0).first_rows(rate_hz)] * 2
-    judged = SimpleNamespace(jumps=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
+    judged = SimpleNamespace(logs=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
     whole = FullRollouts(SimpleNamespace(judged=judged), FullRolloutSettings())  # type: ignore[arg-type]
-    errors = whole.compared([np.zeros((rows, 3)) for rows in judged.rows])
-    assert np.bincount(whole.jump_of_value).tolist() == [3 * values] * 2
-    assert len(errors.some) == 6 * values
+    errors = whole.sample([np.zeros((rows, 3)) for rows in judged.rows])
+    assert np.bincount(whole.log_of_value).tolist() == [3 * values] * 2
+    assert len(errors.sampled) == 6 * values

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.gap import Judged
+from leapgap.diagnosis.gap import JudgedLogs
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -31,8 +31,8 @@ def test_no_whole_jump_is_replayed_twice_with_the_same_effects(
 
     def counting(self: Replayer, trials: list[Rollout], rows: int | None = None) -> list[object]:
         for trial in trials:
-            if trial.first_state is None and len(trial.jump) > 500 and self.largest_step_s > 0.001:
-                asked[trial.jump.name, trial.effects] += 1
+            if trial.first_state is None and len(trial.log) > 500 and self.largest_step_s > 0.001:
+                asked[trial.log.name, trial.effects] += 1
         return original(self, trials, rows)  # type: ignore[return-value]
 
     monkeypatch.setattr(Replayer, "true_motions", counting)
@@ -45,16 +45,16 @@ def test_no_whole_jump_is_replayed_twice_with_the_same_effects(
 def test_a_profile_of_the_judged_rows_goes_on_with_its_last_value() -> None:
     """On a longer log the first rows last as long as they did on the rows it was found on."""
     found = SamplePeriod(scale=1.1, profile=(0.9, 1.2, 1.0))
-    judged, whole = found.change_rows(np.ones(700)), found.continued(700, 1000).change_rows(np.ones(1000))
+    judged, whole = found.change_rows(np.ones(700)), found.extend_to(700, 1000).change_rows(np.ones(1000))
     assert np.array_equal(whole[:700], judged)
     assert set(whole[700:]) == {1.0}
     assert found.change_rows(np.ones(1000))[:700] != pytest.approx(judged, abs=0.02)  # what stretching would do
 
 
 def test_replays_of_all_rows_begin_as_those_of_the_judged_rows(robot: Robot, damped: list[Log]) -> None:
-    judged, replayer = Judged.of(damped, robot), Replayer(robot)
+    judged, replayer = JudgedLogs.of(damped, robot), Replayer(robot)
     effect = SamplePeriod(scale=1.05, profile=(0.95, 1.1, 0.98))
-    for jump, cut in zip(damped, judged.jumps, strict=True):
-        (whole,) = replayer.motions([Rollout(jump, (effect.continued(len(cut), len(jump)),))])
+    for jump, cut in zip(damped, judged.logs, strict=True):
+        (whole,) = replayer.motions([Rollout(jump, (effect.extend_to(len(cut), len(jump)),))])
         (part,) = replayer.motions([Rollout(cut, (effect,))])
         assert np.array_equal(whole.qpos[: len(cut)], part.qpos)

@@ -2,19 +2,19 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.candidates import Fit, Found
+from leapgap.diagnosis.candidates import Fit, SearchResult
 from leapgap.diagnosis.decision import (
     DecisionThresholds,
     answer_of,
-    confirmed_by_jumps,
-    first_shares,
+    best_set_shares,
+    drop_contradicted_causes,
     probability,
     verdict_of,
 )
-from leapgap.diagnosis.gap import Judged
-from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
-from leapgap.diagnosis.selection import MOST_SURPRISE, Guess, Search, SearchSettings, broyden, covariance
-from leapgap.diagnosis.sensitivities import Sensitivities, joined, on_logs
+from leapgap.diagnosis.gap import JudgedLogs
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.selection import MOST_SURPRISE, LinearGuess, Search, SearchSettings, broyden, covariance
+from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -37,9 +37,9 @@ def fit(names: tuple[str, ...], heldout: list[float], chi2: float = 1.0) -> Fit:
     return Fit(hypotheses, number, np.eye(1), number[None], number, np.zeros((1, 1, 1)), 0.0, np.full(4, chi2), losses)
 
 
-def found(*rivals: Fit, nominal: float = 100.0, chi2: float = 5.0) -> Found:
+def found(*rivals: Fit, nominal: float = 100.0, chi2: float = 5.0) -> SearchResult:
     alone = fit((), [nominal] * 4, chi2)
-    return Found(alone, rivals[0] if rivals else alone, (rivals,) if rivals else (), np.arange(4), 360, ())
+    return SearchResult(alone, rivals[0] if rivals else alone, (rivals,) if rivals else (), np.arange(4), 360, ())
 
 
 DRAWS = np.random.default_rng(0).integers(0, 4, size=(400, 4))
@@ -47,7 +47,7 @@ DRAWS = np.random.default_rng(0).integers(0, 4, size=(400, 4))
 
 def test_a_cause_that_is_best_on_every_log_is_named() -> None:
     search = found(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
-    shares = first_shares(search, DRAWS)
+    shares = best_set_shares(search, DRAWS)
     answer = answer_of(search, shares, DecisionThresholds())
     assert answer == (("payload",),)
     assert probability("payload", search, shares) == 1
@@ -57,33 +57,35 @@ def test_a_cause_that_is_best_on_every_log_is_named() -> None:
 def test_a_log_without_a_piece_can_be_drawn_again() -> None:
     search = found(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
     draws = np.array([[4, 0, 1, 2, 3], [4, 4, 4, 4, 0]])
-    assert first_shares(search, draws).tolist() == [1.0, 0.0]
+    assert best_set_shares(search, draws).tolist() == [1.0, 0.0]
 
 
 def test_a_rival_that_is_better_on_some_logs_is_told() -> None:
     search = found(fit(("payload",), [1.0, 9, 1, 8]), fit(("leg_mass",), [9.0, 1, 9, 1]))
-    answer = answer_of(search, first_shares(search, DRAWS), DecisionThresholds())
+    answer = answer_of(search, best_set_shares(search, DRAWS), DecisionThresholds())
     assert answer == (("payload", "leg_mass"),)
     assert verdict_of(search, answer, 5.0, 0.9, DecisionThresholds()) == "ambiguous"
 
 
 def test_in_a_pair_a_rival_stands_in_the_place_it_could_take() -> None:
     pair, other = fit(("payload", "armature"), [1.0, 9, 1, 8]), fit(("payload", "motor_lag"), [9.0, 1, 9, 1])
-    search = Found(fit((), [100.0] * 4), pair, ((fit(("payload",), [20.0] * 4),), (pair, other)), np.arange(4), 360, ())
-    shares = first_shares(search, DRAWS)
+    search = SearchResult(
+        fit((), [100.0] * 4), pair, ((fit(("payload",), [20.0] * 4),), (pair, other)), np.arange(4), 360, ()
+    )
+    shares = best_set_shares(search, DRAWS)
     assert answer_of(search, shares, DecisionThresholds()) == (("payload",), ("armature", "motor_lag"))
     assert probability("payload", search, shares) == pytest.approx(1)
 
 
 def test_a_further_cause_that_worsens_whole_jumps_is_not_believed() -> None:
     one, pair = fit(("payload",), [20.0] * 4), fit(("payload", "armature"), [1.0] * 4)
-    search = Found(fit((), [100.0] * 4), pair, ((one,), (pair,)), np.arange(4), 360, ())
+    search = SearchResult(fit((), [100.0] * 4), pair, ((one,), (pair,)), np.arange(4), 360, ())
     assert search.steps == (one, pair)
-    assert confirmed_by_jumps(search, [0.9, 0.89], DecisionThresholds()).believed is pair
-    cut = confirmed_by_jumps(search, [0.9, 0.6], DecisionThresholds())
-    assert cut.believed is one
+    assert drop_contradicted_causes(search, [0.9, 0.89], DecisionThresholds()).selected is pair
+    cut = drop_contradicted_causes(search, [0.9, 0.6], DecisionThresholds())
+    assert cut.selected is one
     assert cut.rivals == (one,)
-    assert confirmed_by_jumps(found(), [], DecisionThresholds()).believed.hypotheses == ()
+    assert drop_contradicted_causes(found(), [], DecisionThresholds()).selected.hypotheses == ()
 
 
 def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:
@@ -127,8 +129,8 @@ def test_covariance_is_the_curvature_unless_errors_scatter_more() -> None:
 def search(robot: Robot, reference: Log) -> Search:
     """Two jumps of a robot with a heavier trunk."""
     jumps = hardware(robot, reference, effects.effect("payload", mass_kg=0.8), noise=SensorNoise(), jumps=2)
-    evidence = ShortRollouts.of(Judged.of(jumps, robot).jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
-    hypotheses = hypotheses_of(["payload", "torque_gain"], robot, None)
+    evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).logs, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
+    hypotheses = list_hypotheses(["payload", "torque_gain"], robot, None)
     return Search(
         Sensitivities.of(evidence, hypotheses, {"payload.mass_kg": 0.02 / TRUNK_KG}),
         np.array([0, 1]),
@@ -138,23 +140,23 @@ def search(robot: Robot, reference: Log) -> Search:
 
 def test_joints_together_do_what_the_sum_of_them_does(search: Search) -> None:
     """The linear model of a place is the sum of its joints: near nominal the robot agrees."""
-    responses, h = search.responses, hypothesis("torque_gain", "front")
+    responses, h = search.sensitivities, hypothesis("torque_gain", "front")
     small = -0.01
     (errors,) = responses.evidence.residuals([on_logs(responses.evidence, (h, np.array([1 + small])))])
-    true = (joined(errors) - responses.nominal) / small
+    true = (concatenate_logs(errors) - responses.nominal) / small
     linear = responses.columns[:, :, responses.at(h, 0)].sum(axis=2)
     assert (true * linear).sum() / np.linalg.norm(true) / np.linalg.norm(linear) > 0.95
 
 
 def test_gauss_newton_finds_the_mass_and_held_out_logs_agree(search: Search) -> None:
-    hypotheses = hypotheses_of(["payload", "torque_gain"], search.evidence.state.robot, None)
+    hypotheses = list_hypotheses(["payload", "torque_gain"], search.evidence.state.robot, None)
     best = search.singles(hypotheses)[0]
     assert best.names == ("payload",)
     assert best.numbers[0] == pytest.approx(0.8, abs=0.1)
     assert best.fold_numbers == pytest.approx(0.8, abs=0.15)
     assert abs(best.numbers[0] - 0.8) < 4 * np.sqrt(best.covariance[0, 0])
     assert best.heldout.sum() < search.nominal.heldout.sum() - 100
-    valley = search.valley(best)
+    valley = search.profile(best)
     assert valley.values[np.argmin(valley.loss)] == pytest.approx(best.numbers[0], rel=0.1)
     assert valley.loss.min() == 0 and valley.loss.max() > 2
 
@@ -163,25 +165,25 @@ def test_later_rounds_try_every_effect_before_a_second_place_of_one(search: Sear
     """Places of one effect look alike in the linear model, and would leave no room for another."""
     first, places = hypothesis("payload"), ("all", "front", "rear", "hip", "thigh")
     guesses = [
-        Guess((first, hypothesis("leg_mass", at)), np.zeros(2), float(loss)) for loss, at in enumerate(places)
-    ] + [Guess((first, hypothesis("torque_gain")), np.zeros(2), 10.0)]
-    assert [guess.hypotheses[-1].name for guess in search.shortlisted(guesses, 5)] == ["leg_mass", "torque_gain"]
-    alone = [Guess(guess.hypotheses[1:], np.zeros(1), guess.loss) for guess in guesses]
-    names = [guess.hypotheses[-1].name for guess in search.shortlisted(alone, 5)]
+        LinearGuess((first, hypothesis("leg_mass", at)), np.zeros(2), float(loss)) for loss, at in enumerate(places)
+    ] + [LinearGuess((first, hypothesis("torque_gain")), np.zeros(2), 10.0)]
+    assert [guess.hypotheses[-1].name for guess in search.shortlist(guesses, 5)] == ["leg_mass", "torque_gain"]
+    alone = [LinearGuess(guess.hypotheses[1:], np.zeros(1), guess.loss) for guess in guesses]
+    names = [guess.hypotheses[-1].name for guess in search.shortlist(alone, 5)]
     assert names == ["leg_mass"] * 3 + ["torque_gain"]
 
 
 def test_one_piece_that_derivatives_mislead_does_not_decide(search: Search) -> None:
     """A piece whose errors jump with the number, as where a foot just touches, as held out against the others."""
     rng = np.random.default_rng(0)
-    pieces, values, _ = search.responses.nuisances.shape
+    pieces, values, _ = search.sensitivities.nuisances.shape
     slope = rng.standard_normal((pieces, values, 1))
     errors = rng.standard_normal((pieces, values, 1)) - 0.05 * slope
     slope[0] *= 300.0
     errors[0] += 0.02 * slope[0]  # wants another number than all others
     columns = np.concatenate([errors, slope], axis=2)
-    fit = search.judged((hypothesis("payload"),), np.array([0.8]), columns)
-    products = search.responses.free(columns)
-    fitted = products.loss(products.fit(search.prior(1), search.every))
+    fit = search.cross_validate((hypothesis("payload"),), np.array([0.8]), columns)
+    products = search.sensitivities.with_nuisances(columns)
+    fitted = products.loss(products.fit(search.prior(1), search.all_pieces))
     assert fit.heldout[0] == pytest.approx(fitted[0] + MOST_SURPRISE)
     assert (fit.heldout[1:] < fitted[1:] + MOST_SURPRISE).all()

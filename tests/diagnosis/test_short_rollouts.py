@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.gap import Judged
-from leapgap.diagnosis.short_rollouts import ShortRollouts, State, smoothed, spread, turn_between
+from leapgap.diagnosis.gap import JudgedLogs
+from leapgap.diagnosis.short_rollouts import ShortRollouts, StateChannels, smooth_start, thin_evenly, turn_between
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
@@ -18,17 +18,17 @@ from tests.diagnosis.test_gap import hardware
 
 @pytest.fixture(scope="module")
 def evidence(robot: Robot, reference: Log) -> ShortRollouts:
-    judged = Judged.of(hardware(robot, reference, noise=SensorNoise(), jumps=2), robot)
-    return ShortRollouts.of(judged.jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
+    judged = JudgedLogs.of(hardware(robot, reference, noise=SensorNoise(), jumps=2), robot)
+    return ShortRollouts.of(judged.logs, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
 
 
 def test_noise_explains_the_errors_of_the_robot_that_made_the_logs(evidence: ShortRollouts) -> None:
     """Whitened errors are standard normal when only noise acts: χ² is the number of values."""
-    about = evidence.around(evidence.same(()))
-    (errors,) = about.residuals([about.same(())])
+    about = evidence.whiten_for(evidence.on_every_log(()))
+    (errors,) = about.residuals([about.on_every_log(())])
     chi2 = np.mean([np.mean(of**2) for of in errors])
     assert 0.85 < chi2 < 1.25
-    (damped,) = about.residuals([about.same((effects.effect("joint_damping", damping=0.4),))])
+    (damped,) = about.residuals([about.on_every_log((effects.effect("joint_damping", damping=0.4),))])
     assert np.mean([np.mean(of**2) for of in damped]) > 10
 
 
@@ -69,7 +69,8 @@ def test_a_piece_may_end_with_the_log(robot: Robot, reference: Log) -> None:
 def test_threads_change_nothing(evidence: ShortRollouts) -> None:
     robot = evidence.state.robot
     alone, many = (
-        replace(evidence, replayer=Replayer(robot, 1, threads)).around(evidence.same(())) for threads in (1, 3)
+        replace(evidence, replayer=Replayer(robot, 1, threads)).whiten_for(evidence.on_every_log(()))
+        for threads in (1, 3)
     )
     assert [w.tobytes() for w in alone.whitening] == [w.tobytes() for w in many.whitening]
 
@@ -89,7 +90,7 @@ def test_a_displaced_state_differs_in_its_channel_alone(evidence: ShortRollouts,
     state, at = evidence.state, evidence.pieces[0].starts.states[0]
     nq = robot.model.nq
     for channel in (0, 4, 8, 15, 30):
-        moved = state.moved(at, channel, 1e-3)
+        moved = state.displace(at, channel, 1e-3)
         as_motion = [Motion(s[None, :nq], s[None, nq:]) for s in (moved, at)]
         difference = state.differences(*as_motion)[0]
         assert difference[channel] == pytest.approx(1e-3, abs=1e-8)
@@ -99,21 +100,21 @@ def test_a_displaced_state_differs_in_its_channel_alone(evidence: ShortRollouts,
 def test_smoothing_keeps_parabolas_and_less_than_half_the_noise() -> None:
     rows = np.arange(60.0)
     logged = Motion((rows**2)[:, None], (3 * rows)[:, None])
-    value, kept = smoothed(logged, 30, 60, 9)
+    value, kept = smooth_start(logged, 30, 60, 9)
     assert value == pytest.approx([900.0, 90.0])
     assert 0.2 < kept < 0.5
     draws = np.random.default_rng(0).standard_normal((4000, 60))
-    assert np.std([smoothed(Motion(d[:, None], d[:, None]), 30, 60, 9)[0][0] for d in draws]) == pytest.approx(
+    assert np.std([smooth_start(Motion(d[:, None], d[:, None]), 30, 60, 9)[0][0] for d in draws]) == pytest.approx(
         kept, rel=0.05
     )
 
 
 def test_pieces_spread_over_logs_and_phases() -> None:
     rows = [np.arange(0, 1100, 100)] * 4
-    kept = spread(rows, 22)
+    kept = thin_evenly(rows, 22)
     assert sum(map(len, kept)) == 22
     assert set(np.concatenate(kept)) == set(rows[0])
-    assert [len(k) for k in spread(rows, 1000)] == [11] * 4
+    assert [len(k) for k in thin_evenly(rows, 1000)] == [11] * 4
 
 
 def test_pieces_of_a_whole_jump_go_on_where_it_goes(robot: Robot, reference: Log) -> None:
@@ -122,14 +123,14 @@ def test_pieces_of_a_whole_jump_go_on_where_it_goes(robot: Robot, reference: Log
     replayer, trial = Replayer(robot), Rollout(reference, late)
     (whole,) = replayer.true_motions([trial], rows=400)
     states = np.concatenate([whole.qpos, whole.qvel], axis=1)
-    ((piece,),) = replayer.restarted([trial], [Starts([200], states[200:201])], 101)
+    ((piece,),) = replayer.replay_pieces([trial], [Starts([200], states[200:201])], 101)
     assert np.abs(piece.qpos - whole.qpos[200:301]).max() < 1e-9
 
 
 def test_noise_of_every_channel_is_read_off_the_log(robot: Robot, reference: Log) -> None:
     noise = SensorNoise(base_pos_m=0.002, base_angle_rad=0.003, joint_vel_rad_s=0.07)
     (jump,) = hardware(robot, reference, noise=noise)
-    state = State.of([jump], robot)
+    state = StateChannels.of([jump], robot)
     noise_of_channel = state.noise(motion_of(jump, robot), jump.info.sample_period_s)
     found = dict(zip((channel.name for channel in state.channels), noise_of_channel, strict=True))
     assert found["base_pos_y"] == pytest.approx(0.002, rel=0.15)

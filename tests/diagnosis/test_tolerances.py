@@ -7,8 +7,8 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.gap import Judged
-from leapgap.diagnosis.hypotheses import hypotheses_of, places
+from leapgap.diagnosis.gap import JudgedLogs
+from leapgap.diagnosis.hypotheses import list_hypotheses, places
 from leapgap.diagnosis.sensitivities import Sensitivities, tolerance
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
@@ -66,9 +66,9 @@ def test_a_tolerance_of_nothing_is_refused(robot: Robot, name: str) -> None:
 
 def test_a_nuisance_is_one_tolerance_of_its_column(robot: Robot, reference: Log) -> None:
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
-    evidence = ShortRollouts.of(Judged.of(jumps, robot).jumps, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
+    evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).logs, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
     shares = {"payload.mass_kg": 0.01, "foot_friction.mu": 0.02}
-    responses = Sensitivities.of(evidence, hypotheses_of(["payload"], robot, None), shares)
+    responses = Sensitivities.of(evidence, list_hypotheses(["payload"], robot, None), shares)
     by_place = {(key.effect, key.place): i for i, key in enumerate(responses.keys)}
     payload = responses.columns[:, :, by_place["payload", "all"]]
     assert np.abs(payload).max() > 0

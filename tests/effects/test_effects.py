@@ -30,7 +30,7 @@ TABLE = {
     "trunk_inertia": (("scale", "1", 1, 1.2, 1.5, 2),),
 }
 """Parameter, unit, nominal value for the A1, small, moderate and large; as people rely on them from outside."""
-SIZES = {name: {own[0]: own[4] for own in of_effect} for name, of_effect in TABLE.items()}
+SIZES = {name: {own[0]: own[4] for own in effect_parameters} for name, effect_parameters in TABLE.items()}
 AT_JOINTS = [name for name, kind in effects.known().items() if kind.places == "joints"]
 
 
@@ -50,8 +50,8 @@ def test_effects_are_those_of_the_table_with_its_units_and_sizes(robot: Robot) -
         for name, kind in effects.known().items()
     }
     assert said == {
-        name: tuple((own, unit, nominal, moderate) for own, unit, nominal, _, moderate, _ in of_effect)
-        for name, of_effect in TABLE.items()
+        name: tuple((own, unit, nominal, moderate) for own, unit, nominal, _, moderate, _ in effect_parameters)
+        for name, effect_parameters in TABLE.items()
     }
 
 

@@ -150,7 +150,7 @@ def test_drag_is_quadratic_against_the_velocity_in_any_direction(
     data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
     data.qvel[3:6] = 0.0
     mujoco.mj_forward(model, data)
-    without = Replayer(robot).model(Rollout(trial.jump))
+    without = Replayer(robot).model(Rollout(trial.log))
     v = np.array(velocity)
     assert data.qfrc_fluid[:3] == pytest.approx(-1.7 * np.linalg.norm(v) * v, abs=1e-6)
     about_centre = data.qfrc_fluid[3:6] - np.cross(robot.model.body_ipos[1], data.qfrc_fluid[:3])

@@ -45,13 +45,13 @@ def test_first_change_of_gains_is_found(robot: Robot) -> None:
 def test_every_other_row_carries_the_mean_of_what_was_sent(robot: Robot) -> None:
     rows = np.arange(101.0)
     log = standing(robot, 101, **{"cmd_tau/FR_calf": rows, "joint_pos/FR_calf": -rows})
-    half = log.every(2)
+    half = log.downsample(2)
     assert len(half) == 50
     assert half.info.sample_period_s == pytest.approx(2 * log.info.sample_period_s)
     assert half["cmd_tau/FR_calf"] == pytest.approx(rows[:100:2] + 0.5)
     assert half["joint_pos/FR_calf"] == pytest.approx(-rows[:100:2])
     assert half["cmd_kp/FR_calf"] == pytest.approx(log["cmd_kp/FR_calf"][:100:2])
-    assert log.every(1) is log
+    assert log.downsample(1) is log
 
 
 def ridden(column: str) -> dict:

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.robot.rotations import pitch_of, turn_between, turned, upright_cosine, yaw_of
+from leapgap.robot.rotations import pitch_of, turn_between, turn_by, upright_cosine, yaw_of
 
 
 def quaternions(rows: int = 50) -> np.ndarray:
@@ -42,7 +42,7 @@ def test_a_small_turn_is_about_the_axes_of_the_body_and_is_found_again() -> None
     expected = first.copy()
     for row, turn in zip(expected, by, strict=True):
         mujoco.mju_quatIntegrate(row, turn, 1.0)
-    after = turned(first, by)
+    after = turn_by(first, by)
     assert np.abs(after - expected).max() < 2e-8
     assert np.abs(turn_between(first, expected) - by).max() < 2e-8
     assert np.abs(turn_between(first, -expected) - by).max() < 2e-8  # q and −q are one attitude

@@ -11,9 +11,9 @@ from leapgap import effects
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
-from leapgap.simulation.closed_loop import Plant, Sensing, run_controlled
+from leapgap.simulation.closed_loop import Plant, Sensing, run_closed_loop
 from leapgap.simulation.controller import Command, Controller, StateEstimate
-from leapgap.simulation.open_loop import Course, PlannedJump, PreparedJump, make_jumps, prepare
+from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, prepare, run_open_loop
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
@@ -36,8 +36,8 @@ class Playback(Controller):
         return Command(*(values[row] for values in self.rows), self.force[row])
 
 
-def ready_for(reference: Log, robot: Robot, found: tuple[effects.Effect, ...], block_m: float = 0.0) -> PreparedJump:
-    return prepare([PlannedJump("made", reference, block_m)], Replayer(robot), found, Course())[0]
+def ready_for(reference: Log, robot: Robot, found: tuple[effects.Effect, ...], block_m: float = 0.0) -> PreparedRun:
+    return prepare([MotionPlan("made", reference, block_m)], Replayer(robot), found, Course())[0]
 
 
 ALL_KINDS = (
@@ -57,7 +57,7 @@ def test_closed_loop_of_known_commands_is_their_replay(
     robot: Robot, reference: Log, found: tuple[effects.Effect, ...]
 ) -> None:
     ready = ready_for(reference, robot, found, block_m=0.03)
-    run = run_controlled(
+    run = run_closed_loop(
         ready, Playback(ready.commanded, robot), Replayer(robot), found, Sensing(SILENT), np.random.default_rng(0)
     )
     trial = Rollout(ready.commanded, found, first_state=ready.start)
@@ -67,8 +67,8 @@ def test_closed_loop_of_known_commands_is_their_replay(
     assert run.truth.qvel == pytest.approx(truth.qvel, abs=100 * rounding, rel=0)
     assert run.log["base_pos_z"] == pytest.approx(reported.qpos[:, 2], abs=1e-12)
     assert run.log.per_joint("joint_pos") == pytest.approx(reported.qpos[:, robot.joint_qpos], abs=1e-12)
-    (open_loop,) = make_jumps(
-        [PlannedJump("made", reference, 0.03)], robot, found, SILENT, Course(), np.random.default_rng(0)
+    (open_loop,) = run_open_loop(
+        [MotionPlan("made", reference, 0.03)], robot, found, SILENT, Course(), np.random.default_rng(0)
     )
     assert set(open_loop.columns) <= set(run.log.columns)
     assert all(run.log[name] == pytest.approx(open_loop[name], abs=1e-9) for name in open_loop.columns)
@@ -92,8 +92,8 @@ def test_a_delay_is_as_long_at_any_rate(robot: Robot, rate_hz: int, found: effec
     columns |= {f"mpc_force/{axis}": np.zeros(rows) for axis in PAIR_FORCE_AXES}
     jump = replace(still, columns=columns, info=replace(still.info, sample_period_s=1 / rate_hz))
     start = Replayer(robot).first_state(Rollout(jump))
-    ready = PreparedJump(PlannedJump("waving", jump), jump, start)
-    run = run_controlled(
+    ready = PreparedRun(MotionPlan("waving", jump), jump, start)
+    run = run_closed_loop(
         ready, Playback(jump, robot), Replayer(robot), (found,), Sensing(SILENT), np.random.default_rng(0)
     )
     trial = Rollout(jump, (found,), first_state=start)
@@ -108,12 +108,12 @@ def test_the_controller_is_told_what_the_log_holds_and_the_base_late(robot: Robo
     ready = ready_for(reference, robot, ())
     controller = Playback(ready.commanded, robot)
     sensing = Sensing(SensorNoise(), base_delay_s=0.004)
-    run = run_controlled(ready, controller, Replayer(robot), (), sensing, np.random.default_rng(3))
+    run = run_closed_loop(ready, controller, Replayer(robot), (), sensing, np.random.default_rng(3))
     told_x = np.array([estimate.base_position[0] for estimate in controller.told])
     assert np.array_equal(told_x[4:], run.log["base_pos_x"][:-4])
     assert np.array_equal([e.joint_vel for e in controller.told], run.log.per_joint("joint_vel"))
     assert np.std(run.log["base_pos_x"] - run.truth.qpos[:, 0]) == pytest.approx(0.001, rel=0.1)
-    again = run_controlled(
+    again = run_closed_loop(
         ready, Playback(ready.commanded, robot), Replayer(robot, threads=1), (), sensing, np.random.default_rng(3)
     )
     assert all(np.array_equal(run.log[name], again.log[name]) for name in run.log.columns)
@@ -121,7 +121,7 @@ def test_the_controller_is_told_what_the_log_holds_and_the_base_late(robot: Robo
 
 def test_feet_touch_until_the_schedule_lifts_them_and_again_at_the_landing(robot: Robot, reference: Log) -> None:
     ready = ready_for(reference, robot, ())
-    run = run_controlled(
+    run = run_closed_loop(
         ready, Playback(ready.commanded, robot), Replayer(robot), (), Sensing(SILENT), np.random.default_rng(0)
     )
     front = [robot.feet.index(foot) for foot in robot.feet_of_pair("front")]
@@ -146,7 +146,7 @@ def test_gains_that_change_act_at_once(robot: Robot, reference: Log) -> None:
 def test_ground_forces_are_the_impulse_that_moves_the_whole_robot(robot: Robot, reference: Log) -> None:
     """Newton for the robot as a whole: ∫ F dt = m Δv of the centre of mass + weight · time; in the air it is zero."""
     ready = ready_for(reference, robot, ())
-    run = run_controlled(
+    run = run_closed_loop(
         ready, Playback(ready.commanded, robot), Replayer(robot), (), Sensing(SILENT), np.random.default_rng(0)
     )
     model, data = robot.model, mujoco.MjData(robot.model)

@@ -6,7 +6,7 @@ import pytest
 
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump, prepare
+from leapgap.simulation.open_loop import Course, MotionPlan, prepare
 from leapgap.simulation.replay import Replayer, Rollout
 
 
@@ -14,7 +14,7 @@ from leapgap.simulation.replay import Replayer, Rollout
 def contacts(robot: Robot, reference: Log) -> dict[str, np.ndarray]:
     """Of every row: deepest foot, forces on it (normal, tangential), their sum in the world, momentum."""
     replayer = Replayer(robot)
-    (ready,) = prepare([PlannedJump("made", reference)], replayer, (), Course())
+    (ready,) = prepare([MotionPlan("made", reference)], replayer, (), Course())
     trial = Rollout(ready.commanded, first_state=ready.start)
     (motion,) = replayer.motions([trial])
     model = replayer.model(trial)

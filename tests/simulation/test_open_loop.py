@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump, make_jumps
+from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
 from tests.code import ROOT
@@ -54,7 +54,7 @@ def test_a_log_of_hardware_with_wrong_sensors_and_ground_replays_without_a_gap(r
         effects.effect("command_delay", delay_s=0.003),
         effects.effect("torque_speed_limit", voltage_v=16.0),
     )
-    (jump,) = make_jumps([PlannedJump("made", reference)], robot, found, SILENT, Course(), np.random.default_rng(0))
+    (jump,) = run_open_loop([MotionPlan("made", reference)], robot, found, SILENT, Course(), np.random.default_rng(0))
     motion = Replayer(robot).motions([Rollout(jump, found)], rows=1000)[0]
     measured = jump.stack(("base_pos_x", "base_pos_z"))[:1000]
     assert np.abs(motion.qpos[:, [0, 2]] - measured).max() < 1e-3
@@ -72,7 +72,9 @@ def test_a_log_of_hardware_with_wrong_sensors_and_ground_replays_without_a_gap(r
 def test_hardware_stands_still_on_its_own_ground_before_it_jumps(
     robot: Robot, reference: Log, found: effects.Effect
 ) -> None:
-    (jump,) = make_jumps([PlannedJump("made", reference)], robot, (found,), SILENT, Course(), np.random.default_rng(0))
+    (jump,) = run_open_loop(
+        [MotionPlan("made", reference)], robot, (found,), SILENT, Course(), np.random.default_rng(0)
+    )
     assert abs(jump["base_linvel_z"][0]) < 0.01
     assert abs(jump["base_angvel_y"][0]) < 0.02
     if found.location == "all" and found.name == "ground_height":

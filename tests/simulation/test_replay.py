@@ -62,9 +62,9 @@ def test_gains_that_change_on_the_way_act_from_their_row(robot: Robot) -> None:
 
 
 def test_alone_in_company_and_at_any_number_of_threads_bits_are_equal(robot: Robot, reference: Log) -> None:
-    from leapgap.simulation.open_loop import Course, PlannedJump, with_block
+    from leapgap.simulation.open_loop import Course, MotionPlan, with_block
 
-    block = with_block(reference, PlannedJump("b", reference, 0.03), robot, Course())
+    block = with_block(reference, MotionPlan("b", reference, 0.03), robot, Course())
     trials = [Rollout(reference), Rollout(block), Rollout(reference, (effects.effect("payload", mass_kg=1.0),))] * 3
     together = Replayer(robot, terrain_slots=1, threads=2).motions(trials)
     for trial, motion in zip(trials[:3], together[:3], strict=True):

@@ -11,7 +11,7 @@ from leapgap import effects
 from leapgap.effects.base import Commands, Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import out_of_the_ground
+from leapgap.simulation.open_loop import lift_out_of_ground
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.validation.case import CaseSetup, Withheld, described, restored, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, draw_cases
@@ -130,7 +130,9 @@ def test_every_nameless_effect_changes_the_motion(
     generator = Generator(robot, terrain_slots=1, step_s=0.0005)
     jump = plain.logs[0].first_rows(1100)
     trial = Rollout(jump, (largest(sizes, name),))
-    assert out_of_the_ground(trial, generator.first_state(trial), generator).shape == (robot.model.nq + robot.model.nv,)
+    assert lift_out_of_ground(trial, generator.first_state(trial), generator).shape == (
+        robot.model.nq + robot.model.nv,
+    )
     on, off = generator.motions([trial, Rollout(jump)])
     assert np.abs(on.qpos - off.qpos).max() > 0.005
 

@@ -1,1 +1,1 @@
-"""Where the gap lies, which effect causes it, how far it shrinks."""
+"""Diagnosis of the sim-to-real gap: where it lies, which effects cause it, how far correcting them reduces it."""

@@ -1,4 +1,4 @@
-"""What a search for causes believes: sets of hypotheses with numbers, and how well they do on logs not fitted on."""
+"""Candidates of the search for causes: sets of hypotheses with fitted numbers and their held-out losses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,34 +8,34 @@ import numpy as np
 from leapgap.diagnosis.hypotheses import Hypothesis
 
 LEAST_SPREADS = 2.0
-"""A number this many standard deviations from nominal is known to differ from it."""
+"""A number differs from nominal when it is more than this many standard deviations away."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A set of hypotheses acting together, with their numbers."""
+    """A set of hypotheses that act together, with their fitted numbers."""
 
     hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
-    """Fitted on all logs, those of all hypotheses in one vector."""
+    """Fitted on all logs; one vector for all hypotheses, (numbers,)."""
     covariance: np.ndarray
-    """Of the numbers."""
+    """Covariance of the numbers, (numbers, numbers)."""
     fold_numbers: np.ndarray
     """Fitted without each fold, (folds, numbers)."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the effects."""
+        """Names of the effects, one a hypothesis."""
         return tuple(h.name for h in self.hypotheses)
 
     @property
     def at_bound(self) -> bool:
-        """Whether some number ran to the end of its range."""
+        """Whether some number is at the end of its range."""
         return any(h.at_bound(n) for h, n in zip(self.hypotheses, self.split(), strict=True))
 
     @property
     def sensible(self) -> bool:
-        """Whether every hypothesis departs from nominal, and none ran to the end of its range."""
+        """Whether every hypothesis differs from nominal and no number is at the end of its range."""
         spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         departs = [
             (np.abs(n - h.nominal) > LEAST_SPREADS * s).any()
@@ -44,70 +44,70 @@ class Candidate:
         return all(departs) and not self.at_bound
 
     def split(self, numbers: np.ndarray | None = None) -> list[np.ndarray]:
-        """Numbers of each hypothesis."""
-        return parted(self.hypotheses, self.numbers if numbers is None else numbers)
+        """Numbers (by default the fitted ones) of each hypothesis."""
+        return split_numbers(self.hypotheses, self.numbers if numbers is None else numbers)
 
 
 @dataclass(frozen=True)
 class Fit(Candidate):
-    """A belief fitted to replays of its own, and judged on logs it was not fitted on.
+    """A candidate fitted to replays of its own, and judged on held-out logs.
 
-    Its covariance has the nuisances free: from the curvature of the loss, or from the scatter of its slope over pieces
-    where that says more.
+    The covariance is that of the numbers with the nuisances fitted too. It comes from the curvature of the loss and is
+    wider where the scatter of the gradient over pieces is larger.
     """
 
-    tried: np.ndarray
-    """Where it was replayed: the numbers are one linear step from here."""
+    linearisation_point: np.ndarray
+    """Linearisation point, (numbers,); ``numbers`` is one Gauss–Newton step from it."""
     columns: np.ndarray
-    """Errors there and their derivatives, (pieces, values, 1 + numbers)."""
+    """Errors at the linearisation point and their derivatives, (pieces, values, 1 + numbers)."""
     loss: float
-    """On all logs, fitted on all."""
+    """Loss of all logs at the fit on all logs."""
     chi2: np.ndarray
-    """Of each piece over its values, fitted on all logs; 1 is what noise explains, (pieces,)."""
+    """χ² of each piece over its number of values, fitted on all logs, (pieces,); noise alone gives 1."""
     heldout: np.ndarray
     """Loss of each piece, fitted without its fold, (pieces,)."""
 
 
 @dataclass(frozen=True)
 class ProfileLikelihood:
-    """How much worse the evidence fits as a hypothesis's first number leaves its best value, all else free."""
+    """Profile of the loss over the first number of a hypothesis, all other numbers fitted."""
 
     hypothesis: Hypothesis
     values: np.ndarray
     loss: np.ndarray
-    """Above the least, (values,)."""
+    """Loss above its minimum, (values,)."""
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a search believes, and all that it fitted on the way."""
+class SearchResult:
+    """Result of a search: the selected candidate and all fits made on the way."""
 
     nominal: Fit
-    believed: Fit
+    selected: Fit
     rounds: tuple[tuple[Fit, ...], ...]
-    """Fits of sets of one, two, … hypotheses, best on held-out logs first; the last round may not be believed."""
+    """Fits of sets of one, two, … hypotheses, best on held-out logs first; the last round may hold no selected set."""
     log_of_piece: np.ndarray
     values: int
-    """Of a piece."""
+    """Number of compared values of a piece."""
     profiles: tuple["ProfileLikelihood", ...]
-    """Of the first round."""
+    """Profile likelihoods of the first round, one an effect."""
 
     def before(self, number: int) -> Fit:
-        """The fit of the first so many of the believed hypotheses."""
+        """The fit of the first ``number`` selected hypotheses."""
         if number == 0:
             return self.nominal
-        wanted = self.believed.hypotheses[:number]
+        wanted = self.selected.hypotheses[:number]
         return next(fit for fit in self.rounds[number - 1] if fit.hypotheses == wanted)
 
     @property
     def steps(self) -> tuple[Fit, ...]:
-        """Fits of the first one, two, … of the believed hypotheses; the last is what is believed."""
-        return tuple(self.before(k) for k in range(1, len(self.believed.hypotheses) + 1))
+        """Fits of the first one, two, … selected hypotheses; the last is the selected fit."""
+        return tuple(self.before(k) for k in range(1, len(self.selected.hypotheses) + 1))
 
     @property
     def rivals(self) -> tuple[Fit, ...]:
-        """Sets as large as the believed one, itself among them."""
-        return self.rounds[len(self.believed.hypotheses) - 1] if self.believed.hypotheses else ()
+        """Fits of sets as large as the selected one, which is among them."""
+        return self.rounds[len(self.selected.hypotheses) - 1] if self.selected.hypotheses else ()
 
     @property
     def alternatives(self) -> tuple[Fit, ...]:
@@ -124,12 +124,12 @@ def in_words(fit: Candidate) -> str:
     return " + ".join(parts)
 
 
-def parted(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
-    """One vector of numbers cut to those of each hypothesis."""
+def split_numbers(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
+    """Split a vector of numbers into those of each hypothesis."""
     return np.split(numbers, np.cumsum([len(h.parameters) for h in hypotheses])[:-1]) if hypotheses else []
 
 
-def clipped(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.ndarray:
-    """Numbers within their ranges."""
-    parts = [h.clipped(n) for h, n in zip(hypotheses, parted(hypotheses, numbers), strict=True)]
+def clip_numbers(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.ndarray:
+    """Clip the numbers of hypotheses to their ranges."""
+    parts = [h.clip(n) for h, n in zip(hypotheses, split_numbers(hypotheses, numbers), strict=True)]
     return np.concatenate(parts) if parts else numbers

@@ -1,4 +1,4 @@
-"""What is compared between a log and a replay: every channel once, with its unit, its scale and where it stands."""
+"""Channels that are compared between a log and a replay, with unit, scale and index in the state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,32 +21,32 @@ HEADLINE = {
     "base_linvel_z": 0.3,
     "base_angvel_y": 0.6,
 }
-"""Channels of the headline gap and the difference that counts as one: m, m, rad, m/s, m/s, rad/s."""
+"""Channels of the headline gap and their scales: m, m, rad, m/s, m/s, rad/s."""
 JOINT_SCALES = {"joint_pos": 0.1, "joint_vel": 1.0}
-"""The same for a robot whose base is fixed, rad and rad/s: all that moves are its joints."""
+"""Scales of joint channels, rad and rad/s; on a robot with a fixed base they form the headline gap."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One compared number of the robot's state."""
+    """One compared component of the robot's state."""
 
     name: str
-    """Of its column; ``base_roll``, ``base_pitch`` and ``base_yaw`` for the turn of the base."""
+    """Name of the column; ``base_roll``, ``base_pitch`` and ``base_yaw`` for the orientation of the base."""
     quantity: str
     """``base_pos``, ``base_turn``, ``base_linvel``, ``base_angvel``, ``joint_pos`` or ``joint_vel``."""
     unit: str
     entry: int
-    """Where it stands in the tangent of the state: position 3, turn in base axes 3, joints; then velocities alike."""
+    """Index in the tangent of the state: position 3, rotation in base axes 3, joints; then their velocities."""
     scale: float | None = None
-    """The difference that counts as one in the headline gap; None where it is no part of it."""
+    """Unit of the channel in the headline gap; None where it is not part of it."""
 
     @property
     def column(self) -> str:
-        """The column that a log must have to know it."""
+        """The column that a log needs to have this channel."""
         return BASE_QUATERNION[0] if self.quantity == "base_turn" else self.name
 
     def values(self, motion: Motion, robot: Robot) -> np.ndarray:
-        """Of a logged or simulated motion, (rows,); a turn of the base is known by its pitch alone."""
+        """Values of the channel in a motion, (rows,); of the orientation only pitch has values."""
         if self.name == "base_pitch":
             return pitch_of(motion.base_quaternion)
         nv = robot.model.nv
@@ -59,7 +59,7 @@ class Channel:
 
 
 def state_channels(robot: Robot) -> tuple[Channel, ...]:
-    """Every channel of the robot's state: those of the base first, joint positions, joint velocities."""
+    """Every channel of the robot's state: base, joint positions, joint velocities."""
     nv, found = robot.model.nv, []
     if robot.has_free_base:
         for quantity, unit, entry, names in (
@@ -80,36 +80,36 @@ def state_channels(robot: Robot) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-def logged_channels(jumps: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
-    """Channels of the state that every log knows."""
-    return tuple(c for c in state_channels(robot) if all(is_logged(jump, c.name) for jump in jumps))
+def logged_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
+    """Channels of the state that every log has."""
+    return tuple(c for c in state_channels(robot) if all(is_logged(log, c.name) for log in logs))
 
 
-def scaled_channels(jumps: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
-    """Those of them with a scale: the base's headline channels, then joint positions and velocities."""
-    return tuple(c for c in logged_channels(jumps, robot) if c.scale is not None)
+def scaled_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
+    """Logged channels with a scale: headline channels of the base, then joint positions and velocities."""
+    return tuple(c for c in logged_channels(logs, robot) if c.scale is not None)
 
 
-def is_logged(jump: Log, channel: str) -> bool:
-    """Whether a log has what a channel needs."""
-    return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in jump
+def is_logged(log: Log, channel: str) -> bool:
+    """Whether a log has the column of a channel."""
+    return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in log
 
 
-def table(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
-    """Channels side by side, (rows, channels)."""
+def channel_values(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
+    """Values of channels in a motion, (rows, channels)."""
     return np.stack([channel.values(motion, robot) for channel in channels], axis=1)
 
 
-def logged(jump: Log, channel: str) -> np.ndarray:
-    """One channel as logged, by its name, (rows,)."""
-    return jump.pitch if channel == "base_pitch" else jump[channel]
+def logged_values(log: Log, channel: str) -> np.ndarray:
+    """Logged values of one channel, by its name, (rows,)."""
+    return log.pitch if channel == "base_pitch" else log[channel]
 
 
-def measured(jump: Log, channels: Sequence[Channel]) -> np.ndarray:
-    """Channels as logged, (rows, channels)."""
-    return np.stack([logged(jump, channel.name) for channel in channels], axis=1)
+def measured_values(log: Log, channels: Sequence[Channel]) -> np.ndarray:
+    """Logged values of channels, (rows, channels)."""
+    return np.stack([logged_values(log, channel.name) for channel in channels], axis=1)
 
 
-def noise(jump: Log, channels: Sequence[Channel]) -> np.ndarray:
+def sensor_noise(log: Log, channels: Sequence[Channel]) -> np.ndarray:
     """Standard deviation of each channel's sensor noise, (channels,)."""
-    return noise_of(np.diff(measured(jump, channels), axis=0), jump.info.sample_period_s)
+    return noise_of(np.diff(measured_values(log, channels), axis=0), log.info.sample_period_s)

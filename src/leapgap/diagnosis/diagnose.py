@@ -6,18 +6,18 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.candidates import Found
+from leapgap.diagnosis.candidates import SearchResult
 from leapgap.diagnosis.checks import CheckResult, run_checks
 from leapgap.diagnosis.checks.clocks import local_clocks
-from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, concluded, confirmed_by_jumps, first_shares
+from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, best_set_shares, decide, drop_contradicted_causes
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares_of
-from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReduction, resamples
-from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
-from leapgap.diagnosis.localisation import where
+from leapgap.diagnosis.gap import JudgedLogs, final_position_errors, motion_squares, noise_floor
+from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReplays, resamples
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import ReportContent
-from leapgap.diagnosis.selection import SearchSettings, find
+from leapgap.diagnosis.selection import SearchSettings, find_causes
 from leapgap.diagnosis.sensitivities import FINE_STEP_S
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import (
@@ -48,37 +48,37 @@ TOLERANCES = {
     "payload.mass_kg": 0.005,
     "trunk_inertia.scale": 0.005,
 }
-"""How exactly the description of a robot is known: standard deviations as shares of its own numbers, offsets in m."""
+"""Tolerances of a robot's model: standard deviations as shares of its own numbers, offsets in m."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a diagnosis looks for and when it is convinced."""
+    """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
     effects: list[str] = field(default_factory=list)
     """Names of the hypotheses; empty: all known effects."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
-    """Replays start anew from the log so often."""
+    """Length of a piece: replays restart from the log after this time."""
     every_s: float = 0.01
-    """Replays are compared with the log so often."""
+    """Replays are compared with the log at this interval."""
     pieces_per_log: int = 8
-    """Pieces of each log that are replayed, where the logs are few."""
+    """Number of pieces that are replayed of each log, if that is fewer than ``most_pieces`` in all."""
     most_pieces: int = 48
-    """Pieces of all logs together that are replayed."""
+    """Largest number of pieces that are replayed of all logs together."""
     plan: SearchSettings = field(default_factory=SearchSettings)
     doubts: DecisionThresholds = field(default_factory=DecisionThresholds)
     tolerances: dict[str, float] = field(default_factory=lambda: dict(TOLERANCES))
-    """``effect.parameter`` → standard deviation of what no description of a robot has exactly, in units of the model's
-    own (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""
+    """``effect.parameter`` → standard deviation of that number of the model, in units of the model's own value
+    (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""
     model_error: float = 0.03
-    """Of a departure from nominal: what a fit in another simulation than the robot's own is off by."""
+    """Relative error of a departure from nominal because the simulation differs from the robot."""
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
     even_threshold: float = 0.03
     whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
-    """Of the search in whole jumps, where a confirmed cause leaves most of the gap."""
+    """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
     noise_draws: int = 3
@@ -99,7 +99,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """A report with what was simulated for it."""
+    """A report with the replays made for it."""
 
     report: ReportContent
     nominal: Mapping[str, Motion]
@@ -119,7 +119,7 @@ def diagnose(
     threads: int | None = None,
     own: Sequence[type[Effect]] = (),
 ) -> Diagnosis:
-    """Find where the gap lies, which effects cause it, and how far it shrinks on jumps not fitted on.
+    """Find where the gap lies, which effects cause it, and how far it shrinks on logs not fitted on.
 
     ``provenance`` says which files the logs were read from; where it is None their content stands for them.
     ``own`` are a user's effect classes, looked for beside the known ones (or those of them that the settings name).
@@ -128,107 +128,109 @@ def diagnose(
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
     replayer = Replayer(robot, max(1, *(len(jump.info.terrain) for jump in jumps)) if jumps else 1, threads)
-    judged = Judged.of(jumps, robot)
+    judged = JudgedLogs.of(jumps, robot)
     progress(f"{len(jumps)} logs, {sum(judged.rows)} rows judged")
     rng = np.random.default_rng(settings.seed)
     nominal = replayer.motions([Rollout(jump) for jump in jumps])
-    yardstick = yardstick_of(judged, replayer, nominal, settings, rng)
-    gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
+    heldout_gap = heldout_gap_of(judged, replayer, nominal, settings, rng)
+    gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
-    checks = run_checks(judged.jumps, robot, settings.check_thresholds)
-    hypotheses = hypotheses_of(kinds, robot, clock_of(checks, judged, robot))
-    found = search(yardstick, hypotheses, settings, progress)
-    heldout = HeldOutReduction(yardstick, jumps, nominal)
-    heldout.replays(found.steps)
-    found = confirmed_by_jumps(found, [yardstick.closes(of) for of in heldout.of(found.steps)], settings.doubts)
-    shares = first_shares(found, yardstick.draws) if found.rivals else np.zeros(0)
-    heldout.of([*found.steps, *found.alternatives])
-    said = conclude(found, shares, heldout, hypotheses, settings, progress)
-    believed = said.steps[-1] if said.steps else found.nominal
-    (replays,) = heldout.replays([believed])
-    (corrected,) = heldout.of([believed])
-    closes = yardstick.closure(corrected) if said.answer else None
+    checks = run_checks(judged.logs, robot, settings.check_thresholds)
+    hypotheses = list_hypotheses(kinds, robot, clock_of(checks, judged, robot))
+    result = search(heldout_gap, hypotheses, settings, progress)
+    heldout = HeldOutReplays(heldout_gap, jumps, nominal)
+    heldout.replays(result.steps)
+    result = drop_contradicted_causes(
+        result, [heldout_gap.closure_value(of) for of in heldout.squares(result.steps)], settings.doubts
+    )
+    shares = best_set_shares(result, heldout_gap.draws) if result.rivals else np.zeros(0)
+    heldout.squares([*result.steps, *result.alternatives])
+    conclusion = conclude(result, shares, heldout, hypotheses, settings, progress)
+    selected = conclusion.steps[-1] if conclusion.steps else result.nominal
+    (replays,) = heldout.replays([selected])
+    (corrected,) = heldout.squares([selected])
+    closes = heldout_gap.closure(corrected) if conclusion.answer else None
     # Short steps: what the nominal simulation's own step does is no part of the gap.
-    places = where(judged, replayer.with_steps(FINE_STEP_S), settings.where_horizon_s, settings.noise_draws, rng)
+    places = localise(judged, replayer.with_steps(FINE_STEP_S), settings.where_horizon_s, settings.noise_draws, rng)
     report = ReportContent(
-        verdict=said.verdict,
-        sentence=sentence(said, believed, gap, yardstick.gap(corrected), closes, judged),
+        verdict=conclusion.verdict,
+        sentence=sentence(conclusion, selected, gap, heldout_gap.gap(corrected), closes, judged),
         gap_nominal=gap,
-        gap_corrected=yardstick.gap(corrected),
+        gap_corrected=heldout_gap.gap(corrected),
         noise_floor=floor,
-        answer=said.answer,
+        answer=conclusion.answer,
         closure_of_answer=closes,
-        closure_shared=shared_closure(believed, corrected, yardstick),
+        closure_shared=shared_closure(selected, corrected, heldout_gap),
         where=tuple(places),
-        causes=tuple(causes_of(found, said, shares, heldout, settings.model_error)),
+        causes=tuple(causes_of(result, conclusion, shares, heldout, settings.model_error)),
         checks=tuple(checks),
-        next_experiment=next_experiment(said.answer, jumps, robot),
+        next_experiment=next_experiment(conclusion.answer, jumps, robot),
         not_judged=tuple(not_judged(jumps, robot)),
-        profiles=tuple(profiles_of(found)),
-        gap_per_log=yardstick.gap_by_log(corrected),
+        profiles=tuple(profiles_of(result)),
+        gap_per_log=heldout_gap.gap_by_log(corrected),
         landing_misplaced_m=landing(nominal, replays, judged),
         provenance=provenance or Provenance.of(jumps, robot, asdict(settings)),
     )
     logs = [jump.name for jump in jumps]
     return Diagnosis(
-        report, dict(zip(logs, nominal, strict=True)), dict(zip(logs, replays, strict=True)), typical(believed, logs)
+        report, dict(zip(logs, nominal, strict=True)), dict(zip(logs, replays, strict=True)), typical(selected, logs)
     )
 
 
-def yardstick_of(
-    judged: Judged, replayer: Replayer, nominal: Sequence[Motion], settings: Settings, rng: np.random.Generator
+def heldout_gap_of(
+    judged: JudgedLogs, replayer: Replayer, nominal: Sequence[Motion], settings: Settings, rng: np.random.Generator
 ) -> HeldOutGap:
     """Folds, nominal gap, noise floor and resamples of the logs; ``nominal`` are their replays by the nominal robot."""
-    number = len(judged.jumps)
+    number = len(judged.logs)
     return HeldOutGap(
         judged,
         replayer,
         np.array(folds_of(judged, settings.folds)),
-        squares_of(nominal, judged, replayer.robot),
+        motion_squares(nominal, judged, replayer.robot),
         noise_floor(judged, replayer, settings.noise_draws, rng, nominal),
         resamples(number, settings.bootstrap_draws, rng),
     )
 
 
 def conclude(
-    found: Found,
+    result: SearchResult,
     shares: np.ndarray,
-    heldout: HeldOutReduction,
+    heldout: HeldOutReplays,
     hypotheses: Sequence[Hypothesis],
     settings: Settings,
     progress: Callable[[str], None],
 ) -> Conclusion:
-    """What the search allows to say; whole jumps are asked where a cause that logs confirm does not explain enough.
+    """Conclusion from the search; where a confirmed cause does not explain enough, from a search in full rollouts.
 
-    ``shares`` are those of the rivals.
+    ``shares`` as in ``answer_of``.
     """
-    yardstick, closes = heldout.yardstick, None
-    if found.believed.hypotheses and yardstick.shows:
-        closes = yardstick.closes(*heldout.of([found.believed]))
+    heldout_gap, closes = heldout.heldout_gap, None
+    if result.selected.hypotheses and heldout_gap.has_gap:
+        closes = heldout_gap.closure_value(*heldout.squares([result.selected]))
         if closes < settings.doubts.enough_closure:
             # The nominal step's own error may hide what a small effect closes.
-            finer = yardstick.with_steps(FINE_STEP_S)
-            closes = max(closes, finer.closes(finer.heldout([found.believed])[0]))
-    gap = yardstick.gap(yardstick.nominal) / yardstick.gap(yardstick.floor)
-    said = concluded(found, shares, gap, closes, settings.doubts)
-    if said.verdict != "unknown" or not confirmed(found):
-        return said
-    whole_jumps = FullRollouts(yardstick, settings.whole, progress)
-    return whole_jumps.concluded(found.before(1), hypotheses, settings.doubts.rival_share)
+            finer = heldout_gap.with_steps(FINE_STEP_S)
+            closes = max(closes, finer.closure_value(finer.heldout_squares([result.selected])[0]))
+    gap = heldout_gap.gap(heldout_gap.nominal) / heldout_gap.gap(heldout_gap.floor)
+    conclusion = decide(result, shares, gap, closes, settings.doubts)
+    if conclusion.verdict != "unknown" or not is_first_cause_confirmed(result):
+        return conclusion
+    full_rollouts = FullRollouts(heldout_gap, settings.whole, progress)
+    return full_rollouts.conclude(result.before(1), hypotheses, settings.doubts.rival_share)
 
 
-def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: Judged) -> dict[str, dict[str, float]]:
-    """Of each log, how far off the simulated trunk is at touch-down, m; nothing for robots without a base."""
-    nominal, corrected = misplaced_at_the_end(whole, judged), misplaced_at_the_end(replays, judged)
+def landing(whole: Sequence[Motion], replays: Sequence[Motion], judged: JudgedLogs) -> dict[str, dict[str, float]]:
+    """Error of the trunk's x at touch-down for each log, m, nominal and corrected; empty for robots without a base."""
+    nominal, corrected = final_position_errors(whole, judged), final_position_errors(replays, judged)
     if nominal is None or corrected is None:
         return {}
-    of_logs = zip(judged.jumps, nominal, corrected, strict=True)
+    of_logs = zip(judged.logs, nominal, corrected, strict=True)
     return {jump.name: {"nominal": before, "corrected": after} for jump, before, after in of_logs}
 
 
-def folds_of(judged: Judged, folds: int) -> list[int]:
-    """Which fold each jump is held out with."""
-    number = len(judged.jumps)
+def folds_of(judged: JudgedLogs, folds: int) -> list[int]:
+    """Which fold each log is held out with."""
+    number = len(judged.logs)
     if number < 2:
         raise InputError(
             "diagnose.logs",
@@ -240,19 +242,19 @@ def folds_of(judged: Judged, folds: int) -> list[int]:
 
 
 def search(
-    yardstick: HeldOutGap,
+    heldout_gap: HeldOutGap,
     hypotheses: Sequence[Hypothesis],
     settings: Settings,
     progress: Callable[[str], None],
-) -> Found:
-    """Look for causes in some of the evidence, then in all of it."""
-    jumps = yardstick.judged.jumps
+) -> SearchResult:
+    """Search for causes in half of the pieces, then in all of them."""
+    jumps = heldout_gap.judged.logs
     most = min(settings.most_pieces, settings.pieces_per_log * len(jumps))
     whole, coarse = (
-        ShortRollouts.of(jumps, yardstick.replayer, settings.horizon_s, settings.every_s, pieces)
+        ShortRollouts.of(jumps, heldout_gap.replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
-    return find(whole, coarse, hypotheses, settings.tolerances, yardstick.folds, settings.plan, progress)
+    return find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
 
 
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:
@@ -267,29 +269,29 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:
-    """A tolerance of something that is no parameter of an effect is an ``InputError``."""
+    """Raise ``InputError`` for a tolerance that does not name a parameter of an effect."""
     kinds = effects.registry(own)
     for name in settings.tolerances:
         effect, _, parameter = name.partition(".")
-        if effect not in kinds or parameter not in kinds[effect].declared():
+        if effect not in kinds or parameter not in kinds[effect].declarations():
             expected = "<effect>.<parameter>, such as armature.inertia"
             raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
 
 
-def clock_of(checks: Sequence[CheckResult], judged: Judged, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
+def clock_of(checks: Sequence[CheckResult], judged: JudgedLogs, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
     """True over claimed period of each log by its joints, where that check failed; several where it changes within.
 
-    The joints are not scored in the headline gap, so this holds on held-out jumps too.
+    The joints are not scored in the headline gap, so this holds on held-out logs too.
     """
     failed = {check.name: check.per_log for check in checks if not check.passed}
     if "even_clock" in failed:
-        local = local_clocks(judged.jumps, robot) or {}
+        local = local_clocks(judged.logs, robot) or {}
         return {log: tuple(clock.tolist()) for log, clock in local.items()}
     if "joint_clock" in failed:
         return {log: (value,) for log, value in failed["joint_clock"].items()}
     return None
 
 
-def confirmed(found: Found) -> bool:
-    """Whether the first cause is one that the logs contradict themselves about, whatever else there is."""
-    return bool(found.believed.hypotheses) and found.believed.hypotheses[0].per_log is not None
+def is_first_cause_confirmed(result: SearchResult) -> bool:
+    """Whether the first cause is one that a consistency check of the logs confirms."""
+    return bool(result.selected.hypotheses) and result.selected.hypotheses[0].per_log is not None

@@ -1,8 +1,8 @@
-"""What whole jumps say, where short replays name a cause that logs confirm and yet leave most of the gap.
+"""Search in full rollouts, used where a confirmed cause from short replays leaves most of the gap.
 
-A replay that starts anew every 0.1 s hardly feels what acts slowly: mass, inertia, where the centre of mass is. Here
-sets of effects are fitted to replays from a jump's first row to its touch-down, in the channels and scales of the
-headline gap (Gauss–Newton with damped steps, finite differences), and judged on jumps they were not fitted on.
+Replays that restart from the log every 0.1 s are insensitive to slow influences: mass, inertia, centre of mass. Here
+sets of effects are fitted to replays from a log's first row to its touch-down, in the channels and scales of the
+headline gap (Levenberg–Marquardt, finite differences), and judged on held-out logs.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,111 +11,111 @@ from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clipped, in_words, parted
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words, split_numbers
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.gap import scaled_errors, squares
+from leapgap.diagnosis.gap import candidate_squares, scaled_errors
 from leapgap.diagnosis.gap_reduction import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.25
-"""Of a moderate departure: wide, for contacts make whole jumps rough."""
+"""Step of finite differences, as a share of the moderate departure; wide, because contacts make full rollouts rough."""
 EVERY_S = 0.02
-"""Errors are compared so often."""
+"""Interval between the instants at which errors are compared, s."""
 DAMPINGS = (0.03, 0.3, 2.0)
-"""Of a step, tried side by side, as shares of the curvature; the middle one for the numbers of a fold."""
+"""Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature; folds use the middle one."""
 SETTLED = 0.005
-"""A fit whose loss falls by a smaller share is done."""
+"""A fit has converged when its loss falls by a smaller share than this."""
 
 
 @dataclass(frozen=True)
 class FullRolloutSettings:
-    """How wide the search is, and when a further cause is believed."""
+    """Width of the search, and thresholds for a further cause."""
 
     promising: int = 2
-    """Effects fitted in the first round, those that promise most by their derivatives; of every later one half."""
+    """Number of effects fitted in the first round, the best ones by the linear model; half as many in later rounds."""
     steps: int = 6
-    """Of Gauss–Newton."""
+    """Largest number of Gauss–Newton steps."""
     most_causes: int = 3
     least_closure: float = 0.05
-    """Share of the headline gap that a further cause must close on held-out jumps,"""
+    """Smallest share of the headline gap that a further cause must close on held-out logs."""
     least_sure: float = 0.9
-    """in this share of the resamples,"""
+    """Smallest share of the resamples in which a further cause must reduce the gap."""
     least_agree: float = 0.6
-    """and shrink it on this share of the jumps."""
+    """Smallest share of the logs on which a further cause must reduce the gap."""
 
 
 @dataclass(frozen=True)
 class FullRolloutFit(Candidate):
-    """A belief fitted to whole jumps."""
+    """A candidate fitted to full rollouts."""
 
     loss: float
-    """Sum of squares, fitted on all jumps."""
+    """Sum of squares, fitted on all logs."""
     heldout: np.ndarray
-    """Sum of squares of each jump, fitted without its fold, (jumps,)."""
+    """Sum of squares of each log, fitted without its fold, (logs,)."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Scaled errors of all jumps one after the other."""
+    """Scaled errors of all logs, concatenated."""
 
-    some: np.ndarray
-    """At some rows, (values,)."""
+    sampled: np.ndarray
+    """Errors at the rows that are compared, (values,)."""
     squares: float
     """Sum of squares at all rows."""
 
     @staticmethod
-    def of(jumps: Sequence[np.ndarray], every: Sequence[int]) -> "Errors":
-        """From (rows, channels) of each jump, and after how many of its rows it is compared again."""
-        some = np.concatenate([of_jump[::rows].ravel() for of_jump, rows in zip(jumps, every, strict=True)])
-        return Errors(some, float(sum((of_jump**2).sum() for of_jump in jumps)))
+    def of(logs: Sequence[np.ndarray], every: Sequence[int]) -> "Errors":
+        """From errors (rows, channels) of each log, compared at every ``every``-th row of it."""
+        some = np.concatenate([of_log[::rows].ravel() for of_log, rows in zip(logs, every, strict=True)])
+        return Errors(some, float(sum((of_log**2).sum() for of_log in logs)))
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """Errors at some numbers, and what departures of moderate size change in them."""
+    """Errors at some numbers and their derivatives by departures of moderate size."""
 
     errors: Errors
     by_number: np.ndarray
     """(values, numbers)"""
 
     def step(self, damping: float, kept: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Departures that lower the squares of the kept values, (numbers,)."""
+        """Levenberg–Marquardt step that lowers the squares of the kept values, in moderate departures, (numbers,)."""
         slopes = self.by_number[kept]
         curvature = slopes.T @ slopes
         damped = curvature + np.diag(damping * np.diag(curvature) + 1e-9)
-        return np.asarray(-np.linalg.solve(damped, slopes.T @ self.errors.some[kept]))
+        return np.asarray(-np.linalg.solve(damped, slopes.T @ self.errors.sampled[kept]))
 
-    def moved(self, by: np.ndarray, errors: Errors) -> "Slopes":
-        """After a move (numbers,) that led to other errors, which the slopes then explain (Broyden's rule)."""
-        surprise = errors.some - self.errors.some - self.by_number @ by
+    def broyden_update(self, by: np.ndarray, errors: Errors) -> "Slopes":
+        """Slopes after a step ``by`` (numbers,) that led to ``errors``, updated by Broyden's rule."""
+        surprise = errors.sampled - self.errors.sampled - self.by_number @ by
         return Slopes(errors, self.by_number + surprise[:, None] * by / max(float(by @ by), 1e-12))
 
 
 @dataclass
 class FullRollouts:
-    """Fits sets of effects, all of them everywhere, to whole jumps."""
+    """Fits sets of effects that act at all places to full rollouts."""
 
-    yardstick: HeldOutGap
+    heldout_gap: HeldOutGap
     plan: FullRolloutSettings
     progress: Callable[[str], None] = lambda _: None
 
-    def concluded(self, first: Candidate, hypotheses: Sequence[Hypothesis], rival_share: float) -> Conclusion:
-        """The first cause fitted anew, then with one further cause after the other while that is convincing.
+    def conclude(self, first: Candidate, hypotheses: Sequence[Hypothesis], rival_share: float) -> Conclusion:
+        """Fit the first cause, then add one cause after the other while it is convincing.
 
         A rival that is best in ``rival_share`` of the resamples cannot be told apart.
         """
-        draws = self.yardstick.draws
-        steps = [self.fitted(first.hypotheses, first.numbers)]
+        draws = self.heldout_gap.draws
+        steps = [self.fit(first.hypotheses, first.numbers)]
         answer: list[tuple[str, ...]] = [first.names]
         sure = [1.0]
         while len(steps) < self.plan.most_causes:
             most = self.plan.promising if len(steps) == 1 else (self.plan.promising + 1) // 2
-            tried = [self.fitted(*start) for start in self.promising(steps[-1], hypotheses)[:most]]
+            tried = [self.fit(*start) for start in self.rank_extensions(steps[-1], hypotheses)[:most]]
             for fit in tried:
                 self.progress(f"whole jumps, {in_words(fit)}: squares {fit.loss:.0f}, held out {fit.heldout.sum():.0f}")
             sensible = sorted((fit for fit in tried if fit.sensible), key=lambda fit: fit.loss)
-            if not sensible or not self.convincing(steps[-1], sensible[0]):
+            if not sensible or not self.is_convincing(steps[-1], sensible[0]):
                 break
             steps.append(sensible[0])
             best = np.array([fit.heldout[draws].sum(axis=1) for fit in sensible]).argmin(axis=0)
@@ -127,20 +127,20 @@ class FullRollouts:
         verdict = "named" if all(len(names) == 1 for names in answer) else "ambiguous"
         return Conclusion(verdict, tuple(answer), tuple(steps), tuple(sure))
 
-    def convincing(self, before: FullRolloutFit, after: FullRolloutFit) -> bool:
-        """Whether a further cause closes enough more, on enough held-out jumps."""
-        plan, draws = self.plan, self.yardstick.draws
-        closes = [self.yardstick.closes(fit.heldout) for fit in (before, after)]
+    def is_convincing(self, before: FullRolloutFit, after: FullRolloutFit) -> bool:
+        """Whether a further cause closes enough more of the gap, on enough held-out logs."""
+        plan, draws = self.plan, self.heldout_gap.draws
+        closes = [self.heldout_gap.closure_value(fit.heldout) for fit in (before, after)]
         sure = (before.heldout[draws].sum(axis=1) > after.heldout[draws].sum(axis=1)).mean()
         agree = (after.heldout < before.heldout).mean()
         return bool(
             closes[1] - closes[0] >= plan.least_closure and sure >= plan.least_sure and agree >= plan.least_agree
         )
 
-    def promising(
+    def rank_extensions(
         self, base: FullRolloutFit, hypotheses: Sequence[Hypothesis]
     ) -> list[tuple[tuple[Hypothesis, ...], np.ndarray]]:
-        """Sets of one effect more and the numbers to start at, first those that by their derivatives help most."""
+        """Sets with one more effect and their first numbers, best first by the linear model."""
         further = [h for h in hypotheses if h.location == "all" and h.name not in base.names]
         every = (*base.hypotheses, *further)
         start = np.concatenate([base.numbers, *(h.nominal for h in further)])
@@ -151,87 +151,93 @@ class FullRollouts:
             if h in base.hypotheses:
                 continue
             part = Slopes(slopes.errors, slopes.by_number[:, [*own, *range(begin, end)]])
-            left = part.errors.some + part.by_number @ part.step(DAMPINGS[0])
+            left = part.errors.sampled + part.by_number @ part.step(DAMPINGS[0])
             found.append((float(left @ left), (*base.hypotheses, h), np.concatenate([base.numbers, h.nominal])))
         return [(sets, numbers) for _, sets, numbers in sorted(found, key=lambda one: one[0])]
 
-    def fitted(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray) -> FullRolloutFit:
-        """Down to the least squares of all jumps; each fold's numbers are one step of the other jumps from there."""
+    def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray) -> FullRolloutFit:
+        """Fit to all logs by least squares; the numbers of each fold are one step from there with the other logs."""
         scale = np.concatenate([h.moderate for h in hypotheses])
         slopes = self.slopes(hypotheses, numbers)
         for _ in range(self.plan.steps):
-            tried = [clipped(hypotheses, numbers + scale * slopes.step(damping)) for damping in DAMPINGS]
-            found = [self.compared(of) for of in self.errors(hypotheses, tried)]
+            tried = [clip_numbers(hypotheses, numbers + scale * slopes.step(damping)) for damping in DAMPINGS]
+            found = [self.sample(of) for of in self.errors(hypotheses, tried)]
             best = int(np.argmin([errors.squares for errors in found]))
             if found[best].squares >= slopes.errors.squares:
                 break
             settled = found[best].squares > (1 - SETTLED) * slopes.errors.squares
-            slopes = slopes.moved((tried[best] - numbers) / scale, found[best])
+            slopes = slopes.broyden_update((tried[best] - numbers) / scale, found[best])
             numbers = tried[best]
             if settled:
                 break
         slopes = self.slopes(hypotheses, numbers)
-        folds = self.yardstick.folds
-        fold_of_value = folds[self.jump_of_value]
+        folds = self.heldout_gap.folds
+        fold_of_value = folds[self.log_of_value]
         of_folds = [
-            clipped(hypotheses, numbers + scale * slopes.step(DAMPINGS[1], fold_of_value != fold))
+            clip_numbers(hypotheses, numbers + scale * slopes.step(DAMPINGS[1], fold_of_value != fold))
             for fold in range(int(folds.max()) + 1)
         ]
-        candidates = self.candidates(hypotheses, of_folds)
-        heldout = squares(self.yardstick.judged, self.yardstick.replayer, candidates)[folds, np.arange(len(folds))]
+        candidates = self.effects_on_logs(hypotheses, of_folds)
+        heldout = candidate_squares(self.heldout_gap.judged, self.heldout_gap.replayer, candidates)[
+            folds, np.arange(len(folds))
+        ]
         spread = self.covariance(slopes, scale)
         return FullRolloutFit(hypotheses, numbers, spread, np.array(of_folds), slopes.errors.squares, heldout)
 
     def covariance(self, slopes: Slopes, scale: np.ndarray) -> np.ndarray:
-        """Of the numbers, by the scatter of the slopes over jumps: errors of a jump go together."""
+        """Covariance of the numbers by the scatter of the gradient over logs; errors within a log are correlated."""
         curvature = np.linalg.pinv(slopes.by_number.T @ slopes.by_number)
-        jumps = int(self.jump_of_value.max()) + 1
-        pull = slopes.by_number * slopes.errors.some[:, None]
-        of_jumps = np.array([pull[self.jump_of_value == jump].sum(axis=0) for jump in range(jumps)])
-        scatter = of_jumps.T @ of_jumps * jumps / max(jumps - 1, 1)
+        logs = int(self.log_of_value.max()) + 1
+        pull = slopes.by_number * slopes.errors.sampled[:, None]
+        of_logs = np.array([pull[self.log_of_value == log].sum(axis=0) for log in range(logs)])
+        scatter = of_logs.T @ of_logs * logs / max(logs - 1, 1)
         return np.asarray(curvature @ scatter @ curvature * scale[:, None] * scale)
 
     def slopes(self, hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> Slopes:
-        """Errors at numbers and finite differences about them, inside their ranges."""
+        """Errors at numbers, and finite differences about them within their ranges."""
         scale = np.concatenate([h.moderate for h in hypotheses])
         lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
         by = DIFFERENCE * scale
         inside = (numbers + by <= upper) & (numbers + by >= lower)
         sides = np.where(inside, 1.0, -1.0)
         tried = [numbers, *(numbers + np.diag(sides * by))]
-        start, *moved = map(self.compared, self.errors(hypotheses, tried))
-        slopes = [(of.some - start.some) / (side * DIFFERENCE) for of, side in zip(moved, sides, strict=True)]
+        start, *moved = map(self.sample, self.errors(hypotheses, tried))
+        slopes = [(of.sampled - start.sampled) / (side * DIFFERENCE) for of, side in zip(moved, sides, strict=True)]
         return Slopes(start, np.stack(slopes, axis=1))
 
     def errors(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
-        """Scaled errors ``[number][jump]`` (rows, channels)."""
-        return scaled_errors(self.yardstick.judged, self.yardstick.replayer, self.candidates(hypotheses, tried))
+        """Scaled errors ``[number][log]`` (rows, channels)."""
+        return scaled_errors(
+            self.heldout_gap.judged, self.heldout_gap.replayer, self.effects_on_logs(hypotheses, tried)
+        )
 
-    def compared(self, errors: Sequence[np.ndarray]) -> Errors:
-        """Scaled errors (rows, channels) of all jumps, at the rows that are compared."""
+    def sample(self, errors: Sequence[np.ndarray]) -> Errors:
+        """Scaled errors (rows, channels) of all logs, at the rows that are compared."""
         return Errors.of(errors, self.every)
 
-    def candidates(
+    def effects_on_logs(
         self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]
     ) -> list[list[tuple[Effect, ...]]]:
-        """The effects ``[number][jump]``."""
+        """Effects ``[number][log]`` for vectors of numbers."""
         return [
             [
-                tuple(h.on(jump.name, own) for h, own in zip(hypotheses, parted(hypotheses, numbers), strict=True))
-                for jump in self.yardstick.judged.jumps
+                tuple(
+                    h.on(log.name, own) for h, own in zip(hypotheses, split_numbers(hypotheses, numbers), strict=True)
+                )
+                for log in self.heldout_gap.judged.logs
             ]
             for numbers in tried
         ]
 
     @cached_property
     def every(self) -> list[int]:
-        """After how many rows each jump is compared again."""
-        return [jump.info.rows(EVERY_S) for jump in self.yardstick.judged.jumps]
+        """Number of rows between the compared rows of each log."""
+        return [log.info.rows(EVERY_S) for log in self.heldout_gap.judged.logs]
 
     @cached_property
-    def jump_of_value(self) -> np.ndarray:
-        """Which jump each compared value is of, (values,)."""
-        judged = self.yardstick.judged
+    def log_of_value(self) -> np.ndarray:
+        """Index of the log of each compared value, (values,)."""
+        judged = self.heldout_gap.judged
         instants = [len(range(0, rows, every)) for rows, every in zip(judged.rows, self.every, strict=True)]
         sizes = np.array(instants) * len(judged.channels)
         return np.repeat(np.arange(len(sizes)), sizes)

@@ -1,11 +1,19 @@
-"""How large the gap is: the headline figure and its noise floor."""
+"""Size of the gap: the headline figure and its noise floor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.diagnosis.channels import HEADLINE, Channel, measured, noise, scaled_channels, state_channels, table
+from leapgap.diagnosis.channels import (
+    HEADLINE,
+    Channel,
+    channel_values,
+    measured_values,
+    scaled_channels,
+    sensor_noise,
+    state_channels,
+)
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
@@ -16,153 +24,153 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 GAIN_CHANGE_MARGIN_S = 0.010
-"""Before a change of gains this much is left out: the change reaches the motors at an unknown instant near its row."""
+"""Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
 TOUCHING_M = 0.005
-"""A sole this near the ground counts as touching."""
-FALLEN = 100.0
-"""Scaled error given to a replay that left the world of numbers, so that it loses and nothing becomes NaN."""
+"""Largest height of a sole above the ground that counts as touching."""
+DIVERGED_ERROR = 100.0
+"""Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors."""
 
 
-def headline_rows(jump: Log, robot: Robot) -> int:
-    """Rows that are judged: up to touch-down or the first change of gains, whichever is first."""
-    rows = jump.rows_before_gain_change
-    if rows < len(jump):
-        rows -= round(GAIN_CHANGE_MARGIN_S / jump.info.sample_period_s)
-    return max(2, min(rows, touch_down_row(jump, robot)))
+def headline_rows(log: Log, robot: Robot) -> int:
+    """Number of judged rows: up to touch-down or the first change of gains, whichever is first."""
+    rows = log.rows_before_gain_change
+    if rows < len(log):
+        rows -= round(GAIN_CHANGE_MARGIN_S / log.info.sample_period_s)
+    return max(2, min(rows, touch_down_row(log, robot)))
 
 
-def touch_down_row(jump: Log, robot: Robot) -> int:
+def touch_down_row(log: Log, robot: Robot) -> int:
     """First row, in the second half of the planned flight or later, in which a sole is at the ground."""
-    schedule = jump.info.schedule
-    if not robot.has_free_base or "base_pos_z" not in jump or not robot.feet:
-        return min(len(jump), int(np.searchsorted(jump.time, schedule.landing_s)) + 1)
-    begin = int(np.searchsorted(jump.time, schedule.take_off_s + schedule.flight_s / 2))
-    if begin >= len(jump):
-        return len(jump)
-    feet = feet_positions(robot, motion_of(jump, robot, slice(begin, None)).qpos)
+    schedule = log.info.schedule
+    if not robot.has_free_base or "base_pos_z" not in log or not robot.feet:
+        return min(len(log), int(np.searchsorted(log.time, schedule.landing_s)) + 1)
+    begin = int(np.searchsorted(log.time, schedule.take_off_s + schedule.flight_s / 2))
+    if begin >= len(log):
+        return len(log)
+    feet = feet_positions(robot, motion_of(log, robot, slice(begin, None)).qpos)
     ground = np.zeros(feet.shape[:2])
-    for box in jump.info.terrain:
+    for box in log.info.terrain:
         inside = (np.abs(feet[..., 0] - box.x_m) < box.size_m[0] / 2) & (
             np.abs(feet[..., 1] - box.y_m) < box.size_m[1] / 2
         )
         ground = np.where(inside, np.maximum(ground, box.top_m), ground)
     touching = (feet[..., 2] - robot.foot_radius - ground < TOUCHING_M).any(axis=1)
-    return begin + int(np.argmax(touching)) if touching.any() else len(jump)
+    return begin + int(np.argmax(touching)) if touching.any() else len(log)
 
 
-def misplaced_at_the_end(motions: Sequence[Motion], judged: "Judged") -> list[float] | None:
-    """How far along x each replay's trunk is from the log's in the last judged row (touch-down), m; None: no base."""
+def final_position_errors(motions: Sequence[Motion], judged: "JudgedLogs") -> list[float] | None:
+    """Error of the trunk's x in the last judged row (touch-down) of each replay, m; None without a base."""
     if all(channel.name != "base_pos_x" for channel in judged.channels):
         return None
     return [
-        float(motion.qpos[rows - 1, 0] - jump["base_pos_x"][rows - 1])
-        for motion, jump, rows in zip(motions, judged.jumps, judged.rows, strict=True)
+        float(motion.qpos[rows - 1, 0] - log["base_pos_x"][rows - 1])
+        for motion, log, rows in zip(motions, judged.logs, judged.rows, strict=True)
     ]
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Logs with what is compared of them."""
+class JudgedLogs:
+    """Logs with the rows and channels that are compared."""
 
-    jumps: tuple[Log, ...]
-    """Cut after the rows that are judged."""
+    logs: tuple[Log, ...]
+    """Logs, cut after the judged rows."""
     channels: tuple[Channel, ...]
     """Headline channels that every log has."""
 
     @staticmethod
-    def of(jumps: Sequence[Log], robot: Robot) -> "Judged":
-        """Fix rows and channels once, from the logs alone; every hypothesis is judged on the same."""
-        if not jumps:
+    def of(logs: Sequence[Log], robot: Robot) -> "JudgedLogs":
+        """Choose rows and channels from the logs alone, so that every hypothesis is judged on the same ones."""
+        if not logs:
             raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
-        headline = tuple(c for c in scaled_channels(jumps, robot) if c.name in HEADLINE or not robot.has_free_base)
+        headline = tuple(c for c in scaled_channels(logs, robot) if c.name in HEADLINE or not robot.has_free_base)
         if not headline:
             raise InputError(
-                jumps[0].name,
+                logs[0].name,
                 "no base state in every log",
                 f"some of {', '.join(HEADLINE)}",
                 "log the base state",
             )
-        return Judged(tuple(jump.first_rows(headline_rows(jump, robot)) for jump in jumps), headline)
+        return JudgedLogs(tuple(log.first_rows(headline_rows(log, robot)) for log in logs), headline)
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Number of judged rows of each jump."""
-        return tuple(len(jump) for jump in self.jumps)
+        """Number of judged rows of each log."""
+        return tuple(len(log) for log in self.logs)
 
     @property
     def scales(self) -> np.ndarray:
-        """What counts as one of each channel, (channels,)."""
+        """Scale of each channel, (channels,)."""
         return np.array([c.scale for c in self.channels], dtype=float)
 
 
 def scaled_errors(
-    judged: Judged, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
+    judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
 ) -> list[list[np.ndarray]]:
-    """Simulated − measured, scaled, of every candidate on every jump: ``[candidate][jump]`` (rows, channels).
+    """Simulated − measured, scaled, of every candidate on every log: ``[candidate][log]`` (rows, channels).
 
-    ``candidates[c][j]`` are the effects of candidate c on jump j; all of them roll out as one batch.
+    ``candidates[c][j]`` are the effects of candidate c on log j; all of them roll out as one batch.
     """
     trials = [
-        Rollout(jump, effects)
+        Rollout(log, effects)
         for of_candidate in candidates
-        for jump, effects in zip(judged.jumps, of_candidate, strict=True)
+        for log, effects in zip(judged.logs, of_candidate, strict=True)
     ]
     motions = iter(replayer.motions(trials))
-    return [[scaled_error(next(motions), jump, judged, replayer.robot) for jump in judged.jumps] for _ in candidates]
+    return [[scaled_error(next(motions), log, judged, replayer.robot) for log in judged.logs] for _ in candidates]
 
 
-def scaled_error(motion: Motion, jump: Log, judged: Judged, robot: Robot) -> np.ndarray:
-    """Simulated − measured, scaled, in the judged rows of a jump, (rows, channels); ``motion`` may go on longer."""
-    difference = table(motion[: len(jump)], judged.channels, robot) - measured(jump, judged.channels)
-    return np.clip(np.nan_to_num(difference / judged.scales, nan=FALLEN), -FALLEN, FALLEN)
+def scaled_error(motion: Motion, log: Log, judged: JudgedLogs, robot: Robot) -> np.ndarray:
+    """Simulated − measured, scaled, in the judged rows of a log, (rows, channels); ``motion`` may go on longer."""
+    difference = channel_values(motion[: len(log)], judged.channels, robot) - measured_values(log, judged.channels)
+    return np.clip(np.nan_to_num(difference / judged.scales, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
 
 
-def squares_of(motions: Sequence[Motion], judged: Judged, robot: Robot) -> np.ndarray:
-    """Sum of squared scaled errors of one motion a jump, (jumps,)."""
-    errors = (scaled_error(motion, jump, judged, robot) for motion, jump in zip(motions, judged.jumps, strict=True))
+def motion_squares(motions: Sequence[Motion], judged: JudgedLogs, robot: Robot) -> np.ndarray:
+    """Sum of squared scaled errors of one motion for each log, (logs,)."""
+    errors = (scaled_error(motion, log, judged, robot) for motion, log in zip(motions, judged.logs, strict=True))
     return np.array([float((error**2).sum()) for error in errors])
 
 
-def squares(judged: Judged, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]) -> np.ndarray:
-    """Sum of squared scaled errors of each candidate on each jump, (candidates, jumps)."""
-    return np.array(
-        [[float((e**2).sum()) for e in of_jumps] for of_jumps in scaled_errors(judged, replayer, candidates)]
-    )
+def candidate_squares(
+    judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
+) -> np.ndarray:
+    """Sum of squared scaled errors of each candidate on each log, (candidates, logs)."""
+    return np.array([[float((e**2).sum()) for e in of_logs] for of_logs in scaled_errors(judged, replayer, candidates)])
 
 
-def counts(judged: Judged) -> np.ndarray:
-    """Number of values behind each jump's sum of squares, (jumps,)."""
+def value_counts(judged: JudgedLogs) -> np.ndarray:
+    """Number of values in each log's sum of squares, (logs,)."""
     return np.array(judged.rows) * len(judged.channels)
 
 
-def pooled(sum_of_squares: np.ndarray, judged: Judged) -> float:
-    """The headline gap: root mean square over rows, channels and jumps."""
-    return float(np.sqrt(sum_of_squares.sum() / counts(judged).sum()))
+def headline_gap(sum_of_squares: np.ndarray, judged: JudgedLogs) -> float:
+    """The headline gap: root mean square over rows, channels and logs."""
+    return float(np.sqrt(sum_of_squares.sum() / value_counts(judged).sum()))
 
 
 def noise_floor(
-    judged: Judged,
+    judged: JudgedLogs,
     replayer: Replayer,
     draws: int,
     rng: np.random.Generator,
     nominal: Sequence[Motion] | None = None,
 ) -> np.ndarray:
-    """Mean square that sensor noise alone leaves, a jump, (jumps,), summed over rows and channels.
+    """Mean sum of squares that sensor noise alone gives for each log, (logs,), summed over rows and channels.
 
-    The nominal robot plays the log: its motion plus noise of each channel is taken as measured, and replayed
-    from its own noisy first row. ``nominal`` are its motions, where they are known already.
+    The motion of the nominal robot plus noise of each channel is taken as measured, and replayed from its noisy first
+    row. ``nominal`` are its motions, where they are known already.
     """
     robot = replayer.robot
-    every = scaled_channels(judged.jumps, robot)
-    total = np.zeros(len(judged.jumps))
-    sigma = [dict(zip((c.name for c in every), noise(jump, every), strict=True)) for jump in judged.jumps]
-    motions = nominal or replayer.motions([Rollout(jump) for jump in judged.jumps])
-    true = [motion[: len(jump)] for motion, jump in zip(motions, judged.jumps, strict=True)]
+    every = scaled_channels(judged.logs, robot)
+    total = np.zeros(len(judged.logs))
+    sigma = [dict(zip((c.name for c in every), sensor_noise(log, every), strict=True)) for log in judged.logs]
+    motions = nominal or replayer.motions([Rollout(log) for log in judged.logs])
+    true = [motion[: len(log)] for motion, log in zip(motions, judged.logs, strict=True)]
     for _ in range(draws):
         trials = []
-        for jump, own in zip(judged.jumps, sigma, strict=True):
-            state = replayer.first_state(Rollout(jump))
-            trials.append(Rollout(jump, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
+        for log, own in zip(judged.logs, sigma, strict=True):
+            state = replayer.first_state(Rollout(log))
+            trials.append(Rollout(log, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
         for j, motion in enumerate(replayer.motions(trials)):
             for c in judged.channels:
                 seen = c.values(true[j], robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]

@@ -1,4 +1,4 @@
-"""How far: what believed effects close of the headline gap on jumps they were not fitted on."""
+"""Gap reduction: share of the headline gap that fitted effects close on held-out logs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -6,52 +6,52 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.gap import Judged, counts, pooled, squares, squares_of
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, headline_gap, motion_squares, value_counts
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 LEAST_ABOVE = 0.05
-"""Of the noise floor: a share of less is a share of noise."""
+"""Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its 95 % interval over jumps drawn again."""
+    """A value with its 95 % interval over resampled logs."""
 
     value: float
     low: float
     high: float
 
     @property
-    def at_most_all(self) -> "Interval":
-        """The same of a share, with nothing above 1 and the value within: what is told to a person.
+    def capped_at_one(self) -> "Interval":
+        """The interval of a share, clipped to at most 1, with the value inside: the form for texts.
 
-        A corrected gap below the noise floor is there by chance, and no more than all of a gap can go away.
+        A corrected gap may be below the noise floor by chance, which gives a share above 1.
         """
         value = min(self.value, 1.0)
         return Interval(value, min(self.low, value), max(min(self.high, 1.0), value))
 
 
 def above_noise(gap: float, floor: float) -> bool:
-    """Whether a headline gap has something to close."""
+    """Whether a headline gap is above its noise floor."""
     return gap - floor > LEAST_ABOVE * floor
 
 
-def resamples(jumps: int, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """Bootstrap over jumps: indices (draws, jumps)."""
-    return rng.integers(0, jumps, size=(draws, jumps))
+def resamples(logs: int, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Bootstrap resamples of logs: indices (draws, logs)."""
+    return rng.integers(0, logs, size=(draws, logs))
 
 
 def closure(
-    nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: Judged, draws: np.ndarray
+    nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: JudgedLogs, draws: np.ndarray
 ) -> Interval:
-    """Share of the headline gap above its noise floor that goes away; arguments are sums of squares a jump.
+    """Share of the headline gap above its noise floor that is closed; arguments are sums of squares (logs,).
 
-    A gap that has nothing to close closes 0.
+    It is 0 where the gap is not above the noise floor.
     """
-    number = counts(judged)
+    number = value_counts(judged)
 
     def of(chosen: np.ndarray) -> float:
         values = number[chosen].sum()
@@ -63,110 +63,116 @@ def closure(
 
 
 def effects_on(fit: Candidate, log: str, fold: int | None) -> tuple[Effect, ...]:
-    """Effects of a fit on one log, as fitted without a fold (None: on all logs)."""
+    """Effects of a candidate on one log, with the numbers fitted without a fold (None: on all logs)."""
     numbers = fit.numbers if fold is None else fit.fold_numbers[fold]
     return tuple(h.on(log, own) for h, own in zip(fit.hypotheses, fit.split(numbers), strict=True))
 
 
-def on_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> tuple[Effect, ...]:
-    """Effects found on the first rows of a log, on all of it."""
-    return tuple(effect.continued(rows, all_rows) for effect in effects)
+def extend_to_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> tuple[Effect, ...]:
+    """Effects fitted on the first ``rows`` rows of a log, extended to all its rows."""
+    return tuple(effect.extend_to(rows, all_rows) for effect in effects)
 
 
 def heldout_squares(
-    judged: Judged, replayer: Replayer, beliefs: Sequence[Candidate], folds: Sequence[int]
+    judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Candidate], folds: Sequence[int]
 ) -> np.ndarray:
-    """Headline sums of squares on each jump, at numbers fitted without its fold, (beliefs, jumps)."""
-    candidates = [
-        [effects_on(belief, jump.name, fold) for jump, fold in zip(judged.jumps, folds, strict=True)]
-        for belief in beliefs
+    """Sums of squares of candidates on each log, with the numbers fitted without its fold, (candidates, logs)."""
+    effect_sets = [
+        [effects_on(candidate, log.name, fold) for log, fold in zip(judged.logs, folds, strict=True)]
+        for candidate in candidates
     ]
-    return squares(judged, replayer, candidates) if candidates else np.zeros((0, len(judged.jumps)))
+    return candidate_squares(judged, replayer, effect_sets) if effect_sets else np.zeros((0, len(judged.logs)))
 
 
 @dataclass(frozen=True)
 class HeldOutGap:
-    """What every belief about some logs is measured with: whole jumps that it was not fitted on."""
+    """The headline gap of candidates on held-out logs, in full rollouts."""
 
-    judged: Judged
+    judged: JudgedLogs
     replayer: Replayer
     folds: np.ndarray
-    """Which fold each jump is held out with, (jumps,)."""
+    """Index of the fold of each log, (logs,)."""
     nominal: np.ndarray
-    """Sums of squares of the nominal robot, (jumps,),"""
+    """Sums of squares of the nominal robot, (logs,)."""
     floor: np.ndarray
-    """and of noise alone, (jumps,)."""
+    """Sums of squares of noise alone, (logs,)."""
     draws: np.ndarray
-    """Jumps drawn again, (draws, jumps)."""
+    """Bootstrap resamples of logs, (draws, logs)."""
 
-    def heldout(self, beliefs: Sequence[Candidate]) -> np.ndarray:
-        """Sums of squares on jumps not fitted on, (beliefs, jumps)."""
-        return heldout_squares(self.judged, self.replayer, beliefs, self.folds.tolist())
+    def heldout_squares(self, candidates: Sequence[Candidate]) -> np.ndarray:
+        """Sums of squares on held-out logs, (candidates, logs)."""
+        return heldout_squares(self.judged, self.replayer, candidates, self.folds.tolist())
 
     def closure(self, corrected: np.ndarray) -> Interval:
-        """Of sums of squares (jumps,)."""
+        """Share of the gap that is closed where sums of squares (logs,) remain, with its interval."""
         return closure(self.nominal, corrected, self.floor, self.judged, self.draws)
 
-    def closes(self, corrected: np.ndarray) -> float:
-        """The same without an interval."""
+    def closure_value(self, corrected: np.ndarray) -> float:
+        """Share of the gap that is closed, without an interval."""
         return closure(self.nominal, corrected, self.floor, self.judged, self.draws[:1]).value
 
     @property
-    def shows(self) -> bool:
-        """Whether whole jumps have a gap to close; where not, only short replays can tell."""
+    def has_gap(self) -> bool:
+        """Whether full rollouts have a gap above noise."""
         return above_noise(self.gap(self.nominal), self.gap(self.floor))
 
     def gap(self, corrected: np.ndarray) -> float:
-        """Headline gap of sums of squares (jumps,)."""
-        return pooled(corrected, self.judged)
+        """Headline gap from sums of squares (logs,)."""
+        return headline_gap(corrected, self.judged)
 
     def gap_by_log(self, corrected: np.ndarray) -> dict[str, dict[str, float]]:
         """Headline gap of each log, nominal and corrected."""
-        both = np.sqrt(np.stack([self.nominal, corrected]) / counts(self.judged))
-        names = [jump.name for jump in self.judged.jumps]
+        both = np.sqrt(np.stack([self.nominal, corrected]) / value_counts(self.judged))
+        names = [log.name for log in self.judged.logs]
         return {n: {"nominal": float(a), "corrected": float(b)} for n, a, b in zip(names, *both, strict=True)}
 
     def with_steps(self, largest_step_s: float) -> "HeldOutGap":
-        """In replays of other steps."""
+        """The same with another largest step of the simulation."""
         replayer = self.replayer.with_steps(largest_step_s)
-        nominal = squares(self.judged, replayer, [[()] * len(self.judged.jumps)])[0]
+        nominal = candidate_squares(self.judged, replayer, [[()] * len(self.judged.logs)])[0]
         return replace(self, replayer=replayer, nominal=nominal)
 
 
 @dataclass
-class HeldOutReduction:
-    """Sums of squares (jumps,) of beliefs on jumps they were not fitted on; each belief is replayed once."""
+class HeldOutReplays:
+    """Cache of held-out replays and sums of squares (logs,) of candidates; each candidate is replayed once."""
 
-    yardstick: HeldOutGap
-    jumps: Sequence[Log]
+    heldout_gap: HeldOutGap
+    logs: Sequence[Log]
     """The logs with all their rows, beyond those that are judged."""
     nominal: Sequence[Motion]
     """Their replays by the nominal robot."""
-    known: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
-    """By identity: beliefs hold arrays."""
+    squares_by_id: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
+    """By identity of the candidate, whose arrays cannot be hashed."""
     motions: dict[int, Sequence[Motion]] = field(default_factory=dict)
-    """Replays of all rows, of the beliefs that were asked for them."""
+    """Replays of all rows, by identity of the candidate."""
 
-    def replays(self, beliefs: Sequence[Candidate]) -> list[Sequence[Motion]]:
-        """Replays of all rows by several beliefs, each log with the numbers that were fitted without it."""
-        new = list({id(b): b for b in beliefs if id(b) not in self.motions and b.hypotheses}.values())
-        folds = self.yardstick.folds.tolist()
+    def replays(self, candidates: Sequence[Candidate]) -> list[Sequence[Motion]]:
+        """Replays of all rows by several candidates, each log with the numbers fitted without its fold."""
+        new = list({id(c): c for c in candidates if id(c) not in self.motions and c.hypotheses}.values())
+        folds = self.heldout_gap.folds.tolist()
         trials = [
-            Rollout(jump, on_whole_log(effects_on(belief, jump.name, fold), rows, len(jump)))
-            for belief in new
-            for jump, fold, rows in zip(self.jumps, folds, self.yardstick.judged.rows, strict=True)
+            Rollout(log, extend_to_whole_log(effects_on(candidate, log.name, fold), rows, len(log)))
+            for candidate in new
+            for log, fold, rows in zip(self.logs, folds, self.heldout_gap.judged.rows, strict=True)
         ]
-        found = iter(self.yardstick.replayer.motions(trials))
-        for belief in new:
-            motions = [next(found) for _ in self.jumps]
-            self.motions[id(belief)] = motions
-            judged = self.yardstick.judged
-            self.known[id(belief)] = belief, squares_of(motions, judged, self.yardstick.replayer.robot)
-        return [self.motions[id(belief)] if belief.hypotheses else self.nominal for belief in beliefs]
+        found = iter(self.heldout_gap.replayer.motions(trials))
+        for candidate in new:
+            motions = [next(found) for _ in self.logs]
+            self.motions[id(candidate)] = motions
+            judged = self.heldout_gap.judged
+            self.squares_by_id[id(candidate)] = (
+                candidate,
+                motion_squares(motions, judged, self.heldout_gap.replayer.robot),
+            )
+        return [self.motions[id(candidate)] if candidate.hypotheses else self.nominal for candidate in candidates]
 
-    def of(self, beliefs: Sequence[Candidate]) -> list[np.ndarray]:
-        """Those of several beliefs, replayed as one batch where they are not known yet."""
-        new = list({id(b): b for b in beliefs if id(b) not in self.known and b.hypotheses}.values())
-        for belief, found in zip(new, self.yardstick.heldout(new), strict=True):
-            self.known[id(belief)] = belief, found
-        return [self.known[id(belief)][1] if belief.hypotheses else self.yardstick.nominal for belief in beliefs]
+    def squares(self, candidates: Sequence[Candidate]) -> list[np.ndarray]:
+        """Sums of squares (logs,) of several candidates; those not in the cache are replayed as one batch."""
+        new = list({id(c): c for c in candidates if id(c) not in self.squares_by_id and c.hypotheses}.values())
+        for candidate, found in zip(new, self.heldout_gap.heldout_squares(new), strict=True):
+            self.squares_by_id[id(candidate)] = candidate, found
+        return [
+            self.squares_by_id[id(candidate)][1] if candidate.hypotheses else self.heldout_gap.nominal
+            for candidate in candidates
+        ]

@@ -1,4 +1,4 @@
-"""What may be the cause: each known effect at each place where it can act, with the numbers that are fitted."""
+"""Hypotheses about the cause: each known effect at each place where it can act, with the numbers that are fitted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,16 +11,16 @@ from leapgap.effects.base import Effect, Parameter
 from leapgap.robot.model import Robot
 
 NEAR_BOUND = 0.02
-"""A fit is at the end of a range where so small a share of the way there from nominal is left."""
+"""A fit is at the end of a range when its distance to it is a smaller share of the way there from nominal."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
     """One effect at one place of a robot; all its parameters are fitted together.
 
-    An effect that differs from log to log gets its value on each log from ``per_log`` (found without what is
-    scored), one value, or several evenly spaced over the log where it changes within; the fitted number is then the
-    share of that estimate's departure from nominal that is believed, common to all logs.
+    An effect that differs from log to log takes an estimate for each log from ``per_log``: one value, or several evenly
+    spaced over the log where it changes within. These estimates do not use the channels that are scored. The fitted
+    number is then the share of their departure from nominal that is applied, common to all logs.
     """
 
     kind: type[Effect]
@@ -30,18 +30,18 @@ class Hypothesis:
 
     @property
     def name(self) -> str:
-        """The effect's name."""
+        """Name of the effect."""
         return self.kind.name
 
     @cached_property
-    def of_effect(self) -> tuple[Parameter, ...]:
+    def effect_parameters(self) -> tuple[Parameter, ...]:
         """The effect's own parameters, at this place of the robot."""
         return self.kind.parameters(self.robot, self.location)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What is fitted."""
-        return self.of_effect if self.per_log is None else (Parameter("share", "1", 0.0, 0.0, 1.25, 1.0),)
+        """Parameters that are fitted: the effect's own, or the share of the estimates ``per_log``."""
+        return self.effect_parameters if self.per_log is None else (Parameter("share", "1", 0.0, 0.0, 1.25, 1.0),)
 
     @property
     def nominal(self) -> np.ndarray:
@@ -50,42 +50,42 @@ class Hypothesis:
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Range of sensible numbers."""
+        """Lower and upper limits of the numbers, (numbers,) each."""
         return np.array([p.lower for p in self.parameters]), np.array([p.upper for p in self.parameters])
 
     @property
     def moderate(self) -> np.ndarray:
-        """Departure from nominal that a person would notice, (numbers,)."""
+        """Departure from nominal with a noticeable influence on the motion, (numbers,)."""
         return np.array([p.moderate - p.nominal for p in self.parameters])
 
     def on(self, log: str, numbers: np.ndarray) -> Effect:
-        """The effect on one log."""
+        """The effect with these numbers on one log."""
         effect = self.kind(location=self.location, **self.values(log, numbers))
         if self.per_log is None or len(self.per_log[log]) == 1:
             return effect
         local = 1 + float(numbers[0]) * (np.array(self.per_log[log]) - 1)
-        return effect.changing(tuple((local / local.mean()).tolist()))
+        return effect.with_profile(tuple((local / local.mean()).tolist()))
 
     def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:
-        """The effect's parameters on one log."""
+        """Values of the effect's parameters on one log."""
         if self.per_log is None:
-            return {p.name: float(n) for p, n in zip(self.of_effect, numbers, strict=True)}
-        (p,) = self.of_effect
+            return {p.name: float(n) for p, n in zip(self.effect_parameters, numbers, strict=True)}
+        (p,) = self.effect_parameters
         value = p.nominal + float(numbers[0]) * (float(np.mean(self.per_log[log])) - p.nominal)
         return {p.name: float(np.clip(value, p.lower, p.upper))}
 
-    def clipped(self, numbers: np.ndarray) -> np.ndarray:
-        """Numbers within their range."""
+    def clip(self, numbers: np.ndarray) -> np.ndarray:
+        """Clip numbers to their ranges."""
         return np.clip(numbers, *self.bounds)
 
     def allows(self, numbers: np.ndarray) -> bool:
-        """Whether numbers are in their range."""
-        return bool((self.clipped(numbers) == numbers).all())
+        """Whether all numbers are within their ranges."""
+        return bool((self.clip(numbers) == numbers).all())
 
     def at_bound(self, numbers: np.ndarray) -> bool:
-        """Whether a fit ran to the end of a range, away from nominal: no sensible value fits.
+        """Whether a fitted number is at the end of its range, away from nominal, so that no value in the range fits.
 
-        Where nature itself ends, as at a joint without friction, the end is as good a value as any other.
+        A physical limit, such as zero friction, does not count.
         """
         return any(ran_out(p, float(n)) for p, n in zip(self.parameters, numbers, strict=True))
 
@@ -99,7 +99,7 @@ def ran_out(parameter: Parameter, number: float) -> bool:
 
 
 def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Where an effect can act: location → the single joints or feet it stands for, coarse ones first."""
+    """Locations at which an effect can act → the joints or feet of each, largest locations first."""
     of = kind.places
     if of == "none" or (of == "feet" and not robot.feet):
         return {"all": ("all",)}
@@ -115,16 +115,16 @@ def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:
 
 
 def usable(kind: type[Effect], robot: Robot) -> bool:
-    """Whether a robot can have an effect at all."""
+    """Whether a robot has all that an effect needs."""
     return kind.lacks(robot) is None
 
 
-def hypotheses_of(
+def list_hypotheses(
     wanted: Sequence[str | type[Effect]], robot: Robot, clock: Mapping[str, tuple[float, ...]] | None
 ) -> list[Hypothesis]:
-    """Every effect, a known one by name or a class, at every place.
+    """Hypotheses of every effect (a known one by name, or a class) at every location.
 
-    One that differs by log takes its values from the clock of each log, if any.
+    An effect that differs from log to log takes its values from the clock of each log, if there is one.
     """
     own = [kind for kind in wanted if not isinstance(kind, str)]
     kinds = effects.registry(own)

@@ -1,38 +1,38 @@
-"""Where the gap lies: its share by phase of the jump and channel, above what sensor noise leaves there."""
+"""Localisation of the gap: its share by phase of the motion and channel, above sensor noise."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.channels import Channel, measured, noise, scaled_channels, table
-from leapgap.diagnosis.gap import Judged, state_noise
+from leapgap.diagnosis.channels import Channel, channel_values, measured_values, scaled_channels, sensor_noise
+from leapgap.diagnosis.gap import JudgedLogs, state_noise
 from leapgap.logs.log import Log
 from leapgap.simulation.replay import Replayer, Rollout
 
 PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
 LIFT_OFF_WINDOW_S = 0.050
-"""Lift-off is this long before and after the planned take-off."""
+"""Half width of the phase of lift-off about the planned take-off, s."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """One field of the map of the gap."""
+    """Share and size of the gap in one phase and channel."""
 
     phase: str
     channel: str
     share: float
-    """Of the whole squared gap above noise, each channel measured in units of its noise."""
+    """Share of the whole squared gap above noise, each channel in units of its noise."""
     rms: float
-    """Of the gap as it is, noise included."""
+    """Root mean square of the gap, noise included."""
     unit: str
 
 
-def phase_of_rows(jump: Log) -> np.ndarray:
+def phase_of_rows(log: Log) -> np.ndarray:
     """Index into ``PHASES`` of each row, by the planned schedule, (rows,)."""
-    schedule = jump.info.schedule
+    schedule = log.info.schedule
     return np.digitize(
-        jump.time + 1e-6,
+        log.time + 1e-6,
         [
             schedule.front_lift_off_s,
             schedule.take_off_s - LIFT_OFF_WINDOW_S,
@@ -44,9 +44,9 @@ def phase_of_rows(jump: Log) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Piece:
-    """Some rows of a log that a replay of their own is compared with, in the second half, when the start settled."""
+    """Some rows of a log with a replay of their own; it is compared in the second half, after its start settled."""
 
-    jump: Log
+    log: Log
     phases: np.ndarray
     """Index into ``PHASES`` of each row, (rows,)."""
     sigma: np.ndarray
@@ -59,26 +59,30 @@ class Piece:
 
     @property
     def counts(self) -> np.ndarray:
-        """Rows of each phase that are compared, (phases,)."""
+        """Number of compared rows of each phase, (phases,)."""
         return np.bincount(self.phases[len(self.phases) // 2 :], minlength=len(PHASES))
 
 
-def where(judged: Judged, replayer: Replayer, horizon_s: float, draws: int, rng: np.random.Generator) -> list[Place]:
+def localise(
+    judged: JudgedLogs, replayer: Replayer, horizon_s: float, draws: int, rng: np.random.Generator
+) -> list[Place]:
     """The gap by phase and channel, largest share first.
 
-    Replays start anew from the log every ``horizon_s``, so that an error counts where it arises and not where it
-    has grown to. What sensor noise leaves on average of ``draws`` is taken off the shares.
+    Replays restart from the log every ``horizon_s``, so that an error counts in the phase in which it arises. The mean
+    effect of sensor noise over ``draws`` is subtracted from the shares.
     """
-    robot, channels = replayer.robot, scaled_channels(judged.jumps, replayer.robot)
-    sigma = {jump.name: noise(jump, channels) for jump in judged.jumps}
+    robot, channels = replayer.robot, scaled_channels(judged.logs, replayer.robot)
+    sigma = {log.name: sensor_noise(log, channels) for log in judged.logs}
     pieces = [
-        Piece(piece, phases, sigma[jump.name]) for jump in judged.jumps for piece, phases in pieces_of(jump, horizon_s)
+        Piece(piece, phases, sigma[log.name]) for log in judged.logs for piece, phases in pieces_of(log, horizon_s)
     ]
     least = np.array([least_noise(c) for c in channels])
-    motions = replayer.motions([Rollout(piece.jump) for piece in pieces])
-    simulated_there = [table(motion, channels, robot) for motion in motions]
-    errors = [found - measured(piece.jump, channels) for piece, found in zip(pieces, simulated_there, strict=True)]
-    of_noise = noise_alone(pieces, simulated_there, channels, replayer, draws, rng)
+    motions = replayer.motions([Rollout(piece.log) for piece in pieces])
+    simulated_there = [channel_values(motion, channels, robot) for motion in motions]
+    errors = [
+        found - measured_values(piece.log, channels) for piece, found in zip(pieces, simulated_there, strict=True)
+    ]
+    of_noise = noise_errors(pieces, simulated_there, channels, replayer, draws, rng)
 
     def scaled(of: Sequence[np.ndarray]) -> np.ndarray:
         return sum_of(p.squares(e / np.maximum(p.sigma, least)) for p, e in zip(pieces, of, strict=True))
@@ -96,7 +100,7 @@ def where(judged: Judged, replayer: Replayer, horizon_s: float, draws: int, rng:
     return sorted(places, key=lambda place: -place.share)
 
 
-def noise_alone(
+def noise_errors(
     pieces: Sequence[Piece],
     nominal: Sequence[np.ndarray],
     channels: Sequence[Channel],
@@ -104,22 +108,24 @@ def noise_alone(
     draws: int,
     rng: np.random.Generator,
 ) -> list[list[np.ndarray]]:
-    """Errors ``[draw][piece]`` (rows, channels) of a robot that is the nominal one, ``nominal`` its true motions.
+    """Errors ``[draw][piece]`` (rows, channels) that sensor noise alone gives, where ``nominal`` are the true motions.
 
-    Every piece is replayed from a first state that is off by sensor noise, and compared with noisy rows.
+    Every piece is replayed from a noisy first state and compared with noisy rows.
     """
-    states = [replayer.first_state(Rollout(piece.jump)) for piece in pieces]
+    states = [replayer.first_state(Rollout(piece.log)) for piece in pieces]
     sigmas = [dict(zip((c.name for c in channels), piece.sigma, strict=True)) for piece in pieces]
     off = [state_noise(sigma, replayer.robot) for sigma in sigmas]
     trials = [
-        Rollout(piece.jump, first_state=state + rng.standard_normal(len(state)) * noise_there)
+        Rollout(piece.log, first_state=state + rng.standard_normal(len(state)) * noise_there)
         for _ in range(draws)
         for piece, state, noise_there in zip(pieces, states, off, strict=True)
     ]
     motions = iter(replayer.motions(trials))
     return [
         [
-            table(next(motions), channels, replayer.robot) - true - rng.standard_normal(true.shape) * piece.sigma
+            channel_values(next(motions), channels, replayer.robot)
+            - true
+            - rng.standard_normal(true.shape) * piece.sigma
             for piece, true in zip(pieces, nominal, strict=True)
         ]
         for _ in range(draws)
@@ -127,21 +133,21 @@ def noise_alone(
 
 
 def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:
-    """Of arrays of one shape."""
+    """Sum of arrays of one shape."""
     return np.sum(list(arrays), axis=0)
 
 
-def pieces_of(jump: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
-    """The judged rows cut to whole pieces of one horizon, with the phase of each row."""
-    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
-    phases = phase_of_rows(jump)
-    starts = range(0, len(jump) - length + 1, length - 1)
+def pieces_of(log: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
+    """Pieces of one horizon of the judged rows, with the phase of each row."""
+    length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
+    phases = phase_of_rows(log)
+    starts = range(0, len(log) - length + 1, length - 1)
     return [
-        (replace(jump, columns={k: v[s : s + length] for k, v in jump.columns.items()}), phases[s : s + length])
+        (replace(log, columns={k: v[s : s + length] for k, v in log.columns.items()}), phases[s : s + length])
         for s in starts
     ]
 
 
 def least_noise(channel: Channel) -> float:
-    """Smallest noise a channel is credited with: a log rounded to its last digit is not exact."""
+    """Lower bound of a channel's noise, since logs are rounded to a last digit."""
     return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2}[channel.unit]

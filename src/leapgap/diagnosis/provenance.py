@@ -1,4 +1,4 @@
-"""What a report was made of: logs, robot, settings and tools, so that a reader knows what it is about."""
+"""Provenance of a report: logs, robot, settings and versions of tools."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -16,12 +16,12 @@ TOOLS = ("leapgap", "mujoco", "numpy")
 
 @dataclass(frozen=True)
 class Provenance:
-    """The logs, the robot, the settings and the tools behind a report."""
+    """Hashes of logs and robot, settings and versions of tools behind a report."""
 
     logs: Mapping[str, str]
-    """SHA-256 of each log by its name: of its file where the caller names it, else of its content."""
+    """SHA-256 of each log by its name, of its file where the caller names it, else of its content."""
     versions: Mapping[str, str]
-    """Of the packages that decide the figures."""
+    """Versions of the packages that influence the results."""
     robot: str
     """SHA-256 of the model file."""
     config: Mapping[str, Any]
@@ -29,23 +29,23 @@ class Provenance:
 
     @staticmethod
     def of(
-        jumps: Sequence[Log], robot: Robot, config: Mapping[str, Any], files: Mapping[str, str] | None = None
+        logs: Sequence[Log], robot: Robot, config: Mapping[str, Any], files: Mapping[str, str] | None = None
     ) -> "Provenance":
-        """Of some logs; ``files`` holds the SHA-256 of the file of each log by its name, where there are files."""
-        logs = {jump.name: content_sha256(jump) for jump in jumps} if files is None else dict(files)
-        return Provenance(logs, {name: installed(name) for name in TOOLS}, robot.sha256, config)
+        """Provenance of some logs; ``files`` holds the SHA-256 of the file of each log by its name, if known."""
+        digests = {log.name: content_sha256(log) for log in logs} if files is None else dict(files)
+        return Provenance(digests, {name: installed_version(name) for name in TOOLS}, robot.sha256, config)
 
 
-def content_sha256(jump: Log) -> str:
-    """SHA-256 of the metadata and of all columns, whatever their order, by 64-bit floats."""
-    digest = hashlib.sha256(jump.info.to_json().encode())
-    for name in sorted(jump.columns):
-        digest.update(name.encode() + b"\0" + np.ascontiguousarray(jump[name], dtype="<f8").tobytes())
+def content_sha256(log: Log) -> str:
+    """SHA-256 of the metadata and all columns as 64-bit floats; the order of columns does not matter."""
+    digest = hashlib.sha256(log.info.to_json().encode())
+    for name in sorted(log.columns):
+        digest.update(name.encode() + b"\0" + np.ascontiguousarray(log[name], dtype="<f8").tobytes())
     return digest.hexdigest()
 
 
-def installed(package: str) -> str:
-    """Version of a package; of a source tree that was never installed there is none."""
+def installed_version(package: str) -> str:
+    """Version of a package, or ``not installed``."""
     try:
         return version(package)
     except PackageNotFoundError:

@@ -22,33 +22,33 @@ class ParameterEstimate:
     nominal: float
     unit: str
     at_bound: bool
-    """Whether the fit ran into the end of the range of sensible values: then it is not to be believed."""
+    """Whether the fit ended at a limit of the range; then its value is not reliable."""
 
     @property
     def unconstrained(self) -> bool:
-        """Whether the interval holds the nominal value, so that the logs do not know this number."""
+        """Whether the interval holds the nominal value, so that the logs do not determine this parameter."""
         return self.ci95[0] <= self.nominal <= self.ci95[1]
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One hypothesis as judged."""
+    """One hypothesis with its estimates and held-out results."""
 
     effect: str
     location: str
     probability: float
-    """How often it is part of the best set on held-out logs when the evidence is drawn again."""
+    """Share of the bootstrap resamples in which it is part of the best set on held-out logs."""
     parameters: Mapping[str, ParameterEstimate]
     per_log: Mapping[str, Mapping[str, float]]
     closure: Interval
     gap: float
-    """Headline gap on held-out jumps with this effect added."""
+    """Headline gap on held-out logs with this effect added."""
     confusable_with: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Loss of log likelihood about the best value of one parameter, all logs: how well the data know it."""
+    """Loss of log likelihood about the best value of one parameter, over all logs."""
 
     effect: str
     label: str
@@ -58,7 +58,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class ReportContent:
-    """Everything a person is told, and what ``report.json`` holds."""
+    """All results of a diagnosis; ``report.json`` holds them."""
 
     verdict: str
     sentence: str
@@ -68,36 +68,36 @@ class ReportContent:
     answer: tuple[tuple[str, ...], ...]
     closure_of_answer: Interval | None
     closure_shared: Interval | None
-    """Of the answer with one value shared by all logs, where its values differ by log."""
+    """Closure of the answer with one value shared by all logs, where its values differ by log."""
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     checks: tuple[CheckResult, ...]
     next_experiment: Mapping[str, Any] | None
     not_judged: tuple[str, ...]
-    """What could not be judged, and for want of what."""
+    """What could not be judged because columns are missing."""
     profiles: tuple[Profile, ...]
     gap_per_log: Mapping[str, Mapping[str, float]]
     """Headline gap of each log: nominal and corrected (held out)."""
     landing_misplaced_m: Mapping[str, Mapping[str, float]]
-    """Where the trunk is along x at the end of what is judged (touch-down), simulated − logged: nominal and corrected
-    (held out) of each log; empty without a base."""
+    """Error of the trunk's x in the last judged row (touch-down), simulated − logged: nominal and corrected (held out)
+    of each log; empty without a base."""
     provenance: Provenance
 
     @property
     def median_log(self) -> str:
-        """The log whose nominal gap is the median one: neither the best nor the worst to show."""
+        """Name of the log whose nominal gap is the median, as an example to show."""
         ordered = sorted(self.gap_per_log, key=lambda name: self.gap_per_log[name]["nominal"])
         return ordered[len(ordered) // 2]
 
     def landing_off_cm(self, of: str) -> float | None:
-        """Mean absolute misplacement at touch-down of ``nominal`` or ``corrected``."""
+        """Mean absolute error of the trunk's x at touch-down, cm; ``of`` is ``nominal`` or ``corrected``."""
         off = [abs(both[of]) for both in self.landing_misplaced_m.values()]
         return 100 * sum(off) / len(off) if off else None
 
     def to_json(self) -> dict[str, Any]:
-        """As written to ``report.json``; numbers rounded to six digits, what is not finite is null."""
+        """Content of ``report.json``; numbers have six significant digits, non-finite ones are null."""
         closure = self.closure_of_answer
-        return rounded(
+        return round_floats(
             {
                 "format_version": FORMAT_VERSION,
                 "verdict": self.verdict,
@@ -109,13 +109,13 @@ class ReportContent:
                     "unit": "1",
                 },
                 "answer": [list(names) for names in self.answer],
-                "closure_of_answer": heldout(closure) if closure else None,
-                "closure_shared": heldout(self.closure_shared) if self.closure_shared else None,
+                "closure_of_answer": closure_to_json(closure) if closure else None,
+                "closure_shared": closure_to_json(self.closure_shared) if self.closure_shared else None,
                 "where": [asdict(place) for place in self.where],
                 "causes": [
                     {
                         **asdict(cause),
-                        "closure": heldout(cause.closure),
+                        "closure": closure_to_json(cause.closure),
                         "parameters": {k: asdict(v) for k, v in cause.parameters.items()},
                     }
                     for cause in self.causes
@@ -130,8 +130,8 @@ class ReportContent:
         )
 
     def metrics(self) -> dict[str, Any]:
-        """The figures that ``dvc metrics`` follows."""
-        return rounded(
+        """Metrics for ``dvc metrics``."""
+        return round_floats(
             {
                 "verdict": self.verdict,
                 "answer": " + ".join(" or ".join(names) for names in self.answer),
@@ -147,17 +147,17 @@ class ReportContent:
         )
 
 
-def heldout(interval: Interval) -> dict[str, Any]:
-    """A closure as the report writes it."""
+def closure_to_json(interval: Interval) -> dict[str, Any]:
+    """A closure in the form of ``report.json``."""
     return {"heldout": interval.value, "ci95": [interval.low, interval.high]}
 
 
-def rounded(value: Any) -> Any:
+def round_floats(value: Any) -> Any:
     """The same structure with floats at six significant digits, tuples as lists, not-finite numbers as None."""
     if isinstance(value, float):
         return float(f"{value:.6g}") if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: rounded(item) for key, item in value.items()}
+        return {key: round_floats(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [rounded(item) for item in value]
+        return [round_floats(item) for item in value]
     return value

@@ -1,8 +1,8 @@
-"""How well hypotheses explain the evidence: robust least squares over pieces, with what no model has exactly set free.
+"""Robust least squares over pieces of logs, with nuisance parameters.
 
 Errors of a piece are r₀ + Σ aₖ cₖ, a sum of columns. The loss of a piece with m values and χ² = |r|² is that of
-Student's distribution, m log((m + χ²) / 2m): χ² / 2 near what noise explains, and never more than logarithmic, so that
-one missed contact does not decide everything. Only products of columns enter, one matrix a piece.
+Student's distribution, m log((m + χ²) / 2m): χ² / 2 near what noise explains, and logarithmic for large χ², so that one
+missed contact does not decide the fit. Only products of columns enter, one matrix a piece.
 """
 
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ class Products:
     """Inner products of the columns of every piece."""
 
     gram: np.ndarray
-    """(pieces, columns, columns); column 0 is what is left unexplained."""
+    """(pieces, columns, columns); column 0 holds the errors to be explained."""
     values: int
-    """Of a piece."""
+    """Number of compared values of a piece."""
 
     @staticmethod
     def of(columns: np.ndarray) -> "Products":
-        """From columns (pieces, values, columns)."""
+        """Products of columns (pieces, values, columns)."""
         return Products(columns.transpose(0, 2, 1) @ columns, columns.shape[1])
 
     def chi2(self, weights: np.ndarray) -> np.ndarray:
@@ -31,7 +31,7 @@ class Products:
         return np.maximum(((weights @ self.gram) * weights).sum(axis=1), 0.0)
 
     def loss(self, weights: np.ndarray) -> np.ndarray:
-        """Negative log likelihood of each piece, near 0 where noise explains it, (pieces,)."""
+        """Negative log likelihood of each piece, (pieces,); near 0 where noise explains it."""
         return losses(self.chi2(weights), self.values)
 
     def fit(self, prior: np.ndarray, pieces: np.ndarray, iterations: int = ITERATIONS) -> np.ndarray:
@@ -51,8 +51,8 @@ class Products:
                 break
         return weights
 
-    def penalised(self, weights: np.ndarray, prior: np.ndarray) -> float:
-        """Loss of all pieces and of the weights themselves."""
+    def penalised_loss(self, weights: np.ndarray, prior: np.ndarray) -> float:
+        """Loss of all pieces plus that of the weights under their prior."""
         return float(self.loss(weights).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
 
 

@@ -1,8 +1,8 @@
-"""Which effects: sets of hypotheses fitted to the evidence of some logs and judged on the others.
+"""Selection of effects: sets of hypotheses are fitted to short rollouts of some logs and judged on the others.
 
-Every hypothesis is tried in the linear model of the responses; the most promising are fitted to replays of their own
-(Gauss–Newton, derivatives kept up to date by Broyden's rule), several at once. Nuisances are free for the nominal
-robot and for every hypothesis alike.
+Every hypothesis is tried in the linear model of the sensitivities. The most promising ones are fitted to replays of
+their own (Gauss–Newton with Broyden's updates of the derivatives), several in one batch. Nuisances are fitted for the
+nominal robot and for every hypothesis alike.
 """
 
 from collections import Counter
@@ -11,27 +11,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Fit, Found, ProfileLikelihood, clipped, in_words, parted
+from leapgap.diagnosis.candidates import Fit, ProfileLikelihood, SearchResult, clip_numbers, in_words, split_numbers
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.sensitivities import Sensitivities, joined, on_logs
+from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 
 STEP = 0.1
-"""Of a moderate departure: finite differences of Gauss–Newton."""
+"""Step of finite differences, as a share of the moderate departure."""
 SETTLED = 0.3
-"""A fit whose loss falls by less is done."""
+"""A fit has converged when its loss falls by less than this."""
 TRIALS = (0.4, 2.5)
-"""Moderate departures at which an effect that acts everywhere is tried as it is, beside the linear model."""
+"""Sizes, in moderate departures, at which an effect at all places is simulated beside the linear model."""
 LINEAR_ITERATIONS = 4
 MOST_SURPRISE = 30.0
-"""Log likelihood that a piece may lose by not being fitted; pieces that derivatives do not mislead lose a few."""
+"""Upper limit of the loss of a piece above its fitted loss when it is held out; usual losses are a few units."""
 HOPELESS = 0.3
-"""A fit that after its second step bought less than this share of what the best one bought is not pursued."""
+"""A fit stops when, after its second step, it has gained less than this share of the best fit's gain."""
 
 
 @dataclass(frozen=True)
-class Guess:
-    """A set of hypotheses with numbers, and how well it does in the linear model."""
+class LinearGuess:
+    """A set of hypotheses with numbers, and its loss in the linear model."""
 
     hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
@@ -39,14 +39,14 @@ class Guess:
 
 
 @dataclass
-class Descent:
-    """One set of hypotheses on its way down."""
+class GaussNewtonFit:
+    """State of the Gauss–Newton iteration of one set of hypotheses."""
 
     hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
-    """Where it is tried next."""
+    """Numbers of the next evaluation, (numbers,)."""
     best: np.ndarray
-    """Where it was best."""
+    """Numbers with the smallest loss so far, (numbers,)."""
     loss: float = np.inf
     columns: np.ndarray | None = None
     done: bool = False
@@ -54,31 +54,31 @@ class Descent:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """How wide the search is, and when a further cause is believed."""
+    """Width of the search, and thresholds for a further cause."""
 
     shortlist: int = 8
-    """Sets fitted to replays of their own in the first round; of every later one, half as many."""
+    """Number of sets fitted to replays of their own in the first round; half as many in later rounds."""
     per_effect: int = 3
-    """Of those of the first round, with one effect at different places; later ones try every set of effects once, at
-    the places that promise most."""
+    """Largest number of those sets with one effect at different places; later rounds try each set of effects once, at
+    its best places."""
     steps: int = 8
-    """Of Gauss–Newton; most sets settle earlier."""
+    """Largest number of Gauss–Newton steps; most sets converge earlier."""
     promising: int = 7
-    """Effects that in some of the evidence explain most beside the first, and are tried in all of it."""
+    """Number of effects that, by half of the evidence, explain most beside the first; they are tried in all of it."""
     beams: int = 2
-    """Sets of a round that the next one builds on."""
+    """Number of sets of a round that the next round extends."""
     most_causes: int = 4
     least_gain: float = 20.0
-    """A cause must gain so much log likelihood on held-out logs; logs without any gap gain up to 17."""
+    """Smallest gain of log likelihood of a cause on held-out logs; on logs without any gap it is up to 17."""
     least_further_gain: float = 60.0
-    """A further cause must gain so much: what the first leaves by being simulated otherwise gains up to 50."""
+    """Smallest gain of a further cause; errors in the simulation of the first cause give gains of up to 50."""
     least_share: float = 0.015
-    """A cause must gain this share of what all causes together gain."""
+    """Smallest gain of a cause as a share of the gain of all causes together."""
     least_agree: float = 0.75
-    """On this share of the logs a cause must gain something at all."""
+    """Smallest share of the logs on which a cause must have a positive gain."""
 
 
-def find(
+def find_causes(
     bare: ShortRollouts,
     coarse: ShortRollouts,
     hypotheses: Sequence[Hypothesis],
@@ -86,100 +86,102 @@ def find(
     fold_of_log: np.ndarray,
     plan: SearchSettings,
     progress: Callable[[str], None],
-) -> Found:
-    """Search some of the evidence about the nominal robot, then all of it about the robot with what was found there.
+) -> SearchResult:
+    """Search in half of the pieces about the nominal robot, then in all of them about the robot with the first cause.
 
-    Far from the truth neither noise nor small effects do what they do near it.
+    The second search is needed because sensitivities and noise depend on the robot they are taken at.
     """
     first = Search(Sensitivities.of(coarse, hypotheses, tolerances), fold_of_log, plan, progress)
     singles = first.singles(hypotheses)
     sensible = [fit for fit in singles if fit.sensible]
-    if sensible and first.convincing(sensible[0], first.nominal):
-        best, again = sensible[0], sensible[: (plan.shortlist + 1) // 2]
+    if sensible and first.is_convincing(sensible[0], first.nominal):
+        best, refined = sensible[0], sensible[: (plan.shortlist + 1) // 2]
         around = list(zip(best.hypotheses, best.split(), strict=True))
-        names = {*first.promising(best, hypotheses), *(fit.names[0] for fit in again)}
+        names = {*first.rank_effects(best, hypotheses), *(fit.names[0] for fit in refined)}
         hopeful = [h for h in hypotheses if h.name in names]
         search = Search(Sensitivities.of(bare, hopeful, tolerances, around), fold_of_log, plan, progress)
-        return search.forward(hopeful, search.again(again))
+        return search.select_forward(hopeful, search.refit(refined))
     search = Search(Sensitivities.of(bare, hypotheses, tolerances), fold_of_log, plan, progress)
-    return search.forward(hypotheses, search.singles(hypotheses))
+    return search.select_forward(hypotheses, search.singles(hypotheses))
 
 
 @dataclass
 class Search:
-    """Looks for sets of hypotheses on one body of evidence."""
+    """Search for sets of hypotheses on one set of short rollouts."""
 
-    responses: Sensitivities
+    sensitivities: Sensitivities
     fold_of_log: np.ndarray
     plan: "SearchSettings"
     progress: Callable[[str], None] = field(default=lambda _: None)
 
     def __post_init__(self) -> None:
-        self.evidence: ShortRollouts = self.responses.evidence
+        self.evidence: ShortRollouts = self.sensitivities.evidence
         self.fold_of_piece = self.fold_of_log[self.evidence.log_of_piece]
-        self.nominal = self.judged((), np.zeros(0), self.responses.nominal[:, :, None])
+        self.nominal = self.cross_validate((), np.zeros(0), self.sensitivities.nominal[:, :, None])
 
     def singles(self, hypotheses: Sequence[Hypothesis]) -> tuple[Fit, ...]:
-        """Each effect alone: the most promising ones fitted, best on held-out logs first."""
-        guesses = [*self.trials(hypotheses), *self.linear(self.nominal, hypotheses)]
-        return self.fitted(guesses, self.plan.shortlist, self.nominal)
+        """Fits of single effects, the most promising ones, best on held-out logs first."""
+        guesses = [*self.guess_sizes(hypotheses), *self.guess_linear(self.nominal, hypotheses)]
+        return self.fit_promising(guesses, self.plan.shortlist, self.nominal)
 
-    def again(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
-        """Fits of other evidence, begun where they ended."""
-        return self.fitted([Guess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits), self.nominal)
+    def refit(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
+        """Fits of the same sets on this evidence, starting from the given fits."""
+        return self.fit_promising(
+            [LinearGuess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits), self.nominal
+        )
 
-    def forward(self, hypotheses: Sequence[Hypothesis], first: tuple[Fit, ...]) -> Found:
-        """Believe the best of the first fits, and add hypotheses while a further one gains on held-out logs."""
-        believed, rounds, fits = self.nominal, [], first
+    def select_forward(self, hypotheses: Sequence[Hypothesis], first: tuple[Fit, ...]) -> SearchResult:
+        """Forward selection from the best of the first fits, while further hypotheses gain on held-out logs."""
+        selected, rounds, fits = self.nominal, [], first
         while fits:
             rounds.append(fits)
             sensible = [fit for fit in fits if fit.sensible]
-            if not sensible or not self.convincing(sensible[0], believed):
+            if not sensible or not self.is_convincing(sensible[0], selected):
                 break
-            believed = sensible[0]
+            selected = sensible[0]
             if len(rounds) >= self.plan.most_causes:
                 break
-            further = [g for beam in sensible[: self.plan.beams] for g in self.linear(beam, hypotheses)]
-            fits = self.fitted(further, (self.plan.shortlist + 1) // 2, believed)
-        return Found(
+            further = [g for beam in sensible[: self.plan.beams] for g in self.guess_linear(beam, hypotheses)]
+            fits = self.fit_promising(further, (self.plan.shortlist + 1) // 2, selected)
+        return SearchResult(
             self.nominal,
-            believed,
+            selected,
             tuple(rounds),
             self.evidence.log_of_piece,
             self.nominal.columns.shape[1],
-            self.valleys(first),
+            self.profiles(first),
         )
 
-    def valleys(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:
-        """One for each effect, at its best place."""
+    def profiles(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:
+        """Profile likelihood of each effect at its best place."""
         best: dict[str, Fit] = {}
         for fit in fits:
             best.setdefault(fit.names[0], fit)
-        return tuple(self.valley(fit) for fit in best.values())
+        return tuple(self.profile(fit) for fit in best.values())
 
-    def valley(self, fit: Fit) -> ProfileLikelihood:
-        """Of one hypothesis, by the derivatives at its fit."""
+    def profile(self, fit: Fit) -> ProfileLikelihood:
+        """Profile likelihood of one hypothesis, by the derivatives at its fit."""
         (hypothesis,) = fit.hypotheses
         spread = 4 * np.sqrt(fit.covariance[0, 0])
         bounds = (hypothesis.bounds[0][0], hypothesis.bounds[1][0])
         values = np.unique(np.clip(fit.numbers[0] + spread * np.linspace(-1, 1, 17), *bounds))
         losses, prior = [], self.prior(len(fit.numbers) - 1)
         for value in values:
-            errors = fit.columns[:, :, :1] + (value - fit.tried[0]) * fit.columns[:, :, 1:2]
-            products = self.responses.free(np.concatenate([errors, fit.columns[:, :, 2:]], axis=2))
-            losses.append(products.penalised(products.fit(prior, self.every), prior))
+            errors = fit.columns[:, :, :1] + (value - fit.linearisation_point[0]) * fit.columns[:, :, 1:2]
+            products = self.sensitivities.with_nuisances(np.concatenate([errors, fit.columns[:, :, 2:]], axis=2))
+            losses.append(products.penalised_loss(products.fit(prior, self.all_pieces), prior))
         return ProfileLikelihood(hypothesis, values, np.array(losses) - min(losses))
 
-    def fitted(self, guesses: Sequence[Guess], most: int, before: Fit) -> tuple[Fit, ...]:
-        """The most promising guesses fitted, best on held-out logs first."""
-        fits = sorted(self.exact(self.shortlisted(guesses, most), before.loss), key=lambda fit: fit.heldout.sum())
+    def fit_promising(self, guesses: Sequence[LinearGuess], most: int, before: Fit) -> tuple[Fit, ...]:
+        """Fit the most promising guesses; best on held-out logs first."""
+        fits = sorted(self.fit_nonlinear(self.shortlist(guesses, most), before.loss), key=lambda fit: fit.heldout.sum())
         for fit in fits[:3]:
             self.progress(f"{in_words(fit)}: gain {self.nominal.heldout.sum() - fit.heldout.sum():.0f}")
         return tuple(fits)
 
-    def shortlisted(self, guesses: Sequence[Guess], most: int) -> list[Guess]:
-        """The most promising guesses, not too many of the same effects, each set once."""
-        kept: dict[frozenset[Hypothesis], Guess] = {}
+    def shortlist(self, guesses: Sequence[LinearGuess], most: int) -> list[LinearGuess]:
+        """The best guesses by their loss: each set once, and a limited number of the same effects."""
+        kept: dict[frozenset[Hypothesis], LinearGuess] = {}
         of_effects = Counter[frozenset[str]]()
         for guess in sorted(guesses, key=lambda g: g.loss):
             key, effects = frozenset(guess.hypotheses), frozenset(h.name for h in guess.hypotheses)
@@ -189,7 +191,7 @@ class Search:
                 of_effects[effects] += 1
         return list(kept.values())
 
-    def convincing(self, fit: Fit, before: Fit) -> bool:
+    def is_convincing(self, fit: Fit, before: Fit) -> bool:
         """Whether a further cause gains enough on held-out logs."""
         log = self.evidence.log_of_piece
         gains = np.bincount(log, before.heldout - fit.heldout)[np.unique(log)]  # not every log need have a piece
@@ -200,29 +202,29 @@ class Search:
         return bool(gain > least and gain > plan.least_share * whole and (gains > 0).mean() >= plan.least_agree)
 
     @property
-    def every(self) -> np.ndarray:
-        """All pieces."""
+    def all_pieces(self) -> np.ndarray:
+        """Mask that selects all pieces, bool, (pieces,)."""
         return np.ones(self.evidence.size, bool)
 
     def prior(self, numbers: int) -> np.ndarray:
-        """1/σ² of free numbers, then of the nuisances."""
-        return np.concatenate([np.zeros(numbers), np.ones(self.responses.nuisances.shape[2])])
+        """1/σ² of the numbers, which is 0, then of the nuisances, (numbers + nuisances,)."""
+        return np.concatenate([np.zeros(numbers), np.ones(self.sensitivities.nuisances.shape[2])])
 
     def residuals(self, tried: Sequence[tuple[Sequence[Hypothesis], np.ndarray]]) -> list[np.ndarray]:
         """Whitened errors (pieces, values) of sets of hypotheses with their numbers."""
         candidates = [
-            on_logs(self.evidence, *zip(hypotheses, parted(hypotheses, numbers), strict=True))
+            on_logs(self.evidence, *zip(hypotheses, split_numbers(hypotheses, numbers), strict=True))
             for hypotheses, numbers in tried
         ]
-        return [joined(of) for of in self.evidence.residuals(candidates)]
+        return [concatenate_logs(of) for of in self.evidence.residuals(candidates)]
 
     def loss_of(self, errors: np.ndarray) -> float:
-        """Loss of errors once the nuisances took their part."""
-        products, prior = self.responses.free(errors[:, :, None]), self.prior(0)
-        return products.penalised(products.fit(prior, self.every), prior)
+        """Loss of errors (pieces, values) with the nuisances fitted."""
+        products, prior = self.sensitivities.with_nuisances(errors[:, :, None]), self.prior(0)
+        return products.penalised_loss(products.fit(prior, self.all_pieces), prior)
 
-    def trials(self, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
-        """Effects that act everywhere, at several sizes, not linear in them."""
+    def guess_sizes(self, hypotheses: Sequence[Hypothesis]) -> list[LinearGuess]:
+        """Guesses from simulations of effects at all places at several sizes."""
         tried = [
             [(h, numbers)]
             for h in hypotheses
@@ -231,50 +233,52 @@ class Search:
             for sign in (1.0, -1.0)
             if h.allows(numbers := h.nominal + size * sign * h.moderate)
         ]
-        found = self.responses.departures(tried)
+        found = self.sensitivities.departures(tried)
         return [
-            Guess((h,), x, self.loss_of(self.responses.nominal + change))
+            LinearGuess((h,), x, self.loss_of(self.sensitivities.nominal + change))
             for ((h, x),), change in zip(tried, found, strict=True)
         ]
 
-    def promising(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[str]:
-        """Effects that may act beside a fit, the best first."""
-        guesses = sorted(self.linear(base, hypotheses), key=lambda guess: guess.loss)
+    def rank_effects(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[str]:
+        """Names of effects to add to a fit, best first by the linear model."""
+        guesses = sorted(self.guess_linear(base, hypotheses), key=lambda guess: guess.loss)
         return list(dict.fromkeys(guess.hypotheses[-1].name for guess in guesses))[: self.plan.promising]
 
-    def linear(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[Guess]:
-        """Each further hypothesis on top of a fit, in the linear model."""
-        further = [h for h in hypotheses if h.name not in base.names and h.name in self.responses.names]
+    def guess_linear(self, base: Fit, hypotheses: Sequence[Hypothesis]) -> list[LinearGuess]:
+        """Guesses in the linear model: a fit with each further hypothesis."""
+        further = [h for h in hypotheses if h.name not in base.names and h.name in self.sensitivities.names]
         found = []
-        for h, products in zip(further, self.responses.beside(base.columns, further), strict=True):
+        for h, products in zip(further, self.sensitivities.with_hypotheses(base.columns, further), strict=True):
             both, p = (*base.hypotheses, h), len(base.numbers) + len(h.parameters)
-            weights = products.fit(self.prior(p), self.every, LINEAR_ITERATIONS)
+            weights = products.fit(self.prior(p), self.all_pieces, LINEAR_ITERATIONS)
             numbers = np.concatenate([base.numbers, h.nominal]) + weights[1 : 1 + p]
-            found.append(Guess(both, clipped(both, numbers), products.penalised(weights, self.prior(p))))
+            found.append(
+                LinearGuess(both, clip_numbers(both, numbers), products.penalised_loss(weights, self.prior(p)))
+            )
         return found
 
-    def exact(self, guesses: Sequence[Guess], before: float) -> list[Fit]:
-        """Fit sets of hypotheses to their own replays, all side by side; ``before`` is the loss to be lowered."""
-        descents = [Descent(g.hypotheses, g.numbers, g.numbers) for g in guesses]
+    def fit_nonlinear(self, guesses: Sequence[LinearGuess], before: float) -> list[Fit]:
+        """Fit sets of hypotheses to their own replays, all in one batch; ``before`` is the loss to be lowered."""
+        fits = [GaussNewtonFit(g.hypotheses, g.numbers, g.numbers) for g in guesses]
         for step in range(self.plan.steps):
-            active = [d for d in descents if not d.done]
+            active = [d for d in fits if not d.done]
             if not active:
                 break
             self.step(active)
-            least = min(d.loss for d in descents)
+            least = min(d.loss for d in fits)
             for d in active:
                 d.done = d.done or (step > 0 and before - d.loss < HOPELESS * (before - least))
-        return [self.judged(d.hypotheses, d.best, d.columns) for d in descents if d.columns is not None]
+        return [self.cross_validate(d.hypotheses, d.best, d.columns) for d in fits if d.columns is not None]
 
-    def step(self, descents: Sequence[Descent]) -> None:
-        """One evaluation of each, with derivatives where there are none yet, and one move."""
+    def step(self, fits: Sequence[GaussNewtonFit]) -> None:
+        """Evaluate each fit once, with derivatives where there are none yet, and update its numbers."""
         tried: list[tuple[tuple[Hypothesis, ...], np.ndarray]] = []
-        for d in descents:
+        for d in fits:
             tried.append((d.hypotheses, d.numbers))
             if d.columns is None:
                 tried += [(d.hypotheses, d.numbers + by) for by in differences(d.hypotheses, d.numbers)]
         found = iter(self.residuals(tried))
-        for d in descents:
+        for d in fits:
             errors = next(found)
             if d.columns is None:
                 by = differences(d.hypotheses, d.numbers)
@@ -289,24 +293,24 @@ class Search:
             d.done = d.loss - loss < SETTLED
             d.loss, d.best = loss, d.numbers
             d.columns = np.concatenate([errors[:, :, None], slopes], axis=2)
-            products, p = self.responses.free(d.columns), len(d.numbers)
-            d.numbers = clipped(d.hypotheses, d.best + products.fit(self.prior(p), self.every)[1 : 1 + p])
+            products, p = self.sensitivities.with_nuisances(d.columns), len(d.numbers)
+            d.numbers = clip_numbers(d.hypotheses, d.best + products.fit(self.prior(p), self.all_pieces)[1 : 1 + p])
 
-    def judged(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
-        """Held out: numbers and nuisances fitted on the other folds, by the derivatives at the fit.
+    def cross_validate(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, columns: np.ndarray) -> Fit:
+        """Numbers and held-out losses of a set, fitted on the other folds by derivatives ``columns`` at ``numbers``.
 
-        Where a foot touches a moment later these derivatives mislead: one such piece must not decide, so that none
-        is held to lose more than ``MOST_SURPRISE`` by not being fitted.
+        These derivatives are wrong where the time of a contact changes. So that no such piece decides alone, the loss
+        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss.
         """
-        products, p = self.responses.free(columns), len(numbers)
+        products, p = self.sensitivities.with_nuisances(columns), len(numbers)
         prior = self.prior(p)
-        weights = products.fit(prior, self.every)
+        weights = products.fit(prior, self.all_pieces)
         most = products.loss(weights) + MOST_SURPRISE
         heldout, folds = np.zeros(self.evidence.size), []
         for fold in range(int(self.fold_of_log.max()) + 1):
             out = self.fold_of_piece == fold
             others = products.fit(prior, ~out)
-            folds.append(clipped(hypotheses, numbers + others[1 : 1 + p]))
+            folds.append(clip_numbers(hypotheses, numbers + others[1 : 1 + p]))
             heldout[out] = np.minimum(products.loss(others), most)[out]
         chi2 = products.chi2(weights)
         emphasis = 2 * products.values / (products.values + chi2)
@@ -314,19 +318,19 @@ class Search:
         slope = emphasis[:, None] * (products.gram @ weights)[:, 1:]
         return Fit(
             hypotheses=hypotheses,
-            numbers=clipped(hypotheses, numbers + weights[1 : 1 + p]),
+            numbers=clip_numbers(hypotheses, numbers + weights[1 : 1 + p]),
             covariance=covariance(normal, slope.T @ slope + np.diag(prior), p),
             fold_numbers=np.array(folds),
-            tried=numbers,
+            linearisation_point=numbers,
             columns=columns,
-            loss=products.penalised(weights, prior),
+            loss=products.penalised_loss(weights, prior),
             chi2=chi2 / products.values,
             heldout=heldout,
         )
 
 
 def covariance(normal: np.ndarray, scatter: np.ndarray, numbers: int) -> np.ndarray:
-    """Of the first numbers: the inverse curvature, widened to the sandwich N⁻¹ S N⁻¹ where errors are not white."""
+    """Covariance of the first numbers: inverse curvature, widened to the sandwich N⁻¹ S N⁻¹ if that is larger."""
     inverse = np.linalg.pinv(normal)
     plain, sandwich = inverse[:numbers, :numbers], (inverse @ scatter @ inverse)[:numbers, :numbers]
     wider = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300)))
@@ -334,7 +338,7 @@ def covariance(normal: np.ndarray, scatter: np.ndarray, numbers: int) -> np.ndar
 
 
 def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
-    """A small step in each number, inside its range."""
+    """A small step in each number within its range, (numbers,) each."""
     steps = STEP * np.concatenate([h.moderate for h in hypotheses])
     lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
     inside = (numbers + steps <= upper) & (numbers + steps >= lower)
@@ -342,7 +346,7 @@ def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[n
 
 
 def broyden(columns: np.ndarray, move: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Derivatives (pieces, values, numbers) that also explain what a move did to the errors."""
+    """Derivatives (pieces, values, numbers) after a step ``move`` that led to ``errors``, by Broyden's rule."""
     length = float(move @ move)
     slopes = columns[:, :, 1:]
     if length == 0:

@@ -1,7 +1,7 @@
-"""What each effect does to the evidence: one column of whitened errors for each parameter and single place.
+"""Sensitivities of the whitened errors to effects: one column for each parameter and single place.
 
-Columns are secants, from the nominal robot to an effect of moderate size; those of a pair, a joint group or all joints
-are sums of the single ones. Some also serve as nuisances: what no description of a robot has exactly.
+Columns are secants from the nominal robot to an effect of moderate size; those of a pair, a joint group or all joints
+are sums of the single ones. Some also serve as nuisances: parameters that the model has only within a tolerance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,13 +17,13 @@ from leapgap.effects.base import Effect
 from leapgap.robot.model import Robot
 
 FINE_STEP_S, ROUGH_STEP_S = 0.00028, 0.0022
-"""Replays of short steps show what the nominal simulation's own step does; long ones will do for derivatives of what
-is searched, but not of nuisances: those must take off the last of an error."""
+"""Largest simulation steps. Replays of short steps show the error of the nominal step. Long steps are accurate enough
+for derivatives of the effects that are searched, but not for those of nuisances."""
 
 
 @dataclass(frozen=True)
-class Key:
-    """Which column: an effect's parameter at a single place."""
+class ColumnKey:
+    """Key of a column: an effect's parameter at a single place."""
 
     effect: str
     number: int
@@ -36,7 +36,7 @@ Acting = Sequence[tuple[Hypothesis, np.ndarray]]
 
 @dataclass(frozen=True)
 class Departures:
-    """What hypotheses change in the evidence."""
+    """Changes of the whitened errors by hypotheses."""
 
     evidence: ShortRollouts
     around: Acting
@@ -45,14 +45,14 @@ class Departures:
 
     @staticmethod
     def of(evidence: ShortRollouts, around: Acting) -> "Departures":
-        """From a robot with some hypotheses in it."""
+        """Departures from a robot with the hypotheses ``around``."""
         (start,) = evidence.residuals([on_logs(evidence, *around)])
-        return Departures(evidence, around, joined(start))
+        return Departures(evidence, around, concatenate_logs(start))
 
     def __call__(self, further: Sequence[Acting]) -> list[np.ndarray]:
         """Whitened changes of sets of further hypotheses, (pieces, values) each."""
         found = self.evidence.residuals([on_logs(self.evidence, *self.around, *one) for one in further])
-        return [joined(of) - self.start for of in found]
+        return [concatenate_logs(of) - self.start for of in found]
 
 
 @dataclass(frozen=True)
@@ -61,16 +61,16 @@ class Sensitivities:
 
     evidence: ShortRollouts
     departures: Departures
-    """By long steps: twice as fast, and steps err on both sides."""
+    """Departures by long steps of the simulation; twice as fast, and the error of the step cancels in differences."""
     nominal: np.ndarray
     """Whitened errors of the nominal robot, (pieces, values)."""
-    keys: tuple[Key, ...]
+    keys: tuple[ColumnKey, ...]
     columns: np.ndarray
-    """One for each key, a unit of its parameter, (pieces, values, keys)."""
+    """Derivatives by each key's parameter, (pieces, values, keys)."""
     nuisances: np.ndarray
-    """One standard deviation each, (pieces, values, nuisances)."""
+    """Changes by one standard deviation of each nuisance, (pieces, values, nuisances)."""
     members: Mapping[tuple[str, str], tuple[str, ...]]
-    """(effect, location) → single places."""
+    """Single places of each (effect, location)."""
 
     @staticmethod
     def of(
@@ -93,12 +93,12 @@ class Sensitivities:
                 names[effect] = Hypothesis(kinds[effect], robot)
         members = {(name, at): of for name, h in names.items() for at, of in places(h.kind, robot).items()}
         keys = tuple(
-            Key(name, k, place)
+            ColumnKey(name, k, place)
             for name, h in names.items()
             for k in range(len(h.parameters))
             for place in members[name, "all"]
         )
-        evidence = evidence.around(on_logs(evidence, *around))
+        evidence = evidence.whiten_for(on_logs(evidence, *around))
         exact = Departures.of(evidence, around)
         rough = Departures.of(evidence.with_steps(ROUGH_STEP_S), around)
         origin, free = exact.start, {name.partition(".")[0] for name in tolerances}
@@ -107,35 +107,35 @@ class Sensitivities:
             (exact, [i for i, key in enumerate(keys) if key.effect in free]),
             (rough, [i for i, key in enumerate(keys) if key.effect not in free]),
         ):
-            changes = departures([[moved(names[keys[i].effect], keys[i])] for i in chosen])
+            changes = departures([[moderate_departure(names[keys[i].effect], keys[i])] for i in chosen])
             for i, change in zip(chosen, changes, strict=True):
                 columns[:, :, i] = change / at_place(names[keys[i].effect], keys[i]).moderate[keys[i].number]
         (stepped,) = evidence.with_steps(FINE_STEP_S).residuals([on_logs(evidence, *around)])
-        nuisances = [joined(stepped) - origin]
+        nuisances = [concatenate_logs(stepped) - origin]
         for name, share in tolerances.items():
             effect, _, parameter = name.partition(".")
             if effect not in names:
                 continue
-            which = [p.name for p in names[effect].of_effect].index(parameter)
+            which = [p.name for p in names[effect].effect_parameters].index(parameter)
             nuisances += [
                 tolerance(kinds[effect], robot, key.place, parameter, share) * columns[:, :, i]
                 for i, key in enumerate(keys)
                 if (key.effect, key.number) == (effect, which)
             ]
-        nominal = origin if not around else joined(evidence.residuals([evidence.same(())])[0])
+        nominal = origin if not around else concatenate_logs(evidence.residuals([evidence.on_every_log(())])[0])
         return Sensitivities(evidence, rough, nominal, keys, columns, np.stack(nuisances, axis=2), members)
 
     @property
     def names(self) -> frozenset[str]:
-        """Of the effects that have columns."""
+        """Names of the effects that have columns."""
         return frozenset(key.effect for key in self.keys)
 
-    def free(self, columns: np.ndarray) -> Products:
-        """Products of columns (pieces, values, columns) and the nuisances."""
+    def with_nuisances(self, columns: np.ndarray) -> Products:
+        """Inner products of columns (pieces, values, columns) and the nuisances."""
         return Products.of(np.concatenate([columns, self.nuisances], axis=2))
 
-    def beside(self, columns: np.ndarray, hypotheses: Sequence[Hypothesis]) -> Iterator[Products]:
-        """Products of columns, each hypothesis's own, and the nuisances; one a hypothesis."""
+    def with_hypotheses(self, columns: np.ndarray, hypotheses: Sequence[Hypothesis]) -> Iterator[Products]:
+        """Inner products of columns, the columns of one hypothesis, and the nuisances; one for each hypothesis."""
         first, number = columns.shape[2], len(self.keys)
         whole = Products.of(np.concatenate([columns, self.columns, self.nuisances], axis=2))
         every = np.arange(whole.gram.shape[1])
@@ -152,7 +152,7 @@ class Sensitivities:
             yield Products(gram, whole.values)
 
     def at(self, hypothesis: Hypothesis, number: int) -> list[int]:
-        """Which columns sum to a number of a hypothesis."""
+        """Indices of the columns whose sum is the derivative by a number of a hypothesis."""
         places = self.members[hypothesis.name, hypothesis.location]
         return [
             i
@@ -162,18 +162,18 @@ class Sensitivities:
 
 
 def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, share: float) -> float:
-    """Standard deviation of an effect's parameter at a place, in its unit: a share of what the model has there."""
+    """Standard deviation of an effect's parameter at a place, in its unit: a share of the model's own value there."""
     (scale,) = (p.scale for p in kind.parameters(robot, place) if p.name == parameter)
     return share * scale
 
 
-def at_place(hypothesis: Hypothesis, key: Key) -> Hypothesis:
-    """The hypothesis at the single place of a key, whose own numbers may be others than those of all places."""
+def at_place(hypothesis: Hypothesis, key: ColumnKey) -> Hypothesis:
+    """The hypothesis at the single place of a key, whose nominal numbers may differ from those of all places."""
     return replace(hypothesis, location=key.place)
 
 
-def moved(hypothesis: Hypothesis, key: Key) -> tuple[Hypothesis, np.ndarray]:
-    """The hypothesis at one place with one number at moderate size."""
+def moderate_departure(hypothesis: Hypothesis, key: ColumnKey) -> tuple[Hypothesis, np.ndarray]:
+    """The hypothesis at the place of a key, with one number at moderate size."""
     there = at_place(hypothesis, key)
     numbers = there.nominal
     numbers[key.number] += there.moderate[key.number]
@@ -181,10 +181,10 @@ def moved(hypothesis: Hypothesis, key: Key) -> tuple[Hypothesis, np.ndarray]:
 
 
 def on_logs(evidence: ShortRollouts, *acting: tuple[Hypothesis, np.ndarray]) -> list[tuple[Effect, ...]]:
-    """Effects of hypotheses with their numbers on every log."""
-    return [tuple(h.on(p.jump.name, numbers) for h, numbers in acting) for p in evidence.pieces]
+    """Effects of hypotheses with their numbers, one tuple for each log."""
+    return [tuple(h.on(p.log.name, numbers) for h, numbers in acting) for p in evidence.pieces]
 
 
-def joined(of_logs: Sequence[np.ndarray]) -> np.ndarray:
-    """Pieces of all logs in one, (pieces, values)."""
+def concatenate_logs(of_logs: Sequence[np.ndarray]) -> np.ndarray:
+    """Concatenate the pieces of all logs, (pieces, values)."""
     return np.concatenate(of_logs)

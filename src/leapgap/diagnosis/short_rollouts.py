@@ -1,8 +1,8 @@
-"""The evidence: what short replays from the log leave of every logged channel, in units of what noise explains.
+"""Short rollouts: errors of short replays from the log in every logged channel, whitened by sensor noise.
 
 Each log is cut to pieces. A piece is replayed from its own smoothed first state, and compared with the log at several
-ages. What sensor noise does to such an error is known: noise of the start grows as the robot's own dynamics let it
-(finite differences), noise of the comparison is white. Both together whiten the errors of a piece.
+ages. The covariance of such an error has two parts: noise of the start, propagated by the robot's dynamics (finite
+differences), and white noise of the log. It whitens the errors of a piece.
 """
 
 import itertools
@@ -27,11 +27,11 @@ from leapgap.robot.rotations import turn_between
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 Effects = tuple[Effect, ...]
-Batched = tuple[int, Effects, Starts]
-"""What to replay: number of the log, effects, starts."""
+RolloutRequest = tuple[int, Effects, Starts]
+"""Replays of pieces of one log: index of the log, effects, starts."""
 
 SMOOTHED_S = 0.009
-"""A start is the value of a parabola through the rows of this long before and after it."""
+"""Starts are smoothed by a parabola through the rows up to this time before and after them."""
 LEAST_NOISE = {
     "base_pos": 1e-4,
     "base_turn": 1e-4,
@@ -40,28 +40,28 @@ LEAST_NOISE = {
     "joint_pos": 1e-4,
     "joint_vel": 1e-3,
 }
-"""Smallest noise a quantity is credited with, m, rad, m/s, rad/s: a log rounded to its last digit is not exact."""
+"""Lower bound of a quantity's noise, m, rad, m/s, rad/s, since logs are rounded to a last digit."""
 ROLLOUTS_AT_ONCE = 200
-"""By one thread: bounds its memory."""
+"""Largest number of rollouts in one batch of a thread; it bounds memory."""
 SHARES = 3
-"""Of the work for each thread: several, so that no thread waits long for another."""
+"""Number of batches for each thread; several, so that no thread waits long for another."""
 
 
 @dataclass(frozen=True)
-class State:
-    """The channels of the robot's state that every log knows, and how they differ between two motions."""
+class StateChannels:
+    """Channels of the robot's state that every log has, and their differences between two motions."""
 
     robot: Robot
     channels: tuple[Channel, ...]
 
     @staticmethod
-    def of(jumps: Sequence[Log], robot: Robot) -> "State":
+    def of(logs: Sequence[Log], robot: Robot) -> "StateChannels":
         """Channels that every log has."""
-        return State(robot, logged_channels(jumps, robot))
+        return StateChannels(robot, logged_channels(logs, robot))
 
     @cached_property
     def entries(self) -> np.ndarray:
-        """Where the channels stand in the tangent of the state (2 nv,), (channels,)."""
+        """Indices of the channels in the tangent of the state (2 nv,), (channels,)."""
         return np.array([channel.entry for channel in self.channels])
 
     def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
@@ -75,8 +75,8 @@ class State:
         full[:, robot.model.nv :] = simulated.qvel - logged.qvel
         return full[:, self.entries]
 
-    def moved(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
-        """A state (nq + nv,) displaced in one channel."""
+    def displace(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
+        """Displace a state (nq + nv,) by ``by`` in one channel."""
         nq, nv = self.robot.model.nq, self.robot.model.nv
         tangent = np.zeros(2 * nv)
         tangent[self.entries[channel]] = by
@@ -90,8 +90,8 @@ class State:
         return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
 
 
-def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
-    """At most so many rows of all, evenly: others of each log, so that together they cover what all logs do."""
+def thin_evenly(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
+    """Thin the rows of all logs together evenly to at most ``most``, so that logs keep different rows."""
     lengths = [len(own) for own in rows]
     total = sum(lengths)
     kept = np.zeros(total, bool)
@@ -99,7 +99,7 @@ def spread(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
     return [own[k] for own, k in zip(rows, np.split(kept, np.cumsum(lengths)[:-1]), strict=True)]
 
 
-def smoothed(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarray, float]:
+def smooth_start(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarray, float]:
     """State at a row by a parabola through its neighbours, (nq + nv,), and the share of their noise that stays.
 
     The log has ``rows`` rows; neighbours are those at most ``reach`` rows away.
@@ -116,64 +116,64 @@ def smoothed(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarra
 class Pieces:
     """The pieces of one log."""
 
-    jump: Log
+    log: Log
     logged: Motion
     starts: Starts
     noise: np.ndarray
-    """Of the log's sensors, (channels,)."""
+    """Standard deviation of the log's sensor noise, (channels,)."""
     start_noise: np.ndarray
-    """Share of it that the smoothed starts keep, (pieces,)."""
+    """Share of the noise that remains in the smoothed starts, (pieces,)."""
 
     @staticmethod
-    def of(jump: Log, rows: Sequence[int], state: State) -> "Pieces":
-        """Pieces that start at these rows."""
-        logged = motion_of(jump, state.robot)
-        found = [smoothed(logged, row, len(jump), jump.info.rows(SMOOTHED_S)) for row in rows]
+    def of(log: Log, rows: Sequence[int], state: StateChannels) -> "Pieces":
+        """Pieces of a log that start at these rows."""
+        logged = motion_of(log, state.robot)
+        found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
         states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
         if state.robot.has_free_base:
             states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
         return Pieces(
-            jump,
+            log,
             logged,
             Starts(rows, states),
-            state.noise(logged, jump.info.sample_period_s),
+            state.noise(logged, log.info.sample_period_s),
             np.array([kept for _, kept in found]),
         )
 
-    def every(self, rows: int) -> "Pieces":
-        """The same pieces of the log's every so many-th row; what is known of its noise stays."""
+    def downsample(self, rows: int) -> "Pieces":
+        """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
         starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
-        return replace(self, jump=self.jump.every(rows), logged=self.logged[::rows], starts=starts)
+        return replace(self, log=self.log.downsample(rows), logged=self.logged[::rows], starts=starts)
 
 
 @dataclass(frozen=True)
 class ShortRollouts:
-    """Logs in pieces, and what noise does to them."""
+    """Short rollouts of pieces of logs, with the whitening of their errors."""
 
-    state: State
+    state: StateChannels
     replayer: Replayer
     pieces: tuple[Pieces, ...]
     ages: np.ndarray
-    """Rows after the start at which a piece is compared."""
+    """Rows after the start of a piece at which it is compared, (ages,)."""
     whitening: tuple[np.ndarray, ...]
     """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
 
     @staticmethod
-    def of(jumps: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
-        """Cut logs to pieces of a horizon, at most so many in all, compared every so often; no noise known yet."""
-        state = State.of(jumps, replayer.robot)
-        period = jumps[0].info.sample_period_s
+    def of(logs: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
+        """Cut logs to at most ``most`` pieces of a horizon, compared every ``every_s``; without whitening yet."""
+        state = StateChannels.of(logs, replayer.robot)
+        period = logs[0].info.sample_period_s
         ages = np.arange(1, round(horizon_s / every_s) + 1) * max(1, round(every_s / period))
         length = ages[-1] + 1
-        rows = spread([np.arange(0, len(jump) - length + 1, length - 1) for jump in jumps], most)
+        rows = thin_evenly([np.arange(0, len(log) - length + 1, length - 1) for log in logs], most)
         if not any(map(len, rows)):
-            longest = max(len(jump) for jump in jumps) * period
+            longest = max(len(log) for log in logs) * period
             raise InputError("diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log whole jumps")
-        pieces = [Pieces.of(jump, own.tolist(), state) for jump, own in zip(jumps, rows, strict=True)]
+        pieces = [Pieces.of(log, own.tolist(), state) for log, own in zip(logs, rows, strict=True)]
         return ShortRollouts(state, replayer, tuple(pieces), ages, ())
 
-    def around(self, effects: Sequence[Effects]) -> "ShortRollouts":
-        """The same with what noise does to a robot with these effects, one set a log."""
+    def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":
+        """The same with the whitening for a robot with these effects, one tuple for each log."""
         return replace(self, whitening=tuple(self._whitening(effects)))
 
     @property
@@ -186,24 +186,24 @@ class ShortRollouts:
         """Index of the log that each piece is of, (pieces,)."""
         return np.repeat(np.arange(len(self.pieces)), [len(p.starts.rows) for p in self.pieces])
 
-    def same(self, effects: Effects) -> list[Effects]:
-        """The same effects on every log."""
+    def on_every_log(self, effects: Effects) -> list[Effects]:
+        """The same effects for every log."""
         return [effects] * len(self.pieces)
 
     def with_steps(self, largest_step_s: float) -> "ShortRollouts":
-        """The same pieces, compared at the same instants, by replays of other steps: of several rows, if need be."""
+        """The same pieces with another largest step, which may be several rows; compared at the same instants."""
         replayer = self.replayer.with_steps(largest_step_s)
-        period = self.pieces[0].jump.info.sample_period_s
+        period = self.pieces[0].log.info.sample_period_s
         begun = [row for of in self.pieces for row in of.starts.rows]
         every = math.gcd(*self.ages.tolist(), *begun, max(1, round(largest_step_s / period)))
-        pieces = tuple(of.every(every) for of in self.pieces)
+        pieces = tuple(of.downsample(every) for of in self.pieces)
         return replace(self, replayer=replayer, pieces=pieces, ages=self.ages // every)
 
-    def errors(self, trials: Sequence[Batched]) -> Iterator[np.ndarray]:
-        """Simulated − logged of trials (log, effects, starts): (pieces, values) each, by all threads."""
+    def errors(self, trials: Sequence[RolloutRequest]) -> Iterator[np.ndarray]:
+        """Simulated − logged values of each request, (pieces, values), computed by all threads."""
         sizes = [len(starts.rows) for _, _, starts in trials]
         most = min(ROLLOUTS_AT_ONCE, -(-sum(sizes) // (SHARES * self.replayer.threads)))
-        batches: list[list[Batched]] = []
+        batches: list[list[RolloutRequest]] = []
         room = 0
         for trial, size in zip(trials, sizes, strict=True):
             if room <= 0:
@@ -214,10 +214,10 @@ class ShortRollouts:
         with ThreadPoolExecutor(self.replayer.threads) as pool:
             yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
 
-    def _batch(self, batch: Sequence[Batched]) -> list[np.ndarray]:
+    def _batch(self, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
         found = []
-        trials = [Rollout(self.pieces[log].jump, effects) for log, effects, _ in batch]
-        motions = self.replayer.restarted(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
+        trials = [Rollout(self.pieces[log].log, effects) for log, effects, _ in batch]
+        motions = self.replayer.replay_pieces(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
         for (log, _, starts), of_trial in zip(batch, motions, strict=True):
             logged = self.pieces[log].logged
             errors = [
@@ -234,19 +234,19 @@ class ShortRollouts:
         logs = range(len(self.pieces))
         trials = [(log, of[log], self.pieces[log].starts) for of in candidates for log in logs]
         errors = self.errors(trials)
-        return [[self.whitened(log, next(errors)) for log in logs] for _ in candidates]
+        return [[self.whiten(log, next(errors)) for log in logs] for _ in candidates]
 
-    def whitened(self, log: int, error: np.ndarray) -> np.ndarray:
-        """Errors of one log (pieces, values) in units of noise, (pieces, values)."""
+    def whiten(self, log: int, error: np.ndarray) -> np.ndarray:
+        """Whiten the errors of one log, (pieces, values)."""
         finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
         return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
 
     def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:
-        """Inverse Cholesky factors of each piece's covariance: starts that are a little wrong, and white noise."""
+        """Inverse Cholesky factors of each piece's error covariance, from noise of its start and of the log."""
         trials = [
             (log, effects[log], starts)
             for log, own in enumerate(self.pieces)
-            for starts in (own.starts, *self._displaced(own))
+            for starts in (own.starts, *self._displace_starts(own))
         ]
         errors = self.errors(trials)
         for own in self.pieces:
@@ -256,10 +256,10 @@ class ShortRollouts:
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
 
-    def _displaced(self, own: Pieces) -> Iterator[Starts]:
-        """The starts of a log, a standard deviation of their noise off in one channel after the other."""
+    def _displace_starts(self, own: Pieces) -> Iterator[Starts]:
+        """The starts of a log, displaced in one channel after the other by a standard deviation of their noise."""
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
         for c in range(len(self.state.channels)):
             by = sign * own.start_noise * own.noise[c]
-            states = [self.state.moved(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
+            states = [self.state.displace(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
             yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

@@ -1,4 +1,4 @@
-"""Which effect shows in which phase and channel: the trace each leaves in a replay that starts anew often.
+"""Signatures of effects: the trace of each effect by phase and channel in replays of short pieces.
 
 ``python -m leapgap.diagnosis.signature data/references/own/h00_d50.parquet docs/effects.md`` renews the tables in
 the page.
@@ -35,12 +35,12 @@ CHANNELS = {
     "joint_pos": ("rad", 0.01),
     "joint_vel": ("rad/s", 0.3),
 }
-"""What is compared: unit, and the difference that counts as one. The first three are of the whole robot: means over the
+"""Channels of a signature: unit and scale. The first three are of the whole robot: means over the
 second half of a piece, of its centre of mass by the nominal model and the true pose; the others are as reported, root
 mean square over joints and over the second half."""
 
 SILENT = 0.1
-"""A trace below this share of what counts as one is no trace."""
+"""Traces below this share of a channel's scale are left out of the table."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class Signature:
     values: np.ndarray
 
     def of(self, name: str, phase: str) -> dict[str, float]:
-        """Channel → trace."""
+        """Trace of an effect in one phase, by channel."""
         return dict(zip(CHANNELS, self.values[self.names.index(name), self.phases.index(phase)].tolist(), strict=True))
 
     def markdown(self) -> str:
-        """A table a phase: traces in units of the channels, a dot where there is none to speak of."""
+        """Markdown tables, one a phase: traces in units of the channels, a dot for a negligible one."""
         scale = np.array([one for _, one in CHANNELS.values()])
         lines = []
         for p, phase in enumerate(self.phases):
@@ -74,7 +74,7 @@ class Signature:
 
 
 def moderate_effects(robot: Robot) -> dict[str, Effect]:
-    """Every known effect at the size that is moderate for a robot, one parameter at a time."""
+    """Every known effect at its moderate size on a robot, one parameter at a time."""
     found = {}
     for name, kind in effects.known().items():
         parameters = kind.parameters(robot)
@@ -84,50 +84,51 @@ def moderate_effects(robot: Robot) -> dict[str, Effect]:
     return found
 
 
-def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon_s: float = 0.05) -> Signature:
-    """Traces of effects in the nominal robot's own jump: replay with the effect − replay without, from equal starts.
+def signature(
+    reference: Log, robot: Robot, effects_by_label: Mapping[str, Effect], horizon_s: float = 0.05
+) -> Signature:
+    """Traces of effects in the nominal robot's own motion: replay with the effect − replay without, from equal starts.
 
-    The jump is cut into pieces of one horizon; each starts anew from the nominal motion, which is taken as what was
-    logged. So a trace stands in the phase where it arises, not where it has grown to. The second half of a piece
-    counts, when the start has settled.
+    The log is cut into pieces of one horizon. Each piece starts from the nominal motion, which stands for the logged
+    one, so that a trace counts in the phase in which it arises. The second half of a piece counts, after its start
+    has settled.
     """
     replayer = Replayer(robot, terrain_slots=max(1, len(reference.info.terrain)))
     (motion,) = replayer.motions([Rollout(reference)])
     pieces = pieces_of_phases(replayer.as_log(motion, reference), horizon_s)
     phases = tuple(phase for phase in PHASES if any(p == phase for p, _ in pieces))
-    candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in found.values())]
+    candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in effects_by_label.values())]
     trials = [Rollout(piece, of) for of in candidates for _, piece in pieces]
     true = replayer.true_motions(trials)
     traces = [
-        trace_of(replayer.reported(trial, whole), whole, trial, robot)
-        for trial, whole in zip(trials, true, strict=True)
+        trace_of(replayer.measure(trial, whole), whole, trial, robot) for trial, whole in zip(trials, true, strict=True)
     ]
-    values = np.zeros((len(found), len(phases), len(CHANNELS)))
-    for e in range(len(found)):
+    values = np.zeros((len(effects_by_label), len(phases), len(CHANNELS)))
+    for e in range(len(effects_by_label)):
         for p, phase in enumerate(phases):
             chosen = [i for i, (own, _) in enumerate(pieces) if own == phase]
             values[e, p] = np.sqrt(
                 np.mean([distance(traces[(e + 1) * len(pieces) + i], traces[i]) ** 2 for i in chosen], axis=0)
             )
-    return Signature(tuple(found), phases, values)
+    return Signature(tuple(effects_by_label), phases, values)
 
 
-def pieces_of_phases(jump: Log, horizon_s: float) -> list[tuple[str, Log]]:
+def pieces_of_phases(log: Log, horizon_s: float) -> list[tuple[str, Log]]:
     """Pieces of one horizon that lie within one phase each."""
-    length = max(4, round(horizon_s / jump.info.sample_period_s)) + 1
-    phases = phase_of_rows(jump)
+    length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
+    phases = phase_of_rows(log)
     found = []
-    for start in range(0, len(jump) - length + 1, length - 1):
+    for start in range(0, len(log) - length + 1, length - 1):
         own = phases[start : start + length]
         if own[0] == own[-2]:
-            columns = {name: values[start : start + length] for name, values in jump.columns.items()}
-            found.append((PHASES[own[0]], replace(jump, columns=columns)))
+            columns = {name: values[start : start + length] for name, values in log.columns.items()}
+            found.append((PHASES[own[0]], replace(log, columns=columns)))
     return found
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One piece in the channels of a signature, second half."""
+    """Second half of a piece in the channels of a signature."""
 
     of_robot: np.ndarray
     """(3,): acceleration of the centre of mass x, z, and rate of angular momentum about it, y."""
@@ -137,16 +138,16 @@ class Trace:
     joint_vel: np.ndarray
 
 
-def trace_of(reported: Motion, true: Motion, trial: Rollout, robot: Robot) -> Trace:
-    """The channels of one piece; time is the log's clock, as a diagnosis would have it."""
+def trace_of(measured: Motion, true: Motion, trial: Rollout, robot: Robot) -> Trace:
+    """Trace of one piece, with time by the log's clock as in a diagnosis."""
     half = slice(len(true.qpos) // 2, None)
     momentum = momentum_of(true, robot)[half]
-    seconds = (len(momentum) - 1) * trial.jump.info.sample_period_s
+    seconds = (len(momentum) - 1) * trial.log.info.sample_period_s
     return Trace(
         (momentum[-1] - momentum[0]) / seconds / np.array([robot.total_mass, robot.total_mass, 1.0]),
-        np.column_stack([pitch_of(reported.base_quaternion), reported.qvel[:, [0, 2, 4]]])[half],
-        reported.qpos[half][:, robot.joint_qpos],
-        reported.qvel[half][:, robot.joint_dofs],
+        np.column_stack([pitch_of(measured.base_quaternion), measured.qvel[:, [0, 2, 4]]])[half],
+        measured.qpos[half][:, robot.joint_qpos],
+        measured.qvel[half][:, robot.joint_dofs],
     )
 
 

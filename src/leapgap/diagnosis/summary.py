@@ -1,4 +1,4 @@
-"""How a diagnosis is told: causes with their numbers, one sentence, the next experiment, and what logs lack."""
+"""Summary of a diagnosis: causes with their numbers, one sentence, the next experiment, and missing columns."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.candidates import Candidate, Found
+from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import HEADLINE, is_logged
 from leapgap.diagnosis.decision import Answer, Conclusion, probability
-from leapgap.diagnosis.gap import Judged, squares
-from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReduction, Interval, effects_on
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares
+from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReplays, Interval, effects_on
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.effects.base import Effect
@@ -19,44 +19,48 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 SIGMAS = 1.96
-"""Of a 95 % interval."""
+"""Half width of a 95 % interval in standard deviations."""
 OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
-"""Of further jumps that may tell causes apart, unless one as far was logged."""
+"""Distances of further experiments that may tell causes apart, and how near one counts as logged already."""
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
 NOTICEABLE = 0.05
-"""A share of the gap; of a smaller one no percentage is told."""
+"""Smallest share of the gap that is stated as a percentage."""
 
 
 def causes_of(
-    found: Found,
-    said: Conclusion,
+    result: SearchResult,
+    conclusion: Conclusion,
     shares: np.ndarray,
-    heldout: HeldOutReduction,
+    heldout: HeldOutReplays,
     model_error: float,
 ) -> list[Cause]:
-    """The believed causes, then those that could stand in their place, then every effect alone, best first.
+    """Selected effects, then their confusable alternatives, then all single effects, by probability.
 
     ``model_error`` as in ``Settings``.
     """
-    yardstick = heldout.yardstick
+    heldout_gap = heldout.heldout_gap
 
-    def told(belief: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]) -> Cause:
-        (squares_left,) = heldout.of([step])
-        closes, gap = yardstick.closure(squares_left), yardstick.gap(squares_left)
-        return cause_of(belief, which, sure, rivals, closes, gap, yardstick.judged, model_error)
+    def held_out_cause(
+        candidate: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]
+    ) -> Cause:
+        (squares_left,) = heldout.squares([step])
+        closes, gap = heldout_gap.closure(squares_left), heldout_gap.gap(squares_left)
+        return cause_of(candidate, which, sure, rivals, closes, gap, heldout_gap.judged, model_error)
 
-    believed = said.steps[-1] if said.steps else found.nominal
+    selected = conclusion.steps[-1] if conclusion.steps else result.nominal
     causes = [
-        told(believed, k, step, sure, names[1:])
-        for k, (names, step, sure) in enumerate(zip(said.answer, said.steps, said.sure, strict=True))
+        held_out_cause(selected, k, step, sure, names[1:])
+        for k, (names, step, sure) in enumerate(
+            zip(conclusion.answer, conclusion.steps, conclusion.probabilities, strict=True)
+        )
     ]
     known, others = {(cause.effect, cause.location) for cause in causes}, []
-    for fit in found.alternatives:
+    for fit in result.alternatives:
         newest = fit.hypotheses[-1]
         if (newest.name, newest.location) not in known:
             known.add((newest.name, newest.location))
-            sure = probability(newest.name, found, shares) if newest.name not in believed.names else 0.0
-            others.append(told(fit, len(fit.hypotheses) - 1, fit, sure, ()))
+            sure = probability(newest.name, result, shares) if newest.name not in selected.names else 0.0
+            others.append(held_out_cause(fit, len(fit.hypotheses) - 1, fit, sure, ()))
     return causes + sorted(others, key=lambda cause: -cause.probability)
 
 
@@ -67,20 +71,20 @@ def cause_of(
     rivals: tuple[str, ...],
     closes: Interval,
     gap: float,
-    judged: Judged,
+    judged: JudgedLogs,
     model_error: float,
 ) -> Cause:
-    """One hypothesis of a fit in words of the report."""
+    """One hypothesis of a fit as a cause of the report."""
     hypothesis, numbers = fit.hypotheses[which], fit.split()[which]
     spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
-    logs = [jump.name for jump in judged.jumps]
+    logs = [log.name for log in judged.logs]
     half = SIGMAS * np.hypot(spread, model_error * np.abs(numbers - hypothesis.nominal))
 
     def typical_value(of: np.ndarray, name: str) -> float:
-        return float(np.median([hypothesis.values(log, hypothesis.clipped(of))[name] for log in logs]))
+        return float(np.median([hypothesis.values(log, hypothesis.clip(of))[name] for log in logs]))
 
     parameters = {}
-    for p in hypothesis.of_effect:
+    for p in hypothesis.effect_parameters:
         ends = sorted(typical_value(numbers + side * half, p.name) for side in (-1, 1))
         parameters[p.name] = ParameterEstimate(
             typical_value(numbers, p.name), (ends[0], ends[1]), p.nominal, p.unit, hypothesis.at_bound(numbers)
@@ -89,17 +93,17 @@ def cause_of(
     return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, closes, gap, rivals)
 
 
-def shared_closure(believed: Candidate, heldout: np.ndarray, yardstick: HeldOutGap) -> Interval | None:
-    """Closure of the answer where every jump gets the median of the other folds' values instead of its own."""
-    if not believed.hypotheses:
+def shared_closure(selected: Candidate, heldout: np.ndarray, heldout_gap: HeldOutGap) -> Interval | None:
+    """Closure of the answer where each log gets the median of the values of other folds instead of its own."""
+    if not selected.hypotheses:
         return None
-    if not any(h.per_log for h in believed.hypotheses):
-        return yardstick.closure(heldout)
-    judged, candidate = yardstick.judged, []
-    for fold in yardstick.folds.tolist():
-        others = [jump.name for jump, f in zip(judged.jumps, yardstick.folds, strict=True) if f != fold]
-        candidate.append(typical(believed, others, fold))
-    return yardstick.closure(squares(judged, yardstick.replayer, [candidate])[0])
+    if not any(h.per_log for h in selected.hypotheses):
+        return heldout_gap.closure(heldout)
+    judged, candidate = heldout_gap.judged, []
+    for fold in heldout_gap.folds.tolist():
+        others = [log.name for log, f in zip(judged.logs, heldout_gap.folds, strict=True) if f != fold]
+        candidate.append(typical(selected, others, fold))
+    return heldout_gap.closure(candidate_squares(judged, heldout_gap.replayer, [candidate])[0])
 
 
 def typical(fit: Candidate, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
@@ -108,34 +112,34 @@ def typical(fit: Candidate, logs: Sequence[str], fold: int | None = None) -> tup
     found = []
     for same in zip(*of_logs, strict=True):
         middle = {name: float(np.median([one.values[name] for one in same])) for name in same[0].values}
-        found.append(replace(same[0].changing(()), **middle))
+        found.append(replace(same[0].with_profile(()), **middle))
     return tuple(found)
 
 
-def profiles_of(found: Found) -> list[Profile]:
-    """Each effect's valley, with its place and unit."""
+def profiles_of(result: SearchResult) -> list[Profile]:
+    """Profile likelihoods in the form of the report, with place and unit."""
     profiles = []
-    for valley in found.profiles:
-        h, parameter = valley.hypothesis, valley.hypothesis.parameters[0]
+    for profile in result.profiles:
+        h, parameter = profile.hypothesis, profile.hypothesis.parameters[0]
         label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the clocks' own estimate"
         where = "" if h.location == "all" else f" at {h.location}"
-        profiles.append(Profile(h.name + where, label, tuple(valley.values.tolist()), tuple(valley.loss.tolist())))
+        profiles.append(Profile(h.name + where, label, tuple(profile.values.tolist()), tuple(profile.loss.tolist())))
     return profiles
 
 
 def sentence(
-    said: Conclusion,
-    believed: Candidate,
+    conclusion: Conclusion,
+    selected: Candidate,
     nominal: float,
     corrected: float,
     closes: Interval | None,
-    judged: Judged,
+    judged: JudgedLogs,
 ) -> str:
     """The report in one sentence, with numbers."""
-    verdict, answer = said.verdict, said.answer
+    verdict, answer = conclusion.verdict, conclusion.answer
     if verdict == "none":
         return (
-            f"The simulation agrees with the {len(judged.jumps)} jumps within sensor noise and the tolerances of the "
+            f"The simulation agrees with the {len(judged.logs)} jumps within sensor noise and the tolerances of the "
             f"model (gap {nominal:.2f})."
         )
     if not answer or closes is None:
@@ -144,9 +148,9 @@ def sentence(
             "below says where it lies."
         )
     parts = [
-        f"{effects.describe(h.kind)} ({sized(h, numbers, judged)})"
+        f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, judged)})"
         + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
-        for h, numbers, names in zip(believed.hypotheses, believed.split(), answer, strict=True)
+        for h, numbers, names in zip(selected.hypotheses, selected.split(), answer, strict=True)
     ]
     if closes.value < NOTICEABLE:
         return (
@@ -162,16 +166,16 @@ def sentence(
 
 def share_in_words(closes: Interval) -> str:
     """A share of the gap with its interval: per cent, or ``all`` where the value rounds to 100."""
-    share = closes.at_most_all
+    share = closes.capped_at_one
     value, low, high = (f"{100 * part:.0f}" for part in (share.value, share.low, share.high))
     if value != "100":
         return f"{value} % (95 %: {low} to {high}) of the gap"
     return "all of the gap" if low == "100" else f"all of the gap (95 %: {low} % or more)"
 
 
-def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: Judged) -> str:
+def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, judged: JudgedLogs) -> str:
     """``joint_damping at RR: damping 0.4``; the median and range where values differ by log."""
-    of_logs = [hypothesis.values(jump.name, numbers) for jump in judged.jumps]
+    of_logs = [hypothesis.values(log.name, numbers) for log in judged.logs]
     sizes = []
     for name in of_logs[0]:
         values = [of[name] for of in of_logs]
@@ -181,8 +185,8 @@ def sized(hypothesis: Hypothesis, numbers: np.ndarray, judged: Judged) -> str:
     return f"{hypothesis.name}{place}: {', '.join(sizes)}"
 
 
-def next_experiment(answer: Answer, jumps: Sequence[Log], robot: Robot) -> dict[str, Any] | None:
-    """What would tell apart the first causes that these logs cannot: other jumps than were logged.
+def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[str, Any] | None:
+    """Proposal of further experiments that tell apart causes that these logs cannot; None where it is not needed.
 
     ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
     """
@@ -193,9 +197,9 @@ def next_experiment(answer: Answer, jumps: Sequence[Log], robot: Robot) -> dict[
     if not robot.has_free_base:
         sentence = f"{trace}log faster and slower motions, and diagnose all logs together."
         return {"sentence": sentence, "separates": separates}
-    logged = np.array([jump.info.target.x_m for jump in jumps])
+    logged = np.array([log.info.target.x_m for log in logs])
     far = [x for x in OTHER_DISTANCES_M if np.abs(logged - x).min() > LOGGED_ALREADY_M] or list(OTHER_DISTANCES_M)
-    number = max(len(far), min(2 * len(jumps), MOST_FURTHER_JUMPS))
+    number = max(len(far), min(2 * len(logs), MOST_FURTHER_JUMPS))
     low, high = OTHER_BLOCKS_M
     sentence = (
         f"{trace}log {number} further jumps, to {', '.join(f'{100 * x:g}' for x in far)} cm, with the front feet on "
@@ -206,12 +210,12 @@ def next_experiment(answer: Answer, jumps: Sequence[Log], robot: Robot) -> dict[
     return {"sentence": sentence, "separates": separates, "collect": collect}
 
 
-def not_judged(jumps: Sequence[Log], robot: Robot) -> list[str]:
-    """Columns some log lacks, and what cannot be said without them."""
+def not_judged(logs: Sequence[Log], robot: Robot) -> list[str]:
+    """Names of columns that some log lacks, in words."""
     wanted = [*HEADLINE, *(f"base_angvel_{axis}" for axis in "xz")] if robot.has_free_base else []
     wanted += [f"{quantity}/{robot.joints[0]}" for quantity in ("joint_pos", "joint_vel", "tau")]
     wanted += ["imu_acc_z", "supply_voltage"]
-    lacking = [name for name in wanted if not all(is_logged(jump, name) for jump in jumps)]
+    lacking = [name for name in wanted if not all(is_logged(log, name) for log in logs)]
     meaning = {
         "tau": "the torque the motors delivered",
         "base_angvel_x": "roll rate (taken as zero at the start)",

@@ -1,4 +1,4 @@
-"""What the nominal robot leaves out: one file an effect, found by its file name; other packages may offer more."""
+"""Effects that the nominal robot leaves out: one file an effect; other packages may register more."""
 
 import sys
 from collections.abc import Iterable, Mapping
@@ -20,7 +20,7 @@ Registry = Mapping[str, type[Effect]]
 
 @cache
 def known() -> dict[str, type[Effect]]:
-    """All effects by name, in alphabetical order: one of each file here, and what installed packages offer."""
+    """All effects by name, in alphabetical order: those of this package and those of installed packages."""
     kinds = classes_by_name(sys.modules[__name__], Effect, ENTRY_POINTS)
     for kind in kinds.values():
         check_class(kind)
@@ -33,7 +33,7 @@ def registry(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
 
 
 def with_own(kinds: Registry, own: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
-    """Effects by name with further classes; what is no effect, or has the name of another, is an ``InputError``."""
+    """Effects by name with further classes; ``InputError`` for what is no effect or has the name of another."""
     found = dict(kinds)
     for kind in own:
         check_class(kind)
@@ -45,13 +45,13 @@ def with_own(kinds: Registry, own: Iterable[type[Effect]]) -> dict[str, type[Eff
 
 
 def check_class(kind: Any) -> None:
-    """Refuse what cannot be injected and fitted like an effect of ours."""
+    """Raise ``InputError`` for a class that cannot be injected and fitted like a known effect."""
     where = f"effect class {getattr(kind, '__qualname__', kind)}"
     if not (isinstance(kind, type) and issubclass(kind, Effect)):
         raise InputError(where, repr(kind), "a subclass of leapgap.effects.base.Effect", "pass the class itself")
     if not isinstance(getattr(kind, "name", None), str):
         raise InputError(where, "no name", 'a class variable like name = "my_effect"', "give it a name")
-    if not (is_dataclass(kind) and "__dataclass_fields__" in vars(kind) and kind.declared()):
+    if not (is_dataclass(kind) and "__dataclass_fields__" in vars(kind) and kind.declarations()):
         raise InputError(
             where,
             "no parameter",
@@ -59,15 +59,15 @@ def check_class(kind: Any) -> None:
             "decorate the class with @dataclass(frozen=True) and declare its parameters",
         )
     if kind.parameters.__func__ is Effect.parameters.__func__:  # type: ignore[attr-defined]
-        own = [name for name, about in kind.declared().items() if about.nominal is None]
+        own = [name for name, about in kind.declarations().items() if about.nominal is None]
         if own:
             raise InputError(where, f"None as nominal {own[0]}", "the model's own value", "override parameters()")
 
 
 def describe(kind: type[Effect]) -> str:
-    """What the effect is: ``viscous friction of the gears``.
+    """Short description of an effect: ``viscous friction of the gears``.
 
-    The first line of its file where the file is ours and hence about nothing else, of its class otherwise.
+    It is the first line of its module's docstring where the module is of this package, else of its class's docstring.
     """
     of_module = import_module(kind.__module__).__doc__ if kind.__module__.startswith(f"{__name__}.") else None
     own = kind.__dict__.get("__doc__") or ""
@@ -82,17 +82,17 @@ def effect(name: str, location: str = "all", **values: float) -> Effect:
 
 
 def effect_among(kinds: Registry, name: str, location: str, values: Mapping[str, float]) -> Effect:
-    """The same among other classes than the known ones."""
+    """An effect by name among the given classes; errors as in ``effect``."""
     if name not in kinds:
         raise InputError("effect", name, f"one of {', '.join(kinds)}", "choose a known effect")
     kind = kinds[name]
-    declared = kind.declared()
+    declarations = kind.declarations()
     for key, value in values.items():
-        if key not in declared:
-            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declared)}", "correct it")
-        lower, upper = declared[key].limits
+        if key not in declarations:
+            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declarations)}", "correct it")
+        lower, upper = declarations[key].limits
         if not lower <= value <= upper:
-            expected = f"{lower:g} to {upper:g} {declared[key].unit}"
+            expected = f"{lower:g} to {upper:g} {declarations[key].unit}"
             raise InputError(f"effect {name}, {key}", f"{value:g}", expected, "choose a physical value")
     return kind(location=location, **values)
 

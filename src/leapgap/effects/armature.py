@@ -5,13 +5,13 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, addition, increased, parameter, recompute_constants
+from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, recompute_constants
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
 class Armature(Effect):
-    """Rotor inertia, added to the model's own; a negative one takes away what the model has, down to nothing."""
+    """Rotor inertia added to the model's own; a negative value takes some of it away, down to zero."""
 
     name = "armature"
     places = "joints"
@@ -29,5 +29,5 @@ class Armature(Effect):
         if self.is_nominal:
             return
         dofs = robot.joint_dofs[robot.joints_at(self.location)]
-        model.dof_armature[dofs] = increased(model.dof_armature[dofs], self.inertia)
+        model.dof_armature[dofs] = add_nonnegative(model.dof_armature[dofs], self.inertia)
         recompute_constants(model)

@@ -1,4 +1,4 @@
-"""What an effect is: something the nominal robot leaves out, with a place, parameters and a way into the simulation."""
+"""Base class of effects: what the nominal robot leaves out, with location, parameters and change of the simulation."""
 
 from abc import ABC
 from collections.abc import Hashable
@@ -24,19 +24,19 @@ class Parameter:
     lower: float
     upper: float
     moderate: float
-    """A value that a person would notice in the motion: where signatures are taken and searches begin."""
+    """A value whose influence on the motion is noticeable; signatures are taken and searches begin there."""
     scale: float = 1.0
     """One unit of the model's own, in the unit of the parameter: its armature, its friction, the mass of its trunk.
 
     1 where the model has nothing of the kind (a factor, a length, a delay), 0 where the model's own is zero.
     """
     lower_is_physical: bool = False
-    """Whether nothing below ``lower`` exists (friction that is gone), so that a fit may well end there."""
+    """Whether ``lower`` is a physical limit (zero friction), so that a fit may end there."""
 
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a field of an effect's class says of a parameter, on any robot."""
+    """Declaration of a parameter by a field of an effect's class, for any robot."""
 
     nominal: float | None
     """``None``: the model's own value."""
@@ -45,7 +45,7 @@ class Declaration:
     upper: float
     moderate: float | None
     limits: tuple[float, float]
-    """What a value may be at all."""
+    """Range of values that may be set."""
 
 
 def parameter(
@@ -59,8 +59,8 @@ def parameter(
     """Declare a dataclass field as a parameter; its default is the value at which the effect is absent.
 
     ``None`` as nominal value means the model's own: the class then says in ``Effect.parameters`` what that is on a
-    robot. ``lower`` to ``upper`` is the range that is searched, ``limits`` what a value may be at all (the same,
-    where they are not given).
+    robot. ``lower`` to ``upper`` is the range that is searched; ``limits`` is the range of values that may be set
+    (by default the same).
     """
     if moderate is None and nominal is not None:
         moderate = nominal + max(upper - nominal, lower - nominal, key=abs) / 10
@@ -74,7 +74,7 @@ PARAMETER = "parameter"
 
 @dataclass(frozen=True)
 class Commands:
-    """What the computer sends to the joints: shape (rows, joints) each, joint order of the robot."""
+    """Commands that are sent to the joints: shape (rows, joints) each, joint order of the robot."""
 
     torque: np.ndarray
     """Feed-forward, N·m."""
@@ -99,15 +99,15 @@ class Effect(ABC):
 
     name: ClassVar[str]
     differs_per_log: ClassVar[bool] = False
-    """Whether its value may differ from jump to jump."""
+    """Whether its value may differ from log to log."""
     needs_base: ClassVar[bool] = False
-    """Whether it says nothing about a robot that is fixed to the ground."""
+    """Whether it exists only on a robot with a free base."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
-        """What a robot lacks to have this effect at all, in words; None where it may have it."""
+        """What a robot lacks for this effect to exist on it, in words; None where it lacks nothing."""
         if (cls.needs_base or cls.places == "feet") and not robot.has_free_base:
             return "a free base"
         return "feet" if cls.places == "feet" and not robot.feet else None
@@ -120,43 +120,46 @@ class Effect(ABC):
         a field declared with the nominal value ``None`` demands it.
         """
         found = []
-        for name, about in cls.declared().items():
+        for name, about in cls.declarations().items():
             if about.nominal is None or about.moderate is None:
                 raise TypeError(f"{cls.__name__}.parameters has to say what the model's own {name} is")
             found.append(Parameter(name, about.unit, about.nominal, about.lower, about.upper, about.moderate))
         return tuple(found)
 
     @classmethod
-    def declared(cls) -> dict[str, Declaration]:
-        """What the fields declare, by parameter."""
+    def declarations(cls) -> dict[str, Declaration]:
+        """Declarations of the fields, by name of the parameter."""
         return {f.name: f.metadata[PARAMETER] for f in fields(cls) if PARAMETER in f.metadata}
 
     @property
     def values(self) -> dict[str, float]:
-        """The parameters' values by name; those that are left to the model's own are not among them."""
-        of_all = {name: getattr(self, name) for name in self.declared()}
+        """Values of the parameters by name, without those left at the model's own value."""
+        of_all = {name: getattr(self, name) for name in self.declarations()}
         return {name: value for name, value in of_all.items() if value is not None}
 
     @property
     def is_nominal(self) -> bool:
         """Whether every parameter has its default, with which the effect is absent from any robot."""
-        return all(getattr(self, name) == about.nominal for name, about in self.declared().items())
+        return all(getattr(self, name) == about.nominal for name, about in self.declarations().items())
 
     def is_nominal_for(self, robot: Robot) -> bool:
         """Whether the effect is absent from this robot: every parameter has its default, or the model's own value."""
         return all(self.values.get(p.name, p.nominal) == p.nominal for p in self.parameters(robot, self.location))
 
-    def changing(self, profile: tuple[float, ...]) -> "Effect":
-        """The same where its value changes within a log: shares of it, evenly spaced from first row to last."""
+    def with_profile(self, profile: tuple[float, ...]) -> "Effect":
+        """The effect with a value that changes within a log.
+
+        ``profile`` holds factors on the value, evenly spaced from the first row to the last.
+        """
         return self
 
-    def continued(self, rows: int, all_rows: int) -> "Effect":
-        """The same on a log of ``all_rows`` rows, where it was found on the first ``rows`` of them."""
+    def extend_to(self, rows: int, all_rows: int) -> "Effect":
+        """The effect on a log of ``all_rows`` rows when it was fitted on the first ``rows`` of them."""
         return self
 
     @property
     def structure(self) -> Hashable | None:
-        """Names what ``change_spec`` adds, whatever its size; None where the model keeps its parts.
+        """Key of the parts that ``change_spec`` adds, whatever their size; None where it adds none.
 
         Models of equal structure share one batch and are compiled once.
         """
@@ -166,59 +169,59 @@ class Effect(ABC):
         """Add the parts that ``structure`` names; ``change_model`` then gives them their size."""
 
     def change_period(self, period_s: float) -> float:
-        """True length of a control period, s, of what is believed."""
+        """True length of a control period, s, from the nominal one."""
         return period_s
 
     def change_rows(self, lengths: np.ndarray) -> np.ndarray:
-        """True lengths of the rows of a log, in true control periods, (rows,), of what is believed."""
+        """True lengths of the rows of a log from nominal ones, in true control periods, (rows,)."""
         return lengths
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """The motors and the joint PD that are, of those that are believed."""
+        """True motors and joint PD from the nominal ones."""
         return drive
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:  # noqa: B027
-        """Put the effect into a model that is the caller's own; period and motors are already in it."""
+        """Put the effect into a model that the caller owns; period and motors are set already."""
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
-        """What reaches the joints of what was sent, one row a control period of ``period_s`` true seconds."""
+        """Commands as they reach the joints, one row a control period of ``period_s`` true seconds."""
         return commands
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
-        """What the log reports of a true motion."""
+        """The motion that the log reports when ``motion`` is the true one."""
         return motion
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
-        """The true state behind a reported one that a motion starts from: the inverse of ``change_measured``."""
+        """True first state from the reported one, one row: the inverse of ``change_measured``."""
         return start
 
 
-def addition(declared: Parameter, own: np.ndarray) -> Parameter:
+def addition(declarations: Parameter, own: np.ndarray) -> Parameter:
     """A parameter that is added to the model's own values (places,) and may take all of them away.
 
-    As much may be added as the model has, at least; a fifth of it is noticed.
+    The upper limit is at least the model's largest own value, and the moderate value at least a fifth of that.
     """
     most = float(own.max(initial=0.0))
     return replace(
-        declared,
+        declarations,
         lower=-most,
-        upper=max(declared.upper, most),
-        moderate=max(declared.moderate, most / 5),
+        upper=max(declarations.upper, most),
+        moderate=max(declarations.moderate, most / 5),
         scale=float(own.mean()) if len(own) else 0.0,
         lower_is_physical=True,
     )
 
 
-def increased(own: np.ndarray, by: float) -> np.ndarray:
-    """Values of the model with something added, none of them below zero."""
+def add_nonnegative(own: np.ndarray, by: float) -> np.ndarray:
+    """Values of the model plus ``by``, at least zero."""
     return np.asarray(np.maximum(own + by, 0.0))
 
 
 def mean_of(own: np.ndarray) -> float:
-    """Mean of the model's own values at some places: exactly their value where they are equal."""
+    """Mean of the model's own values (places,); exactly their value where all are equal."""
     return float(own[0] if (own == own[0]).all() else own.mean())
 
 
 def recompute_constants(model: mujoco.MjModel) -> None:
-    """Renew what MuJoCo derives from masses, armatures and shapes, after a change of them."""
+    """Recompute constants that MuJoCo derives from masses, armatures and shapes."""
     mujoco.mj_setConst(model, mujoco.MjData(model))

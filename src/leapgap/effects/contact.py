@@ -1,4 +1,4 @@
-"""The contacts of the feet with the ground: what holds in them, and how an effect decides it."""
+"""Contact parameters of the feet on the ground, and how an effect sets them."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class FootContacts:
-    """What MuJoCo takes in the contacts of some feet with the ground, one row a foot."""
+    """MuJoCo's contact parameters of some feet on the ground, one row a foot."""
 
     condim: np.ndarray
     friction: np.ndarray
@@ -27,7 +27,7 @@ def foot_geoms(model: mujoco.MjModel, robot: Robot, location: str) -> np.ndarray
 
 
 def foot_contacts(robot: Robot, location: str) -> FootContacts:
-    """What holds at the feet of a location on the ground of the robot's own model file."""
+    """Contact parameters of the feet at a location on the ground of the robot's model file."""
     model = robot.model
     mixed = [mixed_contact(model, int(foot)) for foot in robot.foot_geoms[robot.feet_at(location)]]
     return FootContacts(*(np.array(of_all) for of_all in zip(*mixed, strict=True)))
@@ -71,7 +71,7 @@ def contact_of(model: mujoco.MjModel, geom: int) -> tuple[int, np.ndarray, np.nd
 
 
 def solver_mix(own: float, other: float) -> float:
-    """Share of the first geom in a mixture by ``solmix``; MuJoCo takes weights below 1e-15 for none."""
+    """Weight of the first geom when MuJoCo mixes by ``solmix``; it treats weights below 1e-15 as zero."""
     least = 1e-15
     if own >= least and other >= least:
         return own / (own + other)
@@ -79,10 +79,10 @@ def solver_mix(own: float, other: float) -> float:
 
 
 def decide_contact(model: mujoco.MjModel, robot: Robot, location: str) -> None:
-    """Let the feet at a location decide their contacts, whatever they touch, without a change of what holds in them.
+    """Give the feet at a location the highest priority, so that their own contact parameters hold on any ground.
 
-    A foot whose priority is the highest does so already. Any other takes over what MuJoCo mixed for it, and gets
-    that priority.
+    The parameters of the contacts stay as they are: a foot that did not have the highest priority gets the parameters
+    that MuJoCo mixed for it.
     """
     feet = foot_geoms(model, robot, location)
     others = np.setdiff1d(np.arange(model.ngeom), foot_geoms(model, robot, "all"))

@@ -1,4 +1,4 @@
-"""The motors between command and joint: what they deliver of what the joint PD asks for.
+"""Motors between command and joint: the torque they deliver when the joint PD asks for one.
 
 Where neither voltage nor inductance matter they are MuJoCo's affine actuators. Where one does, they are its DC motors
 (``dcmotor``), which hold the same joint PD, drive v = R τ + q̇ within ± the voltage, and let the torque follow with
@@ -21,20 +21,20 @@ class Drive:
     """Motors of all joints, shape (joints,) each, joint order of the robot."""
 
     gain: np.ndarray
-    """Delivered over commanded torque; scales the torque limit too."""
+    """Ratio of delivered to commanded torque; it scales the torque limit too."""
     voltage_v: np.ndarray
-    """|R τ + q̇| stays within it; infinite: no limit."""
+    """Limit of |R τ + q̇|, V; infinite: no limit."""
     lag_s: np.ndarray
     """Time constant with which the delivered torque follows the commanded one; 0: at once."""
 
     @staticmethod
     def ideal(joints: int) -> "Drive":
-        """Motors that deliver what they are told."""
+        """Motors that deliver the commanded torque at once."""
         return Drive(np.ones(joints), np.full(joints, np.inf), np.zeros(joints))
 
     @property
     def electric(self) -> np.ndarray:
-        """Which joints need the DC motor, (joints,)."""
+        """Which joints need MuJoCo's DC motor, bool, (joints,)."""
         return np.isfinite(self.voltage_v) | (self.lag_s > 0)
 
     @property
@@ -43,7 +43,7 @@ class Drive:
         return np.where(self.electric, self.gain, 1.0)
 
     def put_into(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Give the model these motors; the joint PD stands in the actuators' bias already."""
+        """Set these motors in the model, whose actuators already have the joint PD in their bias."""
         actuators = robot.joint_actuators
         model.actuator_gainprm[actuators, 0] *= self.gain
         model.actuator_biasprm[actuators, :3] *= self.gain[:, None]
@@ -65,7 +65,7 @@ class Drive:
         model.actuator_dynprm[motors, 0] = self.lag_s[chosen]
 
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Give motors that are in the model already other gains, (joints,): N·m/rad, N·m·s/rad."""
+        """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
         actuators, chosen = robot.joint_actuators, self.electric
         affine, motors = actuators[~chosen], actuators[chosen]
         model.actuator_biasprm[affine, 1] = -(kp * self.gain)[~chosen]
@@ -75,12 +75,12 @@ class Drive:
 
 
 def resistance_of(robot: Robot) -> float:
-    """Of the motors, V/(N·m); 1 where nobody states it, which a lag without a voltage limit does not feel."""
+    """Resistance of the motors, V/(N·m); 1 where it is not stated, which has no influence without a voltage limit."""
     return 1.0 if robot.motors is None else robot.motors.resistance
 
 
 def add_lag(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> None:
-    """Give the motors of these joints the state, their torque, that a lag needs."""
+    """Give the motors of these joints their torque as a state, which a lag needs."""
     for actuator in spec.actuators:
         if actuator.target in joints:
             actuator.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR

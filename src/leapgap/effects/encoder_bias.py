@@ -11,7 +11,7 @@ from leapgap.robot.motion import Motion
 
 @dataclass(frozen=True)
 class EncoderBias(Effect):
-    """Reported − true joint position. The joint PD acts on what is reported, and the log holds it."""
+    """Reported − true joint position. The joint PD acts on the reported position, and the log holds it."""
 
     name = "encoder_bias"
     places = "joints"
@@ -25,11 +25,11 @@ class EncoderBias(Effect):
         return replace(commands, position=position)
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
-        """Report the joints with the bias."""
+        """Add the bias to the joint positions."""
         return self._shifted(motion, self.bias_rad, robot)
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
-        """Take the bias off the first angles."""
+        """Subtract the bias from the first joint positions."""
         return self._shifted(start, -self.bias_rad, robot)
 
     def _shifted(self, motion: Motion, angle: float, robot: Robot) -> Motion:

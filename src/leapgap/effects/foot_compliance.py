@@ -27,7 +27,7 @@ class FootCompliance(Effect):
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """From a fifth of the model's own time constant to five times it."""
         own = mean_of(time_constants(foot_contacts(robot, location).solref))
-        unit = cls.declared()["time_constant_s"].unit
+        unit = cls.declarations()["time_constant_s"].unit
         return (Parameter("time_constant_s", unit, own, own / 5, 5 * own, 2 * own, own),)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:

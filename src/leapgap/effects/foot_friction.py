@@ -26,7 +26,7 @@ class FootFriction(Effect):
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """From a quarter of the model's own friction to half as much again, and in any case from 0.2 to 1.5."""
         own = mean_of(foot_contacts(robot, location).friction[:, 0])
-        about = cls.declared()["mu"]
+        about = cls.declarations()["mu"]
         lower, upper = min(about.lower, own / 4), max(about.upper, 1.5 * own)
         return (Parameter("mu", about.unit, own, lower, upper, own / 2, own),)
 

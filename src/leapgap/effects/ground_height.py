@@ -24,7 +24,7 @@ class GroundHeight(Effect):
 
     @property
     def structure(self) -> Hashable | None:
-        """A ground of their own for these feet."""
+        """Key of the copy of the ground for these feet; None at nominal height."""
         return None if self.is_nominal else (self.name, self.location)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
@@ -43,7 +43,7 @@ class GroundHeight(Effect):
             spec.geom(robot.feet[foot]).conaffinity = own
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Raise the copy."""
+        """Raise the copy of the ground by the height."""
         if self.is_nominal:
             return
         names = [model.geom(g).name for g in range(model.ngeom)]
@@ -68,9 +68,9 @@ COPIED = (
     *("type", "size", "pos", "quat", "alt", "fromto", "meshname", "hfieldname"),
     *("condim", "friction", "priority", "solref", "solimp", "solmix", "margin", "gap"),
 )
-"""What a raised ground takes over from the stated one."""
+"""Attributes that the raised ground copies from the stated one."""
 
 
 def touchable(contype: int, conaffinity: int, name: str) -> bool:
-    """Whether a geom of the world is stated ground: it collides, and is no copy."""
+    """Whether a geom of the world is stated ground: it collides and is not a copy."""
     return bool(contype or conaffinity) and not name.startswith(COPY)

@@ -5,13 +5,13 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, addition, increased, parameter
+from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
 class JointDamping(Effect):
-    """Torque against the joint's velocity, added to the model's own; negative down to a joint without any."""
+    """Damping added to the model's own; negative values reduce it, down to zero."""
 
     name = "joint_damping"
     places = "joints"
@@ -27,4 +27,4 @@ class JointDamping(Effect):
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the damping of the joints."""
         dofs = robot.joint_dofs[robot.joints_at(self.location)]
-        model.dof_damping[dofs] = increased(model.dof_damping[dofs], self.damping)
+        model.dof_damping[dofs] = add_nonnegative(model.dof_damping[dofs], self.damping)

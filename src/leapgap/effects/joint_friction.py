@@ -5,13 +5,13 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, addition, increased, parameter
+from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
 class JointFriction(Effect):
-    """Gears eat up to a constant torque, added to the model's own; negative down to a joint without any."""
+    """Friction torque of the gears added to the model's own; negative values reduce it, down to zero."""
 
     name = "joint_friction"
     places = "joints"
@@ -27,4 +27,4 @@ class JointFriction(Effect):
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the friction loss of the joints."""
         dofs = robot.joint_dofs[robot.joints_at(self.location)]
-        model.dof_frictionloss[dofs] = increased(model.dof_frictionloss[dofs], self.torque_nm)
+        model.dof_frictionloss[dofs] = add_nonnegative(model.dof_frictionloss[dofs], self.torque_nm)

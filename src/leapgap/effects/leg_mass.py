@@ -11,7 +11,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class LegMass(Effect):
-    """Mass and inertia of the links that the located joints move, true over believed; shapes and centres stay."""
+    """Ratio of true to nominal mass and inertia of the links that the located joints move; shapes and centres stay."""
 
     name = "leg_mass"
     places = "joints"
@@ -19,7 +19,7 @@ class LegMass(Effect):
     scale: float = parameter(1.0, "1", 0.1, 2.0, 1.3)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Scale the links, with what is fixed to them."""
+        """Scale mass and inertia of the links and of the bodies fixed to them."""
         if self.is_nominal:
             return
         links = np.isin(model.body_weldid, robot.joint_bodies[robot.joints_at(self.location)])

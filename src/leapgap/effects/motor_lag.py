@@ -25,11 +25,11 @@ class MotorLag(Effect):
 
     @property
     def structure(self) -> Hashable | None:
-        """The motors' torque becomes a state."""
+        """Key of the motors whose torque becomes a state; None at nominal lag."""
         return None if self.is_nominal else (self.name, self.location)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
-        """Give the motors their state."""
+        """Give the motors their torque as a state."""
         add_lag(spec, {robot.joints[i] for i in robot.joints_at(self.location)}, resistance_of(robot))
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:

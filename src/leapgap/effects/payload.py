@@ -9,7 +9,7 @@ from leapgap.effects.base import Effect, Parameter, addition, parameter, recompu
 from leapgap.robot.model import Robot
 
 LARGEST_LOSS = 0.9
-"""Share of the trunk's mass that may be taken away: a body that moves needs some."""
+"""Share of the trunk's mass that may be taken away; a moving body needs a positive mass."""
 
 
 @dataclass(frozen=True)

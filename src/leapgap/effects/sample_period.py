@@ -9,9 +9,9 @@ from leapgap.effects.base import Effect, parameter
 
 @dataclass(frozen=True)
 class SamplePeriod(Effect):
-    """True over claimed period of a row: commands are held longer, and everything happens at another pace.
+    """Ratio of the true to the logged period of a row; each command is held for the true period.
 
-    Depends on the load of the computer, hence differs from log to log, and maybe within one.
+    The ratio depends on the load of the computer, so it may differ from log to log and within a log.
     """
 
     name = "sample_period"
@@ -21,23 +21,23 @@ class SamplePeriod(Effect):
     profile: tuple[float, ...] = ()
     """True length of a row over ``scale``, at rows evenly spaced from the log's first to its last; empty: 1."""
 
-    def changing(self, profile: tuple[float, ...]) -> "SamplePeriod":
-        """With this profile."""
+    def with_profile(self, profile: tuple[float, ...]) -> "SamplePeriod":
+        """The effect with this profile of row lengths."""
         return replace(self, profile=profile)
 
-    def continued(self, rows: int, all_rows: int) -> "SamplePeriod":
-        """With a value a row, the last one held after the rows that the profile was found on."""
+    def extend_to(self, rows: int, all_rows: int) -> "SamplePeriod":
+        """The effect with one value a row; after the rows that the profile was fitted on, the last value holds."""
         if not self.profile:
             return self
         at = np.linspace(0, rows - 1, len(self.profile))
         return replace(self, profile=tuple(np.interp(np.arange(all_rows), at, self.profile).tolist()))
 
     def change_period(self, period_s: float) -> float:
-        """Stretch the time that passes a row; the number of steps a row stays."""
+        """Scale the period of a row; the number of simulation steps of a row stays."""
         return period_s * self.scale
 
     def change_rows(self, lengths: np.ndarray) -> np.ndarray:
-        """Give each row its share."""
+        """Scale the length of each row by the profile."""
         if not self.profile:
             return lengths
         at = np.linspace(0, len(lengths) - 1, len(self.profile))

@@ -25,7 +25,7 @@ class StateLatency(Effect):
     delay_s: float = parameter(0.0, "s", 0.0, 0.06, 0.015)
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
-        """Report the base as it was ``delay_s`` before each row."""
+        """Replace the state of the base by that of ``delay_s`` before each row."""
         if self.is_nominal or not robot.has_free_base:
             return motion
         qpos, qvel = motion.qpos.copy(), motion.qvel.copy()
@@ -37,20 +37,20 @@ class StateLatency(Effect):
             of_base[:] = (1 - share) * values[first] + share * values[after]
         qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
         for i in np.flatnonzero(row < 0):
-            qpos[i, :7] = moved(motion.qpos[0, :7], motion.qvel[0, :6], row[i] * period_s)
+            qpos[i, :7] = integrate_pose(motion.qpos[0, :7], motion.qvel[0, :6], row[i] * period_s)
         return Motion(qpos, qvel)
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
-        """Where the base is by now, ``delay_s`` after the state that is reported first."""
+        """Extrapolate the base by ``delay_s`` from the state that is reported first."""
         if self.is_nominal or not robot.has_free_base:
             return start
         qpos = start.qpos.copy()
-        qpos[0, :7] = moved(start.qpos[0, :7], start.qvel[0, :6], self.delay_s)
+        qpos[0, :7] = integrate_pose(start.qpos[0, :7], start.qvel[0, :6], self.delay_s)
         return Motion(qpos, start.qvel)
 
 
-def moved(pose: np.ndarray, velocity: np.ndarray, seconds: float) -> np.ndarray:
-    """A pose (7,) after some time at constant velocity (6,): linear in world, angular in base axes."""
+def integrate_pose(pose: np.ndarray, velocity: np.ndarray, seconds: float) -> np.ndarray:
+    """Pose (7,) after some seconds at constant velocity (6,): linear in world axes, angular in base axes."""
     quaternion = pose[3:7].copy()
     mujoco.mju_quatIntegrate(quaternion, velocity[3:6], seconds)
     return np.concatenate([pose[:3] + velocity[:3] * seconds, quaternion])

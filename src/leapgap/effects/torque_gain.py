@@ -9,7 +9,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class TorqueGain(Effect):
-    """Delivered over commanded torque: feed-forward, joint PD and limit are all scaled."""
+    """Ratio of delivered to commanded torque: feed-forward, joint PD and limit are all scaled."""
 
     name = "torque_gain"
     places = "joints"

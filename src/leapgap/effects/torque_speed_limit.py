@@ -16,9 +16,9 @@ from leapgap.robot.motors import RESISTANCE, TOP_SPEED, MotorConstants
 class TorqueSpeedLimit(Effect):
     """The delivered torque obeys |R τ + q̇| ≤ voltage (τ N·m, q̇ rad/s, at the joint), beside the model's own limit of τ.
 
-    R is the robot's (``MotorConstants``); a robot whose file does not state it is not asked for this effect. Beyond the
-    speed at which no torque is left the motor brakes. The nominal robot has no such law, whatever its voltage; for a
-    fit the least whole voltage stands for that which full torque at the joints' top speed does not need.
+    R is the resistance of the robot's motors (``MotorConstants``); a robot that does not state it cannot have this
+    effect. Beyond the speed at which no torque is left the motor brakes. The nominal robot has no voltage limit. In a
+    fit its nominal value is the smallest whole voltage that allows full torque at the joints' top speed.
     """
 
     name = "torque_speed_limit"
@@ -33,11 +33,11 @@ class TorqueSpeedLimit(Effect):
 
     @classmethod
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
-        """From 10/33 of the voltage that limits nothing up to it; a person notices a half."""
+        """From 10/33 of the nominal voltage, which limits nothing, up to it; 16/33 of it is moderate."""
         torque = float(torque_limits(robot)[robot.joints_at(location)].max())
         motors = stated_motors(robot)
         ample = float(ceil(motors.resistance * torque + motors.top_speed_rad_s))
-        unit = cls.declared()["voltage_v"].unit
+        unit = cls.declarations()["voltage_v"].unit
         return (Parameter("voltage_v", unit, ample, ample * 10 / 33, ample, ample * 16 / 33, ample),)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
@@ -53,7 +53,7 @@ class TorqueSpeedLimit(Effect):
 def torque_limits(robot: Robot) -> np.ndarray:
     """Largest torque of each joint's motor by the model, N·m, (joints,).
 
-    Where the model states none, that at which the motor stands still at the voltage of its top speed.
+    Where the model states none: the stall torque at the voltage of the motor's top speed.
     """
     model, actuators = robot.model, robot.joint_actuators
     joints = model.actuator_trnid[actuators, 0]

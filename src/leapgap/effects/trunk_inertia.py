@@ -10,7 +10,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class TrunkInertia(Effect):
-    """True over believed rotational inertia of the base body about its own centre of mass; its mass stays."""
+    """Ratio of true to nominal rotational inertia of the base body about its centre of mass; its mass stays."""
 
     name = "trunk_inertia"
 

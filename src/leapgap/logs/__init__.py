@@ -1,1 +1,1 @@
-"""What happened: the jump log, importers, checks of its form, windows."""
+"""Logs of robots: format, checks, importers, conversion to motions."""

@@ -1,7 +1,7 @@
-"""The jump log: what one jump did, from hardware or simulation alike, as one Parquet file.
+"""The log: commands and measurements of one run, from hardware or simulation, as one Parquet file.
 
 Columns, units and metadata are the contract of ``docs/formats.md``. A planned reference is stored in the same
-form (its planned motion in the measured columns), so whatever reads one jump reads them all.
+form (its planned motion in the measured columns), so the same code reads both.
 """
 
 import json
@@ -29,7 +29,7 @@ METADATA_KEY = b"leapgap"
 
 @dataclass(frozen=True)
 class LogInfo:
-    """The metadata of a jump log."""
+    """The metadata of a log."""
 
     robot: str
     sample_period_s: float
@@ -39,16 +39,16 @@ class LogInfo:
     terrain: tuple[Box, ...] = ()
 
     def rows(self, seconds: float) -> int:
-        """How many rows last so long, to the nearest and at least one."""
+        """Number of rows that last ``seconds``, rounded, at least one."""
         return max(1, round(seconds / self.sample_period_s))
 
     def to_json(self) -> str:
-        """As stored under the Parquet key ``leapgap``."""
+        """The JSON text that is stored under the Parquet key ``leapgap``."""
         return json.dumps({"format_version": FORMAT_VERSION, **asdict(self)}, sort_keys=True)
 
     @staticmethod
     def from_json(text: str | bytes, where: object) -> "LogInfo":
-        """Read the metadata back; ``InputError`` names what is missing or odd."""
+        """Metadata from their JSON text; ``InputError`` names what is missing or invalid."""
         try:
             raw: dict[str, Any] = json.loads(text)
             version = raw.pop("format_version")
@@ -73,7 +73,7 @@ class LogInfo:
 
 @dataclass(frozen=True)
 class Log:
-    """One jump: columns of equal length (SI units, world x forward, y left, z up) and their metadata."""
+    """One log: columns of equal length (SI units, world x forward, y left, z up) and their metadata."""
 
     name: str
     columns: Mapping[str, np.ndarray]
@@ -84,7 +84,7 @@ class Log:
         check(self)
 
     def __reduce__(self) -> tuple[type["Log"], tuple[str, dict[str, np.ndarray], LogInfo]]:
-        """To travel to a worker process: a read-only view of columns does not."""
+        """Pickle with a plain dict: a read-only view of columns cannot be pickled."""
         return type(self), (self.name, dict(self.columns), self.info)
 
     def __len__(self) -> int:
@@ -110,7 +110,7 @@ class Log:
         return np.stack([self[column] for column in columns], axis=-1)
 
     def per_joint(self, quantity: str, joints: Sequence[str] | None = None) -> np.ndarray:
-        """``quantity/<joint>`` of all joints in order, shape (rows, joints); kept, hence read-only."""
+        """``quantity/<joint>`` of all joints in order, shape (rows, joints); cached, hence read-only."""
         key = (quantity, tuple(joints or self.joints))
         if key not in self._per_joint:
             values = self.stack([f"{quantity}/{joint}" for joint in key[1]])
@@ -120,7 +120,7 @@ class Log:
 
     @cached_property
     def _per_joint(self) -> dict[tuple[str, tuple[str, ...]], np.ndarray]:
-        """What was asked for once: replays ask thousands of times."""
+        """Cache of ``per_joint``: replays call it thousands of times."""
         return {}
 
     @cached_property
@@ -159,11 +159,11 @@ class Log:
         return int(changed[0]) if len(changed) else len(self)
 
     def first_rows(self, rows: int) -> "Log":
-        """The same jump, cut after ``rows`` rows."""
+        """The log cut after ``rows`` rows."""
         return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
 
-    def every(self, rows: int) -> "Log":
-        """The same jump by every so many-th row: what was sent to the joints is the mean over them."""
+    def downsample(self, rows: int) -> "Log":
+        """Every ``rows``-th row of the log; commands are means over the rows between."""
         if rows == 1:
             return self
         last = len(self) // rows * rows
@@ -175,15 +175,15 @@ class Log:
         return replace(self, columns=columns, info=replace(self.info, sample_period_s=rows * self.info.sample_period_s))
 
 
-def check(jump: Log) -> None:
-    """Refuse what no later stage could use: shapes, order of time, NaN, incomplete sets of columns."""
-    where = jump.name
-    if "time" not in jump.columns:
+def check(log: Log) -> None:
+    """Raise ``InputError`` for a log that cannot be used: shapes, order of time, NaN, incomplete sets of columns."""
+    where = log.name
+    if "time" not in log.columns:
         raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
-    rows = len(jump.columns["time"])
+    rows = len(log.columns["time"])
     if rows < 2:
         raise InputError(where, f"{rows} rows", "two or more", "log the whole jump")
-    for name, values in jump.columns.items():
+    for name, values in log.columns.items():
         if values.shape != (rows,):
             raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
         bad = np.flatnonzero(~np.isfinite(values))
@@ -194,18 +194,18 @@ def check(jump: Log) -> None:
                 "finite numbers",
                 "repair the log, or leave the column out if it was not measured",
             )
-    back = np.flatnonzero(np.diff(jump.columns["time"]) <= 0)
+    back = np.flatnonzero(np.diff(log.columns["time"]) <= 0)
     if len(back):
         raise InputError(
             f"{where}, column time",
-            f"a step of {np.diff(jump.columns['time'])[back[0]]:g} s after row {back[0]}",
+            f"a step of {np.diff(log.columns['time'])[back[0]]:g} s after row {back[0]}",
             "strictly increasing times",
             "sort the rows, or repair the clock",
         )
-    if not jump.joints:
+    if not log.joints:
         raise InputError(where, "no column cmd_tau/<joint>", "commands of every joint", "log the commands")
     for quantity in COMMANDS:
-        missing = [joint for joint in jump.joints if f"{quantity}/{joint}" not in jump.columns]
+        missing = [joint for joint in log.joints if f"{quantity}/{joint}" not in log.columns]
         if missing:
             raise InputError(
                 where,
@@ -214,11 +214,11 @@ def check(jump: Log) -> None:
                 "log them; the gap cannot be judged without the commands",
             )
     for group in (BASE_POSITION, BASE_QUATERNION):
-        present = [name for name in group if name in jump.columns]
+        present = [name for name in group if name in log.columns]
         if present and len(present) != len(group):
             raise InputError(where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all")
-    if BASE_QUATERNION[0] in jump.columns:
-        length = np.linalg.norm(jump.stack(BASE_QUATERNION), axis=1)
+    if BASE_QUATERNION[0] in log.columns:
+        length = np.linalg.norm(log.stack(BASE_QUATERNION), axis=1)
         worst = int(np.argmax(np.abs(length - 1)))
         if abs(length[worst] - 1) > 1e-3:
             raise InputError(
@@ -229,16 +229,16 @@ def check(jump: Log) -> None:
             )
 
 
-def write_log(jump: Log, path: Path) -> None:
-    """Write one jump log; the same jump gives the same bytes."""
-    table = pa.table({name: np.ascontiguousarray(values) for name, values in jump.columns.items()})
-    table = table.replace_schema_metadata({METADATA_KEY: jump.info.to_json().encode()})
+def write_log(log: Log, path: Path) -> None:
+    """Write one log; equal logs give equal bytes."""
+    table = pa.table({name: np.ascontiguousarray(values) for name, values in log.columns.items()})
+    table = table.replace_schema_metadata({METADATA_KEY: log.info.to_json().encode()})
     with whole_file(path) as beside:
         pq.write_table(table, beside, compression="zstd")
 
 
 def read_log(path: Path) -> Log:
-    """Read one jump log; its name is the file's stem."""
+    """Read one log; its name is the stem of the file's name."""
     if not path.is_file():
         raise InputError(path, "no such file", "a jump log (Parquet)", "import or collect jumps first")
     try:
@@ -257,7 +257,7 @@ def read_log(path: Path) -> Log:
 
 
 def read_logs(folder: Path) -> list[Log]:
-    """All jump logs of a folder, in the order of their names; empty where there is none."""
+    """All logs of a folder, in the order of their names; empty where there is none."""
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of jump logs", "import or collect jumps first")
     return [read_log(path) for path in sorted(folder.glob("*.parquet"))]

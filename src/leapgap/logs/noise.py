@@ -1,4 +1,4 @@
-"""Sensor noise of a logged channel, from its high-frequency part alone and never from a fit."""
+"""Sensor noise of a logged channel, estimated from differences of its values."""
 
 from math import comb
 
@@ -9,14 +9,14 @@ NORMAL_MEDIAN = 0.6745
 SMOOTH_PERIOD_S = 0.002
 """Up to this sample period the second differences of a robot's motion are tiny against those of noise."""
 HIGHER_ORDERS = (2, 4, 6)
-"""Differences that are tried at longer periods: a smooth motion's shrink with the order, those of noise do not."""
+"""Orders of differences at longer periods: those of a smooth motion shrink with the order, those of noise do not."""
 
 
 def noise_of(steps: np.ndarray, period_s: float) -> np.ndarray:
     """Standard deviation of white noise in channels of which the first differences (rows, channels) are given.
 
-    Differences of order n of white noise have variance C(2n, n) σ²; the median absolute value keeps impacts out. What
-    the motion itself leaves in them only adds, hence at long periods the least over several orders.
+    Differences of order n of white noise have variance C(2n, n) σ²; the median absolute value is insensitive to
+    impacts. The motion itself only adds to them, so at long periods the smallest estimate of several orders is taken.
     """
     orders = (2,) if period_s <= SMOOTH_PERIOD_S else HIGHER_ORDERS
     found = [

@@ -1,4 +1,4 @@
-"""Layout of what the front and the rear pair of feet share: forces and feet in the x–z plane, front x z, rear x z."""
+"""Layout of forces and positions of the front and the rear pair of feet in the x–z plane: front x z, rear x z."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ WORLD_X_Z = (0, 2)
 
 
 def per_axis(of_pairs: Any) -> np.ndarray:
-    """What holds for each pair, (…, 2), for each entry of its force, (…, 4): contact, or how long a pair pushes."""
+    """Values of each pair, (…, 2), repeated for each entry of its force, (…, 4)."""
     return np.repeat(of_pairs, len(AXES), axis=-1)
 
 

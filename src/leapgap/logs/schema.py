@@ -1,4 +1,4 @@
-"""The columns of a log as data: what each quantity is called, its unit, and what it is counted by."""
+"""The columns of a log as data: name, unit and kind of each quantity."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ class Quantity:
     """``base``, ``joint``, ``foot``, ``pair`` or ``log``: one value a row."""
     meaning: str
     components: tuple[str, ...] = ()
-    """What follows the name in the columns of the base."""
+    """Suffixes of the name in the columns of the base."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -55,7 +55,7 @@ QUANTITIES = {
         Quantity("train_force", "N", "pair", "the source's own filtered force", PAIR_FORCE_AXES),
     )
 }
-"""Every quantity by name; a log holds some of them, and may hold columns that are none."""
+"""Every quantity by name; a log holds some of them, and may hold other columns."""
 
 BASE_POSITION = QUANTITIES["base_pos"].columns
 BASE_QUATERNION = QUANTITIES["base_quat"].columns
@@ -65,7 +65,7 @@ COMMANDS = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
 
 
 def quantity_of(column: str) -> Quantity | None:
-    """The quantity that a column holds; None for ``time`` and for what is none of ours."""
+    """The quantity that a column holds; None for ``time`` and for unknown columns."""
     name, _, part = column.partition("/")
     if name in QUANTITIES and bool(part) == (QUANTITIES[name].per in ("joint", "foot", "pair")):
         return QUANTITIES[name]

@@ -1,4 +1,4 @@
-"""Log ↔ motion: the only place where columns of a log become positions and velocities of a robot, and back."""
+"""Conversion between the columns of a log and the motion of a robot; no other file does it."""
 
 import numpy as np
 
@@ -9,10 +9,10 @@ from leapgap.robot.motion import Motion
 
 
 def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
-    """What the log measured, as a motion of the robot, some rows of it.
+    """The measured motion of the robot in some rows of a log.
 
-    A free base needs a logged pose (``InputError`` otherwise). Velocities that were not logged are zero, and what moves
-    without being in the log stays where the model has it.
+    A free base needs a logged pose (``InputError`` otherwise). Velocities that were not logged are zero, and
+    joints that were not logged keep the model's ``qpos0``.
     """
     number = len(range(*rows.indices(len(log))))
     motion = Motion(np.tile(robot.model.qpos0, (number, 1)), np.zeros((number, robot.model.nv)))
@@ -71,7 +71,7 @@ def pd_torques(
 
 
 def commanded_torque(log: Log, joints: tuple[str, ...] | None = None) -> np.ndarray:
-    """Feed-forward and joint PD on what was measured, N·m, (rows, joints)."""
+    """Feed-forward plus joint PD torque at the measured joint state, N·m, (rows, joints)."""
     named = log.joints if joints is None else joints
     measured = (log.per_joint(quantity, named) for quantity in ("joint_pos", "joint_vel"))
     spring, damper = pd_torques(log, named, *measured)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from leapgap.diagnosis.channels import HEADLINE, is_logged, logged
+from leapgap.diagnosis.channels import HEADLINE, is_logged, logged_values
 from leapgap.diagnosis.localisation import PHASES
 from leapgap.diagnosis.report import ReportContent
 from leapgap.logs.log import Log
@@ -127,7 +127,7 @@ def overlay(
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(source.time[shown], 3),
-                        y=np.round(logged(source, channel)[shown], 4),
+                        y=np.round(logged_values(source, channel)[shown], 4),
                         name=name,
                         legendgroup=name,
                         showlegend=c == 0,
@@ -172,14 +172,14 @@ def overlay(
 def closures(report: ReportContent) -> go.Figure:
     """How much of the gap each hypothesis closes on held-out jumps, alone or on top of what is believed."""
     causes = sorted(report.causes, key=lambda cause: cause.closure.value)
-    believed = {name for names in report.answer for name in names[:1]}
+    selected = {name for names in report.answer for name in names[:1]}
     value = 100 * np.array([cause.closure.value for cause in causes])
     figure = go.Figure(
         go.Bar(
             x=value,
             y=[f"{c.effect} ({c.location})" for c in causes],
             orientation="h",
-            marker_color=[CORRECTED if c.effect in believed else "#c3cad6" for c in causes],
+            marker_color=[CORRECTED if c.effect in selected else "#c3cad6" for c in causes],
             error_x={
                 "type": "data",
                 "symmetric": False,

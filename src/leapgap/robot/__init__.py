@@ -1,1 +1,1 @@
-"""The robot we believe in: parameters, kinematics, nominal dynamics, contact schedule, MuJoCo model."""
+"""The nominal robot: MuJoCo model, topology, kinematics, motors, motion."""

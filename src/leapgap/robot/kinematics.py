@@ -1,6 +1,6 @@
-"""Forward kinematics of whole motions: where feet, bodies and the centre of mass are in each row.
+"""Forward kinematics of whole motions: positions of feet, bodies and the centre of mass in each row.
 
-Everything that goes through the poses of a motion one by one goes through ``each_pose``.
+All functions iterate over poses by ``each_pose``.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ def configurations(
     base_quaternion: np.ndarray | None = None,
     joints: Sequence[str] | None = None,
 ) -> np.ndarray:
-    """``qpos`` of each row, (rows, nq); what is not given stays in the model's rest pose.
+    """``qpos`` of each row, (rows, nq); parts that are not given keep the model's rest pose.
 
     ``joint_pos`` is (rows, joints) in rad (m for slides), in the order of ``joints`` or of ``robot.joints``;
     ``base_position`` (rows, 3) m and ``base_quaternion`` (rows, 4) w x y z are used for a free base alone.
@@ -43,10 +43,10 @@ def configurations(
 def each_pose(
     robot: Robot, qpos: np.ndarray, qvel: np.ndarray | None = None, com: bool = False
 ) -> Iterator[mujoco.MjData]:
-    """MuJoCo's data with the kinematics of each row; one object for all rows, so copy what is kept.
+    """MuJoCo's data with the kinematics of each row; one object is used for all rows, so copy what you keep.
 
-    ``qpos`` is (rows, nq). ``com`` adds centres of mass (needed by ``mj_jac``), ``qvel`` (rows, nv) adds those of the
-    subtrees' momenta too.
+    ``qpos`` is (rows, nq). ``com`` adds centres of mass (needed by ``mj_jac``); ``qvel`` (rows, nv) adds momenta of
+    subtrees too.
     """
     model, data = robot.model, mujoco.MjData(robot.model)
     for row in range(len(qpos)):
@@ -62,7 +62,7 @@ def each_pose(
 
 
 def gather(rows: int, values: Iterator[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """Arrays of one shape, copied row by row into one, (rows, *shape)."""
+    """Stack arrays of one shape, copied row by row, (rows, *shape)."""
     result = np.empty((rows, *shape))
     for row, value in enumerate(values):
         result[row] = value
@@ -74,7 +74,7 @@ def feet_in_world(
 ) -> np.ndarray:
     """Centres of the feet, m, world frame, shape (rows, feet, 3).
 
-    Of measured poses: ``base_position`` (rows, 3) m, ``base_quaternion`` (rows, 4) w x y z, ``joint_pos``
+    The measured pose is ``base_position`` (rows, 3) m, ``base_quaternion`` (rows, 4) w x y z, ``joint_pos``
     (rows, joints) rad in the order of ``robot.joints``.
     """
     return feet_positions(robot, configurations(robot, joint_pos, base_position, base_quaternion))
@@ -87,7 +87,7 @@ def feet_positions(robot: Robot, qpos: np.ndarray) -> np.ndarray:
 
 
 def centre_of_mass(robot: Robot, qpos: np.ndarray) -> np.ndarray:
-    """Of the whole robot by its model, m, world frame, (rows, 3); ``qpos`` is (rows, nq)."""
+    """Centre of mass of the whole robot, m, world frame, (rows, 3); ``qpos`` is (rows, nq)."""
     centres = (data.subtree_com[robot.base_body] for data in each_pose(robot, qpos, com=True))
     return gather(len(qpos), centres, (3,))
 
@@ -104,7 +104,7 @@ def momenta(robot: Robot, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 def joint_torque_to_foot_force(
     robot: Robot, base_quaternion: np.ndarray, joint_pos: np.ndarray, torque: np.ndarray
 ) -> np.ndarray:
-    """Ground forces on the robot that joint torques stand for when the legs are massless, N, (rows, feet, 3).
+    """Ground forces on the robot that are equivalent to joint torques of massless legs, N, (rows, feet, 3).
 
     u = −(J(q)ᵀ)⁻¹ τ a leg, J the derivative of the foot's position in world axes by the leg's joints
     (paper, data collection; minus because u acts on the robot). ``torque`` is (rows, joints) in N·m.

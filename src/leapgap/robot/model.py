@@ -1,4 +1,4 @@
-"""The MuJoCo model of a robot, and the names and indices others need of it."""
+"""The MuJoCo model of a robot, with names and indices of its parts."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,8 @@ from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 ROOTED_M = 0.5
-"""Blocks reach this far below the floor: a soft foot that sinks past the middle of a thin box is pushed out of its
-underside, and held there."""
+"""Blocks reach this far below the floor. A soft foot that sinks past the middle of a thin box would be pushed out at
+its underside."""
 PARKED_BELOW_FLOOR_M = 50.0
 
 
@@ -25,20 +25,20 @@ PARKED_BELOW_FLOOR_M = 50.0
 class Robot:
     """A robot as a MuJoCo model file describes it: joints with one actuator each, sphere feet, maybe a free base.
 
-    Knows no robot by name: limbs, groups and feet come from the tree of its bodies, or from the user's ``names``.
+    Limbs, groups and feet come from the tree of its bodies, or from the user's ``names``.
     """
 
     path: Path
     stated_motors: MotorConstants | None = None
     """Constants of the motors in place of those that the model file states."""
     names: PartNames | None = field(default=None, compare=False)
-    """What the user calls its parts; None: by the tree of its bodies."""
+    """The user's names of its parts; None: by the tree of its bodies."""
 
     @staticmethod
     def load(
         path: Path | str = DEFAULT_MODEL, motors: MotorConstants | None = None, names: PartNames | None = None
     ) -> "Robot":
-        """Read and compile a model file; ``InputError`` where it is none, or lacks what a replay needs."""
+        """Read and compile a model file; ``InputError`` where it is invalid or lacks what a replay needs."""
         robot = Robot(Path(path), motors, names)
         if not robot.path.is_file():
             raise InputError(path, "no such file", "a MuJoCo model (XML)", "name the robot's model file")
@@ -64,14 +64,14 @@ class Robot:
 
     @cached_property
     def motors(self) -> MotorConstants | None:
-        """Constants of the motors, as stated beside the model file or in it; None where nobody says."""
+        """Constants of the motors, as stated beside the model file or in it; None where not stated."""
         return self.stated_motors or motors_of(self.model)
 
     @cached_property
     def sha256(self) -> str:
         """Hash of the model file: exported networks and reports carry it.
 
-        Motors stated beside the file are part of it, so that nothing is kept of a robot with others.
+        It includes motors stated beside the file, so that robots with different motors have different hashes.
         """
         motors = b"" if self.stated_motors is None else repr(self.stated_motors).encode()
         return hashlib.sha256(self.path.read_bytes() + motors).hexdigest()
@@ -145,7 +145,7 @@ class Robot:
 
     @cached_property
     def total_mass(self) -> float:
-        """Of the whole robot, kg."""
+        """Mass of the whole robot, kg."""
         return float(self.model.body_subtreemass[self.base_body])
 
     def limb_of(self, joint_or_foot: str) -> str:
@@ -179,7 +179,7 @@ class Robot:
         return self.spec_on_terrain(boxes, slots).compile()
 
     def spec_on_terrain(self, boxes: Sequence[Box], slots: int | None = None) -> mujoco.MjSpec:
-        """What a model with boxes on the floor is compiled from.
+        """Specification of a model with boxes on the floor.
 
         ``slots`` boxes are made, those not needed parked deep below the floor, so that models of different
         terrains have equal sizes and can be rolled out in one batch.

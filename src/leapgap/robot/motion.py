@@ -1,4 +1,4 @@
-"""The motion of a robot as MuJoCo has it, and the only place that knows where a free base stands in it."""
+"""The motion of a robot in MuJoCo's coordinates; only this file holds the indices of a free base in them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Motion:
         return self.qvel[:, ANGULAR_VELOCITY_SLICE]
 
     def copy(self) -> "Motion":
-        """The same in arrays of its own."""
+        """A copy with arrays of its own."""
         return Motion(self.qpos.copy(), self.qvel.copy())
 
     @property

@@ -1,4 +1,4 @@
-"""Constants of a robot's motors: MuJoCo has no field for them, so a model file states them as custom numbers."""
+"""Motor constants of a robot; MuJoCo has no field for them, so a model file states them as custom numbers."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,11 @@ class MotorConstants:
     resistance: float
     """V/(N·m): R i with the current i as torque at the joint, hence the winding's R over (gear · Kt)²."""
     top_speed_rad_s: float
-    """The fastest that a joint is meant to turn."""
+    """Largest speed that a joint is designed for, rad/s."""
 
 
 def motors_of(model: mujoco.MjModel) -> MotorConstants | None:
-    """What a model file states of its motors; None where it states nothing, or not both numbers."""
+    """Motor constants that a model file states; None unless it states both numbers."""
     stated = {model.numeric(i).name: float(model.numeric(i).data[0]) for i in range(model.nnumeric)}
     if not {RESISTANCE, TOP_SPEED} <= stated.keys():
         return None

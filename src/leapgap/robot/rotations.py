@@ -5,7 +5,7 @@ import numpy as np
 
 def pitch_of(quaternion: np.ndarray) -> np.ndarray:
     """Pitch of quaternions (…, 4), rad, positive nose-down, about y of the roll-pitch-yaw angles, shape (…,)."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))  # controllers ask for one at a time: no detours
+    w, x, y, z = (quaternion[..., i] for i in range(4))  # written out, since controllers call it at every tick
     return np.arcsin(np.maximum(-1.0, np.minimum(1.0, 2 * (w * y - z * x))))
 
 
@@ -21,8 +21,8 @@ def upright_cosine(quaternion: np.ndarray) -> np.ndarray:
     return 1 - 2 * (x**2 + y**2)
 
 
-def turned(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Quaternions (rows, 4) after a turn about the body's axes by small angles (rows, 3), rad; unit length."""
+def turn_by(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Quaternions (rows, 4) turned about the body's axes by small angles (rows, 3), rad; unit length."""
     w, x, y, z = quaternion.T
     a, b, c = (angles / 2).T
     small = np.stack(

@@ -1,4 +1,4 @@
-"""What stands on the floor."""
+"""Terrain: boxes on the floor."""
 
 from dataclasses import dataclass
 

@@ -14,7 +14,7 @@ SEPARATORS = "_-./ "
 
 @dataclass(frozen=True)
 class PartNames:
-    """What a user calls the parts of a robot; what is empty is read from the model."""
+    """A user's names of the parts of a robot; empty entries are read from the model."""
 
     limbs: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Limb → its joints."""
@@ -26,7 +26,7 @@ class PartNames:
 
 @dataclass(frozen=True)
 class Topology:
-    """How the joints and feet of a robot belong together; every place an effect can act at has its name here."""
+    """Limbs, groups and pairs of a robot's joints and feet: the locations at which an effect can act."""
 
     joints: tuple[str, ...]
     feet: tuple[str, ...]
@@ -136,7 +136,7 @@ def sphere_feet(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def check_names(named: PartNames, joints: Sequence[str], feet: Sequence[str], model: mujoco.MjModel) -> None:
-    """Refuse parts that are made of what the model does not have."""
+    """Raise ``InputError`` for parts with joints or geoms that the model does not have."""
     geoms = {model.geom(g).name for g in range(model.ngeom)}
     unknown = [j for of in (*named.limbs.values(), *named.groups.values()) for j in of if j not in joints]
     unknown += [foot for foot in feet if foot not in geoms]
@@ -182,7 +182,7 @@ def limbs_by_tree(model: mujoco.MjModel, body_of: Mapping[str, int], root: int) 
 
 
 def limb_name(joints: Sequence[str], body: str, known: Mapping[str, tuple[str, ...]]) -> str:
-    """What the names of the joints begin with; the first body's name where that says nothing or is taken."""
+    """Common prefix of the joints' names; the name of the first body where there is none or it is taken."""
     shared = joints[0]
     while len(joints) > 1 and not all(joint.startswith(shared) and shared[-1] in SEPARATORS for joint in joints):
         shared = shared[:-1]
@@ -193,7 +193,7 @@ def limb_name(joints: Sequence[str], body: str, known: Mapping[str, tuple[str, .
 
 
 def groups_by_name(limbs: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Joints that are called alike in several limbs: what is left of a joint's name without that of its limb."""
+    """Joints with the same name in several limbs, after the name of the limb is removed."""
     groups: dict[str, list[str]] = {}
     for limb, joints in limbs.items():
         for joint in joints:
@@ -226,5 +226,5 @@ def pairs_by_place(
 
 
 def indices(names: Sequence[str], among: Sequence[str]) -> np.ndarray:
-    """Where names stand among others, int, (names,)."""
+    """Indices of names in ``among``, int, (names,)."""
     return np.array([among.index(name) for name in names], dtype=int)

@@ -1,4 +1,4 @@
-"""What a robot looks like and where its bodies are: visual shapes and forward kinematics of whole motions."""
+"""Visual shapes of a robot, and poses of its bodies over whole motions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from leapgap.robot.model import Robot
 SHOWN_GROUPS = 3
 """MuJoCo's viewer shows geom groups 0–2; collision hulls usually sit in group 3."""
 UNSET_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
-"""MuJoCo's default geom colour: a material wins over it, and over nothing else."""
+"""MuJoCo's default geom colour; only a geom of this colour takes the colour of its material."""
 KINDS = {
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
     int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
@@ -26,7 +26,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Shape:
-    """One visual shape, fixed to a body: where its centre is and how it is turned, in the body's axes."""
+    """One visual shape, fixed to a body: position and orientation in the body's axes."""
 
     body: str
     kind: str
@@ -47,7 +47,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Poses:
-    """Where everything is in the world, a row each: forward kinematics of a motion."""
+    """Poses of bodies and feet in the world in each row of a motion."""
 
     bodies: tuple[str, ...]
     positions: np.ndarray

@@ -1,1 +1,1 @@
-"""The MuJoCo world: replay of a log, and a controller that makes one."""
+"""MuJoCo simulation: replay of logs, open loop, and in closed loop with a controller."""

@@ -1,4 +1,4 @@
-"""A controller in a MuJoCo world: simulated hardware that is told what to do one control tick after the other.
+"""Closed-loop simulation: a controller sends commands to simulated hardware, one control tick after the other.
 
 The same robot, effects and drive as in a replay, whose commands are known beforehand: replaying the log of a closed
 loop from its true start gives the same motion.
@@ -17,28 +17,28 @@ from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.controller import Command, Controller, StateEstimate
-from leapgap.simulation.open_loop import PreparedJump, logged
+from leapgap.simulation.open_loop import PreparedRun, log_of
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 
 ROUNDING = 1e-6
-"""Of a number of periods, so that a whole one stays it."""
+"""Tolerance on a number of control periods, so that rounding does not add one to a whole number."""
 MEMORY_S = 0.063
-"""How far back effects with a memory (delay, latency) are shown what was: longer than any of them reaches."""
+"""Length of the history that effects with a memory (delay, latency) see, s; longer than the largest delay."""
 
 
 @dataclass(frozen=True)
 class Sensing:
-    """What reaches the controller of the robot's state: what the log holds, the base's part of it later."""
+    """Measurements that the controller gets: those of the log, with the state of the base delayed."""
 
     noise: SensorNoise = field(default_factory=SensorNoise)
     base_delay_s: float = 0.002
-    """Between a measurement of the base and the controller that uses it; joints arrive at once."""
+    """Delay from a measurement of the base to the controller; joint measurements have none."""
 
 
 @dataclass(frozen=True)
 class ClosedLoopRun:
-    """What came of one run: the log, and what truly happened."""
+    """Result of one run: the log and the true motion."""
 
     log: Log
     truth: Motion
@@ -51,7 +51,7 @@ class ClosedLoopRun:
 class Plant:
     """One simulated robot with its effects on its terrain, stepped one control period at a time."""
 
-    def __init__(self, replayer: Replayer, ready: PreparedJump, effects: tuple[Effect, ...]) -> None:
+    def __init__(self, replayer: Replayer, ready: PreparedRun, effects: tuple[Effect, ...]) -> None:
         self.trial = Rollout(ready.commanded, effects, first_state=ready.start)
         self.robot, self.replayer = replayer.robot, replayer
         self.model = replayer.model(self.trial)
@@ -77,7 +77,7 @@ class Plant:
         """True positions and velocities now."""
         return self.data.qpos.copy(), self.data.qvel.copy()
 
-    def reported(self) -> Motion:
+    def measure(self) -> Motion:
         """The newest row as the robot's sensors report it, without noise, one row."""
         rows = self.truth[-self.memory :] if self.effects_of_sensors else self.truth[-1:]
         motion = Motion(*(np.array(part) for part in zip(*rows, strict=True)))
@@ -88,9 +88,9 @@ class Plant:
     def touching(self) -> np.ndarray:
         """Whether each foot touches now, bool, (feet,)."""
         feet = self.foot_of_geom[self.data.contact.geom.ravel()]
-        found = np.zeros(len(self.robot.feet), dtype=bool)
-        found[feet[feet >= 0]] = True
-        return found
+        touching = np.zeros(len(self.robot.feet), dtype=bool)
+        touching[feet[feet >= 0]] = True
+        return touching
 
     def ground_force(self) -> np.ndarray:
         """Force of the ground on each foot, world axes, N, (feet, 3), during the last substep."""
@@ -104,7 +104,7 @@ class Plant:
         return force
 
     def send(self, command: Command) -> None:
-        """Let the robot do as told for one control period."""
+        """Apply a command for one control period."""
         self.sent.append(command)
         self._set_gains(command)
         commands = self._arriving()
@@ -122,7 +122,7 @@ class Plant:
             self.gains = gains
 
     def _arriving(self) -> Commands:
-        """What reaches the joints of the newest commands."""
+        """The newest commands as they reach the joints."""
         sent = self.sent[-1]
         rows = (sent.torque[None], sent.position[None], sent.velocity[None])
         if not self.effects_of_commands:
@@ -140,19 +140,19 @@ class Plant:
 
 
 def overriding(effects: Iterable[Effect], method: str) -> list[Effect]:
-    """The effects that do something in a method; to ask the others at every tick would cost time."""
+    """The effects whose class overrides a method; the others are not called at every tick, which saves time."""
     return [effect for effect in effects if getattr(type(effect), method) is not getattr(Effect, method)]
 
 
-def run_controlled(
-    ready: PreparedJump,
+def run_closed_loop(
+    ready: PreparedRun,
     controller: Controller,
     replayer: Replayer,
     effects: tuple[Effect, ...],
     sensing: Sensing,
     rng: np.random.Generator,
 ) -> ClosedLoopRun:
-    """Let a controller make one jump; as many rows as the prepared commands have."""
+    """Run a controller for as many rows as the prepared commands have."""
     robot, rows, period = replayer.robot, len(ready.commanded), ready.commanded.info.sample_period_s
     errors = NoiseRows.draw(sensing.noise, rows, len(robot.joints), rng)
     late = round(sensing.base_delay_s / period)
@@ -161,19 +161,19 @@ def run_controlled(
     touching: list[np.ndarray] = []
     force: list[np.ndarray] = []
     for row in range(rows):
-        measured.append(errors.added_to(plant.reported(), robot, first=row))
+        measured.append(errors.add_to(plant.measure(), robot, first=row))
         touching.append(plant.touching())
         force.append(plant.ground_force())
         of_base = measured[max(0, row - late)]
         plant.send(controller.command(estimate(row * period, of_base, measured[row], touching[row], robot)))
-    told = Motion(np.concatenate([m.qpos for m in measured]), np.concatenate([m.qvel for m in measured]))
+    measured_motion = Motion(np.concatenate([m.qpos for m in measured]), np.concatenate([m.qvel for m in measured]))
     truth = Motion(*(np.array(part) for part in zip(*plant.truth[:rows], strict=True)))
-    log = logged(ready.plan.name, with_commands(ready.commanded, plant.sent, robot), told, robot)
+    log = log_of(ready.plan.name, with_commands(ready.commanded, plant.sent, robot), measured_motion, robot)
     return ClosedLoopRun(log, truth, np.array(touching), np.array(force))
 
 
 def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.ndarray, robot: Robot) -> StateEstimate:
-    """What the controller is told, of one measured row for the base and one for the joints."""
+    """State estimate from one measured row for the base and one for the joints."""
     return StateEstimate(
         time_s,
         of_base.base_position[0],
@@ -187,7 +187,7 @@ def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.nda
 
 
 def with_commands(commanded: Log, sent: list[Command], robot: Robot) -> Log:
-    """The jump with the commands that were truly sent, and the forces they stand for."""
+    """The log with the commands that were sent, and the planned ground forces behind them."""
     columns = {"time": commanded.time}
     for quantity, values in {
         "cmd_tau": np.array([c.torque for c in sent]),

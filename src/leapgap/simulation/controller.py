@@ -1,4 +1,4 @@
-"""What a controller is: estimates of the robot in, commands to its joints out, one pair a control tick."""
+"""Interface of a controller: at each control tick it takes a state estimate and returns joint commands."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -8,10 +8,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class StateEstimate:
-    """What the controller is told of the robot at one tick: measured, hence noisy and late. SI units."""
+    """State of the robot as the controller gets it at one tick: measured, noisy and delayed. SI units."""
 
     time_s: float
-    """Since the jump began."""
+    """Time since the first row."""
     base_position: np.ndarray
     """Origin of the base in the world, (3,)."""
     base_quaternion: np.ndarray
@@ -30,7 +30,7 @@ class StateEstimate:
 
 @dataclass(frozen=True)
 class Command:
-    """What the joints are told until the next tick: feed-forward torque and joint PD; shape (joints,) each."""
+    """Joint commands until the next tick: feed-forward torque and joint PD; shape (joints,) each."""
 
     torque: np.ndarray
     """Feed-forward, N·m."""
@@ -47,8 +47,8 @@ class Command:
 
 
 class Controller(ABC):
-    """Controls one robot; a fresh one for each run, for it may remember."""
+    """Controller of one robot. It may keep a state, so each run gets a new one."""
 
     @abstractmethod
     def command(self, estimate: StateEstimate) -> Command:
-        """What to send at this tick; called once a control period, in order of time."""
+        """Command for this tick; called once a control period, in order of time."""

@@ -1,4 +1,4 @@
-"""A corrected robot on disk: the model and the effects a diagnosis found, ready to simulate and to plan with."""
+"""A corrected robot on disk: the nominal model and the effects that a diagnosis identified."""
 
 import shutil
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from leapgap.robot.model import Robot
 MODEL, EFFECTS = "robot.xml", "effects.json"
 
 
-def write_corrected(folder: Path, robot: Robot, found: tuple[Effect, ...]) -> None:
+def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...]) -> None:
     """Write the nominal model beside the effects to add to it."""
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(robot.path, folder / MODEL)
-    write_json(folder / EFFECTS, {"effects": effects.to_config(found)})
+    write_json(folder / EFFECTS, {"effects": effects.to_config(correction)})
 
 
 def read_corrected(folder: Path, own: Sequence[type[Effect]] = ()) -> tuple[Robot, tuple[Effect, ...]]:

@@ -1,6 +1,6 @@
-"""Effects without a name: what simulated hardware may have and no diagnosis knows, for honest scores.
+"""Effects that simulated hardware may have and that a diagnosis does not look for.
 
-They stand outside ``leapgap.effects``, whose table is what a diagnosis looks for.
+They are kept out of ``leapgap.effects``, which holds the effects that a diagnosis looks for.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Simulated hardware: the nominal robot with effects its controller does not know, measured with noise.
+"""Open-loop runs of simulated hardware: the nominal robot with effects unknown to its controller, and sensor noise.
 
-A jump tracks a planned reference with feed-forward torque and joint PD at the reference's rate; the commands are
-known beforehand, so jumps roll out as replays do, without a Python loop. What comes back is a jump log.
+The robot tracks a planned reference with feed-forward torque and joint PD at the reference's rate. The commands are
+known beforehand, so runs roll out as replays do, without a Python loop. Each run gives a log.
 """
 
 from collections.abc import Sequence
@@ -23,15 +23,15 @@ from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 
 LARGEST_DEPTH_M = 0.002
-"""A foot this deep in the ground at the start comes out by itself; a deeper one would throw the robot."""
+"""Largest penetration of a foot at the start. The contact resolves it; a deeper one would throw the robot."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """What stands before the robot: a block under the front feet, its length and width in m."""
+    """Times before and after the reference, s, and size of the block under the front feet, m."""
 
     settle_s: float = 0.5
-    """The robot stands on its terrain this long before the jump begins."""
+    """The robot stands on its terrain this long before the reference begins."""
     after_landing_s: float = 0.3
     """The last command is held this long after the reference ends."""
     block_length_m: float = 0.2
@@ -39,8 +39,8 @@ class Course:
 
 
 @dataclass(frozen=True)
-class PlannedJump:
-    """One jump to make: its reference and the height of the block under the front feet, m (0: none)."""
+class MotionPlan:
+    """One planned run: its reference and the height of the block under the front feet, m (0: none)."""
 
     name: str
     reference: Log
@@ -48,10 +48,10 @@ class PlannedJump:
 
 
 @dataclass(frozen=True)
-class PreparedJump:
-    """A planned jump whose robot stands at its start."""
+class PreparedRun:
+    """A planned run with the commands to send and the true state at its start."""
 
-    plan: PlannedJump
+    plan: MotionPlan
     commanded: Log
     """The reference, extended beyond the landing, on the plan's terrain."""
     start: np.ndarray
@@ -59,48 +59,48 @@ class PreparedJump:
 
 
 def prepare(
-    plans: Sequence[PlannedJump], replayer: Replayer, effects: tuple[Effect, ...], course: Course
-) -> list[PreparedJump]:
-    """Let the simulated hardware stand at the start of each plan; ``replayer`` has slots for their terrain."""
+    plans: Sequence[MotionPlan], replayer: Replayer, effects: tuple[Effect, ...], course: Course
+) -> list[PreparedRun]:
+    """Settle the simulated hardware at the start of each plan; ``replayer`` has slots for their terrain."""
     robot = replayer.robot
-    commanded = [with_block(extended(plan.reference, course), plan, robot, course) for plan in plans]
-    standing = [replayer.first_state(Rollout(held(jump, course.settle_s))) for jump in commanded]
-    standing = [raised_front(state, plan.block_height_m, robot) for state, plan in zip(standing, plans, strict=True)]
-    settling = [Rollout(held(jump, course.settle_s), effects) for jump in commanded]
+    commanded = [with_block(extend_reference(plan.reference, course), plan, robot, course) for plan in plans]
+    standing = [replayer.first_state(Rollout(hold_first_command(log, course.settle_s))) for log in commanded]
+    standing = [raise_front(state, plan.block_height_m, robot) for state, plan in zip(standing, plans, strict=True)]
+    settling = [Rollout(hold_first_command(log, course.settle_s), effects) for log in commanded]
     settling = [
-        replace(trial, first_state=out_of_the_ground(trial, state, replayer))
+        replace(trial, first_state=lift_out_of_ground(trial, state, replayer))
         for trial, state in zip(settling, standing, strict=True)
     ]
     starts = [motion.last_state for motion in replayer.true_motions(settling)]
-    return [PreparedJump(*each) for each in zip(plans, commanded, starts, strict=True)]
+    return [PreparedRun(*each) for each in zip(plans, commanded, starts, strict=True)]
 
 
-def terrain_slots(plans: Sequence[PlannedJump]) -> int:
-    """Boxes that the plans' models need: those of the reference and the block."""
+def terrain_slots(plans: Sequence[MotionPlan]) -> int:
+    """Number of boxes that the models of the plans need: those of the reference and the block."""
     return 1 + max((len(plan.reference.info.terrain) for plan in plans), default=0)
 
 
-def make_jumps(
-    plans: Sequence[PlannedJump],
+def run_open_loop(
+    plans: Sequence[MotionPlan],
     robot: Robot,
     effects: tuple[Effect, ...],
     noise: SensorNoise,
     course: Course,
     rng: np.random.Generator,
 ) -> list[Log]:
-    """Let the simulated hardware make the planned jumps open loop; logs in the order of the plans."""
+    """Run the plans open loop on simulated hardware; logs in the order of the plans."""
     replayer = Replayer(robot, terrain_slots(plans))
     ready = prepare(plans, replayer, effects, course)
     motions = replayer.motions([Rollout(one.commanded, effects, first_state=one.start) for one in ready])
     logs = []
     for one, motion in zip(ready, motions, strict=True):
         errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
-        logs.append(logged(one.plan.name, one.commanded, errors.added_to(motion, robot), robot))
+        logs.append(log_of(one.plan.name, one.commanded, errors.add_to(motion, robot), robot))
     return logs
 
 
-def extended(reference: Log, course: Course) -> Log:
-    """The reference with its last command held after the landing, the plan's motion and forces ended."""
+def extend_reference(reference: Log, course: Course) -> Log:
+    """The reference with its last set points held after its end, planned velocities and forces zero."""
     period = reference.info.sample_period_s
     more = round(course.after_landing_s / period)
     columns = {}
@@ -111,39 +111,42 @@ def extended(reference: Log, course: Course) -> Log:
     return replace(reference, columns=columns)
 
 
-def held(jump: Log, seconds: float) -> Log:
-    """The jump's first command for some time, at rest."""
-    rows = max(2, round(seconds / jump.info.sample_period_s))
-    columns = {name: np.full(rows, values[0]) for name, values in jump.columns.items()}
-    columns["time"] = np.arange(rows) * jump.info.sample_period_s
-    return replace(jump, columns=columns)
+def hold_first_command(log: Log, seconds: float) -> Log:
+    """The log with its first row repeated for some seconds."""
+    rows = max(2, round(seconds / log.info.sample_period_s))
+    columns = {name: np.full(rows, values[0]) for name, values in log.columns.items()}
+    columns["time"] = np.arange(rows) * log.info.sample_period_s
+    return replace(log, columns=columns)
 
 
-def with_block(jump: Log, plan: PlannedJump, robot: Robot, course: Course) -> Log:
-    """The reference with the plan's block under its front feet, if it has one."""
+def with_block(log: Log, plan: MotionPlan, robot: Robot, course: Course) -> Log:
+    """The reference with the plan's block, if it has one, under the front feet."""
     if plan.block_height_m <= 0:
-        return jump
-    feet = feet_positions(robot, motion_of(jump, robot, slice(1)).qpos)[0]
+        return log
+    feet = feet_positions(robot, motion_of(log, robot, slice(1)).qpos)[0]
     x, y = feet[[robot.feet.index(foot) for foot in robot.feet_of_pair("front")], :2].mean(axis=0)
     size = (course.block_length_m, course.block_width_m, plan.block_height_m)
     box = Box(round(float(x), 4), round(float(y), 4), size, plan.block_height_m)
-    return replace(jump, info=replace(jump.info, terrain=(*jump.info.terrain, box)))
+    return replace(log, info=replace(log.info, terrain=(*log.info.terrain, box)))
 
 
-def out_of_the_ground(trial: Rollout, state: np.ndarray, replayer: Replayer) -> np.ndarray:
-    """The state, tilted and lifted until no foot is in the trial's ground, which may not be where it was planned."""
+def lift_out_of_ground(trial: Rollout, state: np.ndarray, replayer: Replayer) -> np.ndarray:
+    """The state (nq + nv,), tilted and lifted until no foot penetrates the ground of the trial.
+
+    Effects may put that ground elsewhere than it was planned.
+    """
     robot = replayer.robot
     depth = replayer.foot_depths(replace(trial, first_state=state))
     if depth.max(initial=0.0) < LARGEST_DEPTH_M:
         return state
     front, rear = (max(depth[robot.feet.index(f)] for f in robot.feet_of_pair(pair)) for pair in ("front", "rear"))
-    state = raised_front(state, front - rear, robot)
+    state = raise_front(state, front - rear, robot)
     state[2] += replayer.foot_depths(replace(trial, first_state=state)).max()
     return state
 
 
-def raised_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray:
-    """The first state, turned about the rear feet so that the front feet stand higher by a height."""
+def raise_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray:
+    """The first state (nq + nv,), pitched about the rear feet so that the front feet are ``height_m`` higher."""
     state = state.copy()
     if height_m == 0:
         return state
@@ -160,8 +163,8 @@ def raised_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray
     return state
 
 
-def logged(name: str, commanded: Log, measured: Motion, robot: Robot) -> Log:
-    """The log of a measured motion and its commands, with planned forces and those that the joint PD stands for."""
+def log_of(name: str, commanded: Log, measured: Motion, robot: Robot) -> Log:
+    """Log of a measured motion and its commands, with planned pair forces and those equivalent to the joint PD."""
     joint_pos, joint_vel = measured.qpos[:, robot.joint_qpos], measured.qvel[:, robot.joint_dofs]
     columns = {"time": commanded.time} | columns_of(measured, robot)
     columns |= {key: values for key, values in commanded.columns.items() if key.startswith(("cmd_", "mpc_force/"))}

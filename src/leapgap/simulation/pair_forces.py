@@ -1,4 +1,4 @@
-"""The ground forces that joint PD torques stand for."""
+"""Ground forces on pairs of feet that are equivalent to joint PD torques."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def pd_pair_force(
 ) -> np.ndarray:
     """u_pd = −(Jᵀ Rᵀ)⁻¹ τ_pd of each pair, front x z, rear x z, N on the robot, (rows, 4); paper, data collection.
 
-    ``torque`` (rows, joints) is what the joint PD asks for, N·m. Zero where the schedule has the pair in the air.
+    ``torque`` (rows, joints) is the torque of the joint PD, N·m. Zero where the schedule has the pair in the air.
     """
     force = per_pair(robot, joint_torque_to_foot_force(robot, base_quaternion, joint_pos, torque))
     return force * per_axis(schedule.in_contact(time_s))

@@ -1,4 +1,4 @@
-"""Named hardware: which effects a simulated robot has that its controller does not know, some of them drawn."""
+"""Named hardware variants: effects of a simulated robot that its controller does not know, some drawn at random."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,14 +22,14 @@ class Variant:
     nameless: Sequence[Mapping[str, Any]] = field(default_factory=tuple)
     """The same for effects that no diagnosis knows."""
 
-    def drawn(self, seed: int) -> tuple[Effect, ...]:
-        """The effects of the robot of this number; the same number is the same robot."""
+    def draw(self, seed: int) -> tuple[Effect, ...]:
+        """Effects of the robot with this seed; the same seed gives the same robot."""
         rng = np.random.default_rng(seed)
-        known = effects.from_config([with_drawn_values(entry, rng) for entry in self.effects])
-        return (*known, *(nameless(with_drawn_values(entry, rng)) for entry in self.nameless))
+        known = effects.from_config([draw_values(entry, rng) for entry in self.effects])
+        return (*known, *(nameless(draw_values(entry, rng)) for entry in self.nameless))
 
 
-def with_drawn_values(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+def draw_values(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """The entry with each range replaced by a value from it."""
     return {
         key: float(rng.uniform(*value)) if isinstance(value, Sequence) and not isinstance(value, str) else value
@@ -38,7 +38,7 @@ def with_drawn_values(entry: Mapping[str, Any], rng: np.random.Generator) -> dic
 
 
 def nameless(entry: Mapping[str, Any]) -> Effect:
-    """One effect without a name, by the name it has in configuration."""
+    """One effect outside the table, by its name in the configuration."""
     values = dict(entry)
     name = values.pop("name", "")
     if name not in NAMELESS:

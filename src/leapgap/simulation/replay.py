@@ -1,6 +1,6 @@
 """Open-loop replay: the log's own commands, from its first state, in the simulated robot.
 
-The joint PD is the affine part of MuJoCo's actuators and the commands are their controls, so that whole jumps roll
+The joint PD is the affine part of MuJoCo's actuators and the commands are their controls, so that whole logs roll
 out without a Python loop, many at once on all cores, bit-identical at any number of threads.
 """
 
@@ -24,19 +24,19 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
 LARGEST_STEP_S = 0.0011
-"""Of the simulation."""
+"""Largest step of the simulation, s."""
 MODELS_KEPT = 256
-"""Compiled models that are kept, one for each terrain and structure."""
+"""Number of compiled models that are kept, one for each terrain and structure."""
 
 
 @dataclass(frozen=True)
 class Rollout:
     """One replay: a log, and the effects to add to the nominal robot."""
 
-    jump: Log
+    log: Log
     effects: tuple[Effect, ...] = ()
     first_state: np.ndarray | None = None
-    """(nq + nv,): truly start from here instead of the log's first row."""
+    """(nq + nv,): true first state; None: by the log's first row."""
 
     @property
     def structure(self) -> tuple[Hashable, ...]:
@@ -45,14 +45,14 @@ class Rollout:
 
     @property
     def period_s(self) -> float:
-        """True control period."""
-        period = self.jump.info.sample_period_s
+        """True control period, s."""
+        period = self.log.info.sample_period_s
         for effect in self.effects:
             period = effect.change_period(period)
         return period
 
 
-def held(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.ndarray:
+def hold_controls(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.ndarray:
     """Each row's controls for its own number of steps, (trials, steps, actuators); short trials hold their last."""
     longest = max(int(n.sum()) for n in counts)
     steps = []
@@ -62,14 +62,14 @@ def held(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.nda
     return np.stack(steps)
 
 
-def joint_gains(jump: Log, robot: Robot) -> np.ndarray:
+def joint_gains(log: Log, robot: Robot) -> np.ndarray:
     """Gains of the joint PD in every row, (rows, 2 joints): N·m/rad of all joints, then N·m·s/rad."""
-    return np.concatenate([jump.per_joint(gain, robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
+    return np.concatenate([log.per_joint(gain, robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Where the pieces of one log begin, and from which state."""
+    """First rows of pieces of one log, and their first states."""
 
     rows: Sequence[int]
     states: np.ndarray
@@ -79,8 +79,9 @@ class Starts:
 class Replayer:
     """Replays logs on one robot; keeps compiled models and working memory between calls.
 
-    ``terrain_slots`` boxes are in every model, so that jumps over different terrain share one batch. A control period
-    longer than ``largest_step_s`` is simulated in several equal steps. Several threads may call ``restarted`` at once.
+    ``terrain_slots`` boxes are in every model, so that logs on different terrain share one batch. A control period
+    longer than ``largest_step_s`` is simulated in several equal steps. Several threads may call
+    ``replay_pieces`` at once.
     """
 
     def __init__(
@@ -101,7 +102,7 @@ class Replayer:
         self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
 
     def with_steps(self, largest_step_s: float) -> "Replayer":
-        """The same replayer, or kind of replayer, with other steps; both share what is compiled."""
+        """A replayer of the same class with another largest step; both share compiled models."""
         other = copy.copy(self)
         other.largest_step_s = largest_step_s
         other.data, other.own = {}, threading.local()
@@ -110,35 +111,35 @@ class Replayer:
     def motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
         """Replay every trial over the first ``rows`` rows of its log (all, where it is None), as a log reports it.
 
-        Trials whose gains change on the way go on in the robot with the new gains.
+        Where joint gains change within a log, the trial continues with the new gains.
         """
-        return [self.reported(t, m) for t, m in zip(trials, self.true_motions(trials, rows), strict=True)]
+        return [self.measure(t, m) for t, m in zip(trials, self.true_motions(trials, rows), strict=True)]
 
     def true_motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
-        """The same replays as what truly happened, which no sensor sees late or biased."""
+        """True motions of the same replays, without the delay and bias of sensors."""
         for trial in trials:
-            self.check_joints(trial.jump)
-        kinds = [(min(len(t.jump), rows or len(t.jump)), self.substeps(t.jump), t.structure) for t in trials]
+            self.check_joints(trial.log)
+        kinds = [(min(len(t.log), rows or len(t.log)), self.substeps(t.log), t.structure) for t in trials]
         motions: dict[int, Motion] = {}
         for kind in dict.fromkeys(kinds):
             chosen = [i for i, own in enumerate(kinds) if own == kind]
             motions |= zip(chosen, self._same_kind([trials[i] for i in chosen], *kind[:2]), strict=True)
         return [motions[i] for i in range(len(trials))]
 
-    def reported(self, trial: Rollout, motion: Motion) -> Motion:
-        """A true motion as the trial's robot would log it."""
+    def measure(self, trial: Rollout, motion: Motion) -> Motion:
+        """A true motion as the sensors of the trial's robot report it."""
         for effect in trial.effects:
             motion = effect.change_measured(motion, trial.period_s, self.robot)
         return motion
 
-    def restarted(self, trials: Sequence[Rollout], starts: Sequence["Starts"], rows: int) -> list[list[Motion]]:
+    def replay_pieces(self, trials: Sequence[Rollout], starts: Sequence["Starts"], rows: int) -> list[list[Motion]]:
         """Replay pieces of ``rows`` rows, each from a state of its own, in the calling thread: one motion a start.
 
         Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
         the joint gains of its first row. Motions are as a log reports them.
         """
         prepared = [self._restarts(trial, of, rows) for trial, of in zip(trials, starts, strict=True)]
-        kinds = [(self.substeps(trial.jump), trial.structure) for trial in trials]
+        kinds = [(self.substeps(trial.log), trial.structure) for trial in trials]
         found: dict[int, list[Motion]] = {}
         for kind in dict.fromkeys(kinds):
             chosen = [i for i, own in enumerate(kinds) if own == kind]
@@ -149,7 +150,7 @@ class Replayer:
                 found |= {i: [] for i in chosen}
                 continue
             data = self._own_data(trials[chosen[0]])
-            out, _ = mujoco.rollout.rollout(models, data, np.stack(states), held(controls, counts))
+            out, _ = mujoco.rollout.rollout(models, data, np.stack(states), hold_controls(controls, counts))
             pieces = zip(states, counts, out, strict=True)
             for i in chosen:
                 found[i] = [self._motion(trials[i], *next(pieces)) for _ in starts[i].rows]
@@ -159,9 +160,9 @@ class Replayer:
         self, trial: Rollout, starts: "Starts", rows: int
     ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
         """Model, full first state, controls and steps of the rows of each piece of one trial."""
-        self.check_joints(trial.jump)
+        self.check_joints(trial.log)
         control = self._controls(trial, starts.rows[-1] + rows - 1 if len(starts.rows) else 0)
-        gains = joint_gains(trial.jump, self.robot)
+        gains = joint_gains(trial.log, self.robot)
         of_gains: dict[bytes, mujoco.MjModel] = {}
         models, states, controls, counts = [], [], [], []
         steps = self.row_steps(trial)
@@ -180,7 +181,7 @@ class Replayer:
     def _motion(self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray) -> Motion:
         """A piece, of its full first state and those after every step, as the trial's robot would log it."""
         nq, piece = self.bare.nq, np.concatenate([state[None], out[np.cumsum(counts) - 1]])
-        return self.reported(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv]))
+        return self.measure(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv]))
 
     def true_state(self, effects: Sequence[Effect], state: np.ndarray) -> np.ndarray:
         """The true state (nq + nv,) behind one that was reported."""
@@ -192,7 +193,7 @@ class Replayer:
 
     def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: int) -> list[Motion]:
         """Replay trials of one structure, equally many rows and steps a row, batch by batch of constant gains."""
-        gains = [joint_gains(t.jump, self.robot)[:rows] for t in trials]
+        gains = [joint_gains(t.log, self.robot)[:rows] for t in trials]
         # Rows 0 … rows−2 are each held for one period; the last row's command is not needed.
         switches = sorted(
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
@@ -207,7 +208,7 @@ class Replayer:
                 history = [
                     [self.full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
                 ]
-            control = held([c[start:end] for c in controls], [n[start:end] for n in counts])
+            control = hold_controls([c[start:end] for c in controls], [n[start:end] for n in counts])
             out, _ = mujoco.rollout.rollout(
                 models, data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
             )
@@ -218,7 +219,10 @@ class Replayer:
         return [Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv]) for whole in wholes]
 
     def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
-        """Time, positions, velocities and, of motors that have one, the torque the first command asks for."""
+        """MuJoCo's full state: time, positions, velocities, and the torque of motors that have a state.
+
+        That torque is the one that the first command asks for.
+        """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
         for joint, actuator in enumerate(self.robot.joint_actuators):
@@ -248,10 +252,10 @@ class Replayer:
 
         Velocities that were not logged start at zero; a robot whose base pose was not logged cannot be replayed.
         """
-        return self.true_state(trial.effects, motion_of(trial.jump, self.robot, slice(1)).first_state)
+        return self.true_state(trial.effects, motion_of(trial.log, self.robot, slice(1)).first_state)
 
     def foot_depths(self, trial: Rollout) -> np.ndarray:
-        """How deep each foot is in its ground at the start, m, (feet,); 0 above it."""
+        """Penetration of each foot into the ground at the start, m, (feet,); 0 above it."""
         model = self.model(trial)
         data = mujoco.MjData(model)
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
@@ -264,46 +268,46 @@ class Replayer:
             depth[foot] = max((-c.dist for c in data.contact if geom in c.geom), default=0.0)
         return depth.clip(min=0.0)
 
-    def check_joints(self, jump: Log) -> None:
-        """Refuse a log of another robot, naming the joints that differ."""
+    def check_joints(self, log: Log) -> None:
+        """Raise ``InputError`` for a log of another robot; it names the joints that differ."""
         missing, foreign = (
-            set(self.robot.joints) - set(jump.joints),
-            set(jump.joints) - set(self.robot.joints),
+            set(self.robot.joints) - set(log.joints),
+            set(log.joints) - set(self.robot.joints),
         )
         if missing or foreign:
             raise InputError(
-                jump.name,
+                log.name,
                 f"joints {', '.join(sorted(foreign)) or 'fewer'} and no {', '.join(sorted(missing)) or '–'}",
                 f"the joints of {self.robot.name}: {', '.join(self.robot.joints)}",
                 "name the model these logs were made with, or rename the columns",
             )
 
-    def substeps(self, jump: Log) -> int:
+    def substeps(self, log: Log) -> int:
         """Simulation steps of one control period of the log."""
-        return max(1, int(np.ceil(jump.info.sample_period_s / self.largest_step_s)))
+        return max(1, int(np.ceil(log.info.sample_period_s / self.largest_step_s)))
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
-        lengths = np.ones(len(trial.jump))
+        lengths = np.ones(len(trial.log))
         for effect in trial.effects:
             lengths = effect.change_rows(lengths)
-        ends = np.round(np.cumsum(lengths) * self.substeps(trial.jump)).astype(int)
+        ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)
         return np.maximum(np.diff(ends, prepend=0), 1)
 
     def _controls(self, trial: Rollout, rows: int) -> np.ndarray:
         """Controls of the affine actuators, (rows, actuators): τ + kp q* + kd q̇*, by the gains of each row."""
-        jump, joints = trial.jump, self.robot.joints
-        commands = Commands(*(jump.per_joint(c, joints)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
+        log, joints = trial.log, self.robot.joints
+        commands = Commands(*(log.per_joint(c, joints)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
         for effect in trial.effects:
             commands = effect.change_commands(commands, trial.period_s, self.robot)
-        kp, kd = (jump.per_joint(gain, joints)[:rows] for gain in ("cmd_kp", "cmd_kd"))
+        kp, kd = (log.per_joint(gain, joints)[:rows] for gain in ("cmd_kp", "cmd_kd"))
         control = np.zeros((rows, self.bare.nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
         control[:, self.robot.joint_actuators] = asked * self.drive(trial).control_gain
         return control
 
     def drive(self, trial: Rollout) -> Drive:
-        """The trial's motors."""
+        """Motors of the robot with the trial's effects."""
         drive = Drive.ideal(len(self.robot.joints))
         for effect in trial.effects:
             drive = effect.change_drive(drive, self.robot)
@@ -311,12 +315,12 @@ class Replayer:
 
     def model(self, trial: Rollout, row: int = 0) -> mujoco.MjModel:
         """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
-        jump = trial.jump
+        log = trial.log
         model = copy.copy(self._compiled(trial))
         actuators = self.robot.joint_actuators
-        model.actuator_biasprm[actuators, 1] = -jump.per_joint("cmd_kp", self.robot.joints)[row]
-        model.actuator_biasprm[actuators, 2] = -jump.per_joint("cmd_kd", self.robot.joints)[row]
-        model.opt.timestep = trial.period_s / self.substeps(jump)
+        model.actuator_biasprm[actuators, 1] = -log.per_joint("cmd_kp", self.robot.joints)[row]
+        model.actuator_biasprm[actuators, 2] = -log.per_joint("cmd_kd", self.robot.joints)[row]
+        model.opt.timestep = trial.period_s / self.substeps(log)
         self.drive(trial).put_into(model, self.robot)
         for effect in trial.effects:
             effect.change_model(model, self.robot)
@@ -324,10 +328,10 @@ class Replayer:
 
     def _compiled(self, trial: Rollout) -> mujoco.MjModel:
         """The bare robot on the log's terrain with the parts its effects need, compiled once and then shared."""
-        terrain = trial.jump.info.terrain
+        terrain = trial.log.info.terrain
         if len(terrain) > self.slots:
             raise InputError(
-                trial.jump.name,
+                trial.log.name,
                 f"{len(terrain)} boxes of terrain",
                 f"at most {self.slots}",
                 "make the replayer with more terrain slots",
@@ -346,12 +350,12 @@ class Replayer:
                 self.compiled[key].opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
             return self.compiled[key]
 
-    def as_log(self, motion: Motion, jump: Log) -> Log:
-        """The motion as a jump log with the commands it was made with: measured columns are the simulation's."""
+    def as_log(self, motion: Motion, log: Log) -> Log:
+        """The motion as a log: measured columns from the simulation, commands from the replayed log."""
         columns = {
             name: values[: len(motion)].copy()
-            for name, values in jump.columns.items()
+            for name, values in log.columns.items()
             if name == "time" or name.startswith("cmd_")
         }
-        info = replace(jump.info, source=f"replay of {jump.name}")
-        return Log(jump.name, columns | columns_of(motion, self.robot), info)
+        info = replace(log.info, source=f"replay of {log.name}")
+        return Log(log.name, columns | columns_of(motion, self.robot), info)

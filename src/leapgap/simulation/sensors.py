@@ -1,4 +1,4 @@
-"""What sensors add to a motion: white noise on everything that is measured."""
+"""Sensor noise: white noise on every measured quantity."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.robot.rotations import turned
+from leapgap.robot.rotations import turn_by
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class NoiseRows:
-    """Drawn errors of what is measured, one row a control tick; what they are added to is in ``SensorNoise``."""
+    """Drawn measurement errors of the quantities in ``SensorNoise``, one row a control tick."""
 
     position: np.ndarray
     """(rows, 3), m."""
@@ -40,7 +40,7 @@ class NoiseRows:
 
     @staticmethod
     def draw(noise: SensorNoise, rows: int, joints: int, rng: np.random.Generator) -> "NoiseRows":
-        """Independent normal errors."""
+        """Draw independent normal errors for some rows and joints."""
         of_base, of_joints = (rows, 3), (rows, joints)
         return NoiseRows(
             noise.base_pos_m * rng.standard_normal(of_base),
@@ -51,13 +51,13 @@ class NoiseRows:
             noise.base_angvel_rad_s * rng.standard_normal(of_base),
         )
 
-    def added_to(self, motion: Motion, robot: Robot, first: int = 0) -> Motion:
-        """What is measured of a motion whose first row is tick ``first``."""
+    def add_to(self, motion: Motion, robot: Robot, first: int = 0) -> Motion:
+        """The motion with these errors added; its first row is tick ``first``."""
         rows = slice(first, first + len(motion))
         measured = motion.copy()
         if robot.has_free_base:
             measured.base_position[:] += self.position[rows]
-            measured.base_quaternion[:] = turned(motion.base_quaternion, self.angle[rows])
+            measured.base_quaternion[:] = turn_by(motion.base_quaternion, self.angle[rows])
             measured.base_velocity[:] += self.linvel[rows]
             measured.base_angular_velocity[:] += self.angvel[rows]
         measured.qpos[:, robot.joint_qpos] += self.joint_pos[rows]

@@ -10,13 +10,13 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.atomic_io import sha256
-from leapgap.diagnosis.channels import HEADLINE, logged
-from leapgap.diagnosis.gap import Judged, counts, noise_floor, pooled
+from leapgap.diagnosis.channels import HEADLINE, logged_values
+from leapgap.diagnosis.gap import JudgedLogs, headline_gap, noise_floor, value_counts
 from leapgap.effects.base import Effect
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.open_loop import Course, PlannedJump
+from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case_draw import Case
@@ -77,7 +77,7 @@ def withhold(case: Case, references: Sequence[Log], robot: Robot, world: CaseSet
     scatter = 1 + world.period_scatter * rng.standard_normal(count)
     noise_rng, floor_rng = rng.spawn(2)
     plans = [
-        PlannedJump(f"jump_{i}" if i < world.jumps else f"proof_{i - world.jumps}", references[c], round(float(h), 4))
+        MotionPlan(f"jump_{i}" if i < world.jumps else f"proof_{i - world.jumps}", references[c], round(float(h), 4))
         for i, (c, h) in enumerate(zip(chosen, heights, strict=True))
     ]
     generator = Generator(robot, terrain_slots=1, step_s=world.step_s)
@@ -126,10 +126,10 @@ def what_shows(
     rng: np.random.Generator,
 ) -> dict[str, Any]:
     """How much the effects, together and each, change the judged motion, in noise floors; and where."""
-    judged = Judged.of([m.log for m in made], robot)
+    judged = JudgedLogs.of([m.log for m in made], robot)
     replayer = Replayer(robot, threads=1)
-    floor = pooled(noise_floor(judged, replayer, 3, rng), judged)
-    nominal = replayer.motions([Rollout(jump) for jump in judged.jumps])
+    floor = headline_gap(noise_floor(judged, replayer, 3, rng), judged)
+    nominal = replayer.motions([Rollout(jump) for jump in judged.logs])
     shown: dict[str, Any] = {
         "noise_floor": floor,
         "gap_nominal": difference([m.log for m in made], nominal, judged, robot),
@@ -155,14 +155,14 @@ def what_shows(
     }
 
 
-def difference(jumps: Sequence[Log], motions: Sequence[Any], judged: Judged, robot: Robot) -> float:
+def difference(jumps: Sequence[Log], motions: Sequence[Any], judged: JudgedLogs, robot: Robot) -> float:
     """Headline figure between jumps and motions over the judged rows."""
     total = 0.0
     for jump, motion, rows in zip(jumps, motions, judged.rows, strict=True):
         for c in judged.channels:
-            missed = c.values(motion, robot)[:rows] - logged(jump, c.name)[:rows]
+            missed = c.values(motion, robot)[:rows] - logged_values(jump, c.name)[:rows]
             total += float(((missed / HEADLINE[c.name]) ** 2).sum())
-    return float(np.sqrt(total / counts(judged).sum()))
+    return float(np.sqrt(total / value_counts(judged).sum()))
 
 
 def write_case(withheld: Withheld, logs: Path, proof: Path) -> dict[str, Any]:
@@ -196,8 +196,7 @@ def further_jumps(
     acting = [restored(entry) for entry in truth["effects"]]
     heights = rng.uniform(*block_height_m, len(references))
     plans = [
-        PlannedJump(f"next_{i}", r, round(float(h), 4))
-        for i, (r, h) in enumerate(zip(references, heights, strict=True))
+        MotionPlan(f"next_{i}", r, round(float(h), 4)) for i, (r, h) in enumerate(zip(references, heights, strict=True))
     ]
     scatter = 1 + world.period_scatter * rng.standard_normal(len(plans))
     own: list[Effects] = [(nuisance, *(on_log(e, s, robot) for e in acting)) for s in scatter]

@@ -76,7 +76,7 @@ class Draw:
         if name not in self.sizes:
             raise InputError("withhold.sizes", f"nothing for {name}", "a range for every effect", "add it")
         departures = {}
-        for parameter in kind.declared():
+        for parameter in kind.declarations():
             least, most = self.sizes[name][parameter]
             departure = least * (most / least) ** self.rng.uniform(least_share, 1)
             if name in self.signed and self.rng.random() < 0.5:

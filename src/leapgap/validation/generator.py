@@ -18,12 +18,12 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.open_loop import (
     Course,
-    PlannedJump,
-    extended,
-    held,
-    logged,
-    out_of_the_ground,
-    raised_front,
+    MotionPlan,
+    extend_reference,
+    hold_first_command,
+    lift_out_of_ground,
+    log_of,
+    raise_front,
     with_block,
 )
 from leapgap.simulation.replay import Replayer, Rollout
@@ -99,8 +99,8 @@ class Generator(Replayer):
 
     def _stepped(self, trial: Rollout, rows: int, substeps: int) -> Motion:
         """One trial, step by step."""
-        if trial.jump.rows_before_gain_change < rows:
-            raise InputError(trial.jump.name, "joint gains that change", "constant gains", "use planned references")
+        if trial.log.rows_before_gain_change < rows:
+            raise InputError(trial.log.name, "joint gains that change", "constant gains", "use planned references")
         nq, nv = self.bare.nq, self.bare.nv
         model, control = self.model(trial), self._controls(trial, rows)
         data = mujoco.MjData(model)
@@ -117,12 +117,12 @@ class Generator(Replayer):
             qpos[row], qvel[row] = data.qpos[:nq], data.qvel[:nv]
         if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
             raise InputError(
-                trial.jump.name, "a motion that left the world of numbers", "a stable one", "draw smaller effects"
+                trial.log.name, "a motion that left the world of numbers", "a stable one", "draw smaller effects"
             )
         return Motion(qpos, qvel)
 
     def _processes(self, trial: Rollout, model: mujoco.MjModel) -> list[Process]:
-        found = [e.process(model, self.robot, trial.jump) for e in trial.effects if isinstance(e, OffTableEffect)]
+        found = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
         return [process for process in found if process is not None]
 
 
@@ -149,7 +149,7 @@ class Made:
 
 
 def make(
-    plans: Sequence[PlannedJump],
+    plans: Sequence[MotionPlan],
     effects: Sequence[Effects],
     generator: Generator,
     noise: SensorNoise,
@@ -161,7 +161,7 @@ def make(
 
 
 def make_one(
-    plan: PlannedJump,
+    plan: MotionPlan,
     effects: Effects,
     generator: Generator,
     noise: SensorNoise,
@@ -170,16 +170,16 @@ def make_one(
 ) -> Made:
     """Stand, then jump, in one run; only the jump is logged."""
     robot = generator.robot
-    jump = with_block(extended(plan.reference, course), plan, robot, course)
-    still = held(jump, course.settle_s)
-    standing = raised_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
-    standing = out_of_the_ground(Rollout(still, effects), standing, generator)
+    jump = with_block(extend_reference(plan.reference, course), plan, robot, course)
+    still = hold_first_command(jump, course.settle_s)
+    standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
+    standing = lift_out_of_ground(Rollout(still, effects), standing, generator)
     whole = joined(still, jump)
     trial = Rollout(whole, effects, first_state=standing)
     (motion,) = generator.motions([trial])
     motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
     errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
-    return Made(logged(plan.name, jump, errors.added_to(motion, robot), robot), logged(plan.name, jump, motion, robot))
+    return Made(log_of(plan.name, jump, errors.add_to(motion, robot), robot), log_of(plan.name, jump, motion, robot))
 
 
 def joined(first: Log, second: Log) -> Log:

@@ -169,7 +169,7 @@ def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping
     """Every parameter of one true effect that the report estimates; the median where it differed by log."""
     found = []
     kind = effects.known().get(effect["name"])
-    known = kind.declared() if kind else {}
+    known = kind.declarations() if kind else {}
     index = [e["name"] for e in truth["effects"]].index(effect["name"])
     logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
     for name, about in known.items():

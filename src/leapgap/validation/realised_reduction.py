@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.checks.joint_clock import JointClock
-from leapgap.diagnosis.gap import Judged, noise_floor, pooled, squares
+from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, headline_gap, noise_floor
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -24,16 +24,16 @@ def realised_closure(
 
     An effect that differs from log to log gets its value there from the joints' clock, as the report got it.
     """
-    judged = Judged.of(proof, robot)
+    judged = JudgedLogs.of(proof, robot)
     replayer = Replayer(robot, terrain_slots=max(1, *(len(jump.info.terrain) for jump in proof)), threads=1)
-    corrected = [tuple(on_log(effect, jump, judged, robot, report) for effect in correction) for jump in judged.jumps]
-    nominal, after = squares(judged, replayer, [[()] * len(proof), corrected])
+    corrected = [tuple(on_log(effect, jump, judged, robot, report) for effect in correction) for jump in judged.logs]
+    nominal, after = candidate_squares(judged, replayer, [[()] * len(proof), corrected])
     floor = noise_floor(judged, replayer, NOISE_DRAWS, np.random.default_rng(seed))
-    before, left, least = (pooled(s, judged) for s in (nominal, after, floor))
+    before, left, least = (headline_gap(s, judged) for s in (nominal, after, floor))
     return float((before - left) / max(before - least, 1e-12))
 
 
-def on_log(effect: Effect, jump: Log, judged: Judged, robot: Robot, report: Mapping[str, Any]) -> Effect:
+def on_log(effect: Effect, jump: Log, judged: JudgedLogs, robot: Robot, report: Mapping[str, Any]) -> Effect:
     """The effect on a jump that was not fitted on: scaled by that jump's own clock where it differs by log."""
     if not effect.differs_per_log:
         return effect

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.channels import measured, noise, scaled_channels, table
-from leapgap.diagnosis.gap import Judged
+from leapgap.diagnosis.channels import channel_values, measured_values, scaled_channels, sensor_noise
+from leapgap.diagnosis.gap import JudgedLogs
 from leapgap.diagnosis.localisation import PHASES, least_noise, pieces_of
 from leapgap.logs.log import Log
 from leapgap.simulation.replay import Rollout
@@ -15,7 +15,7 @@ from leapgap.validation.generator import Generator
 
 
 def places(
-    logs: Sequence[Log], off: Sequence[Rollout], judged: Judged, generator: Generator, horizon_s: float
+    logs: Sequence[Log], off: Sequence[Rollout], judged: JudgedLogs, generator: Generator, horizon_s: float
 ) -> list[dict[str, Any]]:
     """Fields with their share, largest first, at least one in a thousand.
 
@@ -23,15 +23,15 @@ def places(
     log would say, as the diagnosis restarts; only the second half of a piece counts, in units of each channel's noise.
     """
     robot = generator.robot
-    channels = scaled_channels(judged.jumps, robot)
+    channels = scaled_channels(judged.logs, robot)
     square = np.zeros((len(PHASES), len(channels)))
     for log, trial, rows in zip(logs, off, judged.rows, strict=True):
-        scale = np.maximum(noise(log.first_rows(rows), channels), [least_noise(c) for c in channels])
-        pieces = pieces_of(trial.jump.first_rows(rows), horizon_s)
-        motions = generator.motions([replace(trial, jump=piece) for piece, _ in pieces])
+        scale = np.maximum(sensor_noise(log.first_rows(rows), channels), [least_noise(c) for c in channels])
+        pieces = pieces_of(trial.log.first_rows(rows), horizon_s)
+        motions = generator.motions([replace(trial, log=piece) for piece, _ in pieces])
         for (piece, phases), motion in zip(pieces, motions, strict=True):
             half = len(piece) // 2
-            error = table(motion, channels, robot) - measured(piece, channels)
+            error = channel_values(motion, channels, robot) - measured_values(piece, channels)
             for phase in np.unique(phases[half:]):
                 square[phase] += ((error[half:][phases[half:] == phase] / scale) ** 2).sum(axis=0)
     share = square / max(square.sum(), 1e-300)

@@ -23,9 +23,9 @@ from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import pitch_of
 from leapgap.robot.terrain import Box
-from leapgap.simulation.closed_loop import ClosedLoopRun, Sensing, run_controlled
+from leapgap.simulation.closed_loop import ClosedLoopRun, Sensing, run_closed_loop
 from leapgap.simulation.controller import Controller
-from leapgap.simulation.open_loop import Course, PlannedJump, prepare
+from leapgap.simulation.open_loop import Course, MotionPlan, prepare
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import A1_BODY
@@ -169,9 +169,9 @@ def run(
 ) -> ClosedLoopRun:
     reference = replace(reference, info=replace(reference.info, terrain=terrain))
     replayer = Replayer(robot, terrain_slots=1 + len(terrain))
-    ready = prepare([PlannedJump("made", reference)], replayer, (), Course(after_landing_s=after_s))[0]
+    ready = prepare([MotionPlan("made", reference)], replayer, (), Course(after_landing_s=after_s))[0]
     noise = Sensing(SensorNoise())
-    return run_controlled(ready, controller, replayer, (), noise, np.random.default_rng(0))
+    return run_closed_loop(ready, controller, replayer, (), noise, np.random.default_rng(0))
 
 
 def test_two_jumps_in_mujoco_each_lands_and_stands(reference: Log, followed: Reference, robot: Robot) -> None:

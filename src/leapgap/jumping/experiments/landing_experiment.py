@@ -108,7 +108,7 @@ def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardwar
     variant, _, number = name.partition(":")
     if variant not in variants or not (number or "0").isdigit():
         raise InputError("land.hardware", name, f"one of {', '.join(variants)}", "choose a known variant")
-    return Hardware(name.replace(":", "_"), variant, Variant(**variants[variant]).drawn(int(number or 0)))
+    return Hardware(name.replace(":", "_"), variant, Variant(**variants[variant]).draw(int(number or 0)))
 
 
 def all_trials(

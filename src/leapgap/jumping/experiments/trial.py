@@ -17,8 +17,8 @@ from leapgap.jumping.models.rigid_body_model import rigid_body_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import yaw_of
-from leapgap.simulation.closed_loop import ClosedLoopRun, Sensing, run_controlled
-from leapgap.simulation.open_loop import Course, PlannedJump, prepare, terrain_slots
+from leapgap.simulation.closed_loop import ClosedLoopRun, Sensing, run_closed_loop
+from leapgap.simulation.open_loop import Course, MotionPlan, prepare, terrain_slots
 from leapgap.simulation.replay import Replayer
 
 Jumps = Callable[[JumpTask], Sequence[JumpController]]
@@ -77,12 +77,12 @@ def attempt_task(
     course = replace(world.course, after_landing_s=length_s(task, planned, world.sequence) - planned.schedule.landing_s)
     terrain = (*reference.info.terrain, *task.ground(planned, rng))
     level = replace(reference, info=replace(reference.info, target=task.target, terrain=terrain))
-    plans = [PlannedJump(task.name, level, task.start_block(rng))]
+    plans = [MotionPlan(task.name, level, task.start_block(rng))]
     effects = (*effects, *task.tilt(rng))
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
     controller = JumpSequence(list(method(task)), robot, world.sequence, world.body_for(planned))
-    run = run_controlled(ready, controller, replayer, effects, world.sensing, rng)
+    run = run_closed_loop(ready, controller, replayer, effects, world.sensing, rng)
     period = run.log.info.sample_period_s
     began = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
     starts = tuple(round(start / period) for start in began)

@@ -1,4 +1,4 @@
-"""Foreign logs to logs of ours: one file a format, found by its class."""
+"""Importers of other log formats: one file a format."""
 
 import sys
 from functools import cache
@@ -8,7 +8,7 @@ from leapgap.logs.importers.base import LogFormat
 from leapgap.registry import classes_by_name
 
 ENTRY_POINTS = "leapgap.log_formats"
-"""Group under which other packages offer formats."""
+"""Entry point group under which other packages register formats."""
 
 
 @cache

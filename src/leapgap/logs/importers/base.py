@@ -1,4 +1,4 @@
-"""What a format of foreign logs is: it finds the logs in a folder, and turns one into a log of ours."""
+"""Base class of log formats: it lists the logs in a folder and reads one of them."""
 
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -9,15 +9,15 @@ from leapgap.robot.model import Robot
 
 
 class LogFormat(ABC):
-    """One format. A subclass is one file here, or offered by another package as an entry point."""
+    """One log format. A subclass is one file here, or an entry point of another package."""
 
     name: ClassVar[str]
     Options: ClassVar[type]
-    """Dataclass of what the files do not say themselves."""
+    """Dataclass of options: what the files themselves do not state."""
 
     @abstractmethod
     def find(self, source: Path) -> dict[str, Path]:
-        """The logs below a folder, each with the name it will have."""
+        """Files of the logs below a folder, by the names the logs will have."""
 
     @abstractmethod
     def read(self, path: Path, name: str, robot: Robot, options: Any) -> Log:

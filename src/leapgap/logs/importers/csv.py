@@ -1,4 +1,4 @@
-"""CSV files, one a jump, with a map from our columns to theirs."""
+"""Importer of CSV files, one a log, with a map from our columns to theirs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class CsvOptions:
-    """How the columns of a CSV become those of a jump log; ``*`` in a key stands for every joint of the robot."""
+    """How the columns of a CSV become those of a log; ``*`` in a key stands for every joint of the robot."""
 
     columns: dict[str, str] = field(default_factory=dict)
     """Ours → theirs, such as ``joint_pos/*: q_*``. A column not named here is taken under our own name."""
@@ -52,7 +52,7 @@ def find_logs(source: Path) -> dict[str, Path]:
 
 
 def read_log(path: Path, name: str, robot: Robot, options: CsvOptions) -> Log:
-    """One CSV as a jump log; ``InputError`` names what is missing or cannot be read."""
+    """One CSV as a log; ``InputError`` names what is missing or cannot be read."""
     try:
         table = pa.csv.read_csv(path)
     except (pa.ArrowException, OSError) as error:
@@ -91,7 +91,7 @@ def read_log(path: Path, name: str, robot: Robot, options: CsvOptions) -> Log:
 
 
 def is_ours(column: str, robot: Robot) -> bool:
-    """Whether a column that is not mapped is taken under its own name: time, a known quantity, a command of a joint."""
+    """Whether an unmapped column is imported under its own name: time, a known quantity, a command of a joint."""
     quantity, of = quantity_of(column), column.partition("/")[2]
     if quantity is None:
         return column == "time"
@@ -108,7 +108,7 @@ def per_joint(mapping: dict, robot: Robot) -> dict:
 
 
 def numbers(table: pa.Table, column: str, path: Path) -> np.ndarray:
-    """A column as float64; empty cells become NaN, which the jump log refuses with its row."""
+    """A column as float64; empty cells become NaN, which ``Log`` refuses with its row."""
     try:
         return table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
     except (pa.ArrowException, ValueError) as error:
