@@ -18,7 +18,7 @@ from leapgap.content_hash import file_digests
 from leapgap.diagnosis.diagnose import Settings as Diagnosing
 from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
-from leapgap.jumping.planning.reference_store import planned_robot, reference_to
+from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, further_jumps
@@ -201,7 +201,7 @@ def make_experiment(
     asked = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
     targets = read_targets(asked.targets if asked.target is None else [asked.target], f"experiment of {case.name}")
     count = int(asked.jumps or len(targets))
-    planned, planar = Path(settings.references), planned_robot(settings.planar, robot)
+    planned, planar = Path(settings.references), select_planar_robot(settings.planar, robot)
     references = [reference_to(targets[i % len(targets)], planned, planar) for i in range(count)]
     low, high = asked.block_height_m
     inputs = (

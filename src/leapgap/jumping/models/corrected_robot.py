@@ -22,12 +22,12 @@ def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:
     return tuple(effect for effect in found if effect.name in IN_PLANS and effect.location == "all")
 
 
-def beyond_plans(found: Sequence[Effect]) -> list[str]:
+def unplannable_effects(found: Sequence[Effect]) -> list[str]:
     """The others, with their places."""
     return [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
 
 
-def planned_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
+def planar_robot_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
     """The planar robot with effects in it; one that no plan can reckon with is an ``InputError`` by its name."""
     return planar_robot(robot, changed(robot, found))
 
@@ -39,7 +39,7 @@ def body_with(robot: Robot, found: Sequence[Effect], joint_pos: np.ndarray) -> R
 
 def changed(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:
     """The robot's model with effects that a plan can reckon with."""
-    refused = beyond_plans(found)
+    refused = unplannable_effects(found)
     if refused:
         raise InputError(
             "effects in planning",

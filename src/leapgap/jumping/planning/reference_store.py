@@ -14,7 +14,7 @@ from leapgap.robot.model import Robot
 PUBLISHED_SCHEDULE = ContactSchedule()
 
 
-def planned_robot(planar: str, robot: Robot) -> PlanarRobot:
+def select_planar_robot(planar: str, robot: Robot) -> PlanarRobot:
     """``published``: the planar robot of the published references; ``own``: the planar form of ``robot``."""
     if planar == "published":
         return PlanarRobot()

@@ -10,7 +10,7 @@ from leapgap.reports.log_recording import record_jump
 from leapgap.robot.model import Robot
 
 
-def contests(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
+def comparison_logs(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
     """By task, the logs that ``stages.land`` kept of these methods' first runs, in the order of the methods."""
     found: dict[str, list[Path]] = {}
     for method in methods:
@@ -19,7 +19,7 @@ def contests(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
     return dict(sorted(found.items()))
 
 
-def record_contest(path: Path, task: str, logs: Sequence[Path], robot: Robot) -> None:
+def record_comparison(path: Path, task: str, logs: Sequence[Path], robot: Robot) -> None:
     """Write the methods' runs of a task as one recording; each log has its figures as JSON beside it."""
     runs = {log.parent.name: (read_log(log), read_json(log.with_suffix(".json"))) for log in logs}
     (first, (main, _)), *others = runs.items()

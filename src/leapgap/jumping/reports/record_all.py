@@ -8,7 +8,7 @@ from pathlib import Path
 from leapgap.atomic_io import read_json, write_text
 from leapgap.errors import InputError
 from leapgap.jumping.reports import references
-from leapgap.jumping.reports.method_comparison import contests, record_contest
+from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
 from leapgap.jumping.reports.prediction import record_prediction
 from leapgap.logs.log import Log, read_log
 from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, record_jump
@@ -101,9 +101,9 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 shown=view.models or None,
             )
         yield said(f"prediction_{kind}", folder, len(tables), view.most_predictions)
-    found = contests(Path(view.landings), view.landing_methods)
+    found = comparison_logs(Path(view.landings), view.landing_methods)
     for task, logs in islice(found.items(), view.most):
-        record_contest(out / f"landing_{task}.rrd", task, logs, robot)
+        record_comparison(out / f"landing_{task}.rrd", task, logs, robot)
     yield said("landing", view.landings, len(found), view.most)
 
 
