@@ -88,8 +88,8 @@ def test_what_the_robot_cannot_do_is_planned_for_a_nimbler_one(bench: Bench) -> 
     able = planar_robot(bench.robot)
     weak = replace(able, torque_limit=tuple(0.1 * torque for torque in able.torque_limit))
     goal = target_pose(Target(0.5))
-    assert JumpPlanner(weak).nearest(Target(0.5), goal, 0.0) is None
-    found = JumpPlanner(weak, fallback_robots=(weak, able)).nearest(Target(0.5), goal, 0.0)
+    assert JumpPlanner(weak).plan_nearest(Target(0.5), goal, 0.0) is None
+    found = JumpPlanner(weak, fallback_robots=(weak, able)).plan_nearest(Target(0.5), goal, 0.0)
     assert found is not None
     to, solution = found
     assert to == pytest.approx(goal)
