@@ -19,7 +19,7 @@ from leapgap.jumping.models.corrected_robot import body_with, planar_robot_with,
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.problem import Limits
-from leapgap.jumping.planning.reference_store import planned, reference_to
+from leapgap.jumping.planning.reference_store import plan_reference, reference_to
 from leapgap.logs.log import Log
 from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
@@ -152,5 +152,7 @@ class Rig:
             print(f"no plan can reckon with {', '.join(left_out)}: methods _corrected are left out", flush=True)
             return None
         planar = planar_robot_with(robot, found)
-        references = {target: planned(target, planar, self.settings.schedule) for target in self.bench.references}
+        references = {
+            target: plan_reference(target, planar, self.settings.schedule) for target in self.bench.references
+        }
         return Plans(references, body_with(robot, found, crouch(references, robot)))
