@@ -52,7 +52,7 @@ class PreparedQp:
     first: np.ndarray
     """Indices of the forces that are variables in the first step, (m₀,)."""
     first_push_s: np.ndarray
-    """How long each of them pushes in the first step, (m₀,)."""
+    """Time for which each of them pushes in the first step, s, (m₀,)."""
     curvature: float
     """c."""
     force_weight: float

@@ -20,7 +20,7 @@ from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.logs.segments import ContactSchedule
 
 ROUNDING_S = 1e-6
-"""As in ``ContactSchedule.in_contact``: times closer than this are the same."""
+"""Times closer than this count as equal, as in ``ContactSchedule.in_contact``."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Horizon:
     """The n ≤ K steps of one prediction."""
 
     time_s: np.ndarray
-    """When each step begins, and the last one ends, since the start of the jump, (n + 1,)."""
+    """Start of each step and end of the last one, since the start of the jump, (n + 1,)."""
     share: np.ndarray
     """Part of each step during which the front and the rear pair are planned to push, 0…1, (n, 2)."""
 
@@ -47,7 +47,7 @@ class Horizon:
 
 
 def nodes(grid: TimeGrid, schedule: ContactSchedule) -> np.ndarray:
-    """When the steps of a whole jump end, s, increasing; phases need not be whole numbers of steps."""
+    """Ends of the steps of a whole jump, s, increasing; phases need not be whole numbers of steps."""
     take_off, flight = schedule.take_off_s, schedule.flight_s
     in_contact = int(np.floor(take_off / grid.contact_step_s - ROUNDING_S))
     in_flight = max(1, round(flight / grid.flight_step_s))

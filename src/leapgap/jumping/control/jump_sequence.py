@@ -24,7 +24,7 @@ Phase = Literal["jump", "landing", "settling"]
 
 @dataclass(frozen=True)
 class SequenceConfig:
-    """When one phase ends and the next begins."""
+    """Times at which a phase ends and the next one begins."""
 
     landing: LandingConfig = field(default_factory=LandingConfig)
     earliest_touch_s: float = 0.05

@@ -45,7 +45,7 @@ class LandingConfig:
 
 
 class LandingMpc(Controller):
-    """All feet push; the goal is rest at a height over the feet, level, in the middle between them.
+    """Plans forces of all feet towards rest: level, midway between the feet, at a height over them.
 
     ``pose`` (joints,) rad is what the soft joint PD pulls towards. An update that fails sends the robot's weight.
     """
@@ -121,7 +121,7 @@ def stand(
     pose: np.ndarray,
     gains: JointGains,
 ) -> Command:
-    """All feet push with the given planar forces (4,), and the joint PD pulls towards a pose (joints,)."""
+    """Command of a stance: planar pair forces (4,), N, as torques, and a joint PD towards a pose (joints,), rad."""
     finite = np.isfinite(estimate.base_quaternion).all() and np.isfinite(estimate.joint_pos).all()
     torque = legs.torque(estimate.base_quaternion, estimate.joint_pos, frame.in_world(force)) if finite else 0 * pose
     still = np.zeros(len(robot.joints))

@@ -94,7 +94,7 @@ class ForcePlanner:
         self._prepared = {microseconds(t): self._prepare(float(t)) for t in updates}
 
     def plan(self, time_s: float, state: np.ndarray, foot: np.ndarray) -> ForcePlan:
-        """From a measured state (6,) and foot − base (4,), both in the start frame, at a time since the start."""
+        """Plan at a time since the start from a measured state (6,) and foot − base (4,), both in the start frame."""
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self._prepared.get(microseconds(time_s)) or self._prepare(time_s)

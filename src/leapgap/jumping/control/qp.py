@@ -121,7 +121,7 @@ class Daqp(QpSolver):
     STATUS: ClassVar = {1: SOLVED, 2: FAILED, -1: INFEASIBLE, -7: OUT_OF_TIME}
 
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
-        """See ``QpSolver``."""
+        """Solve a problem with this method; see ``QpSolver``."""
         start = time.perf_counter()
         upper = np.concatenate([qp.upper, qp.row_upper])
         lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -1e30)])
@@ -151,7 +151,7 @@ class Osqp(QpSolver):
     STATUS: ClassVar = {1: SOLVED, 3: INFEASIBLE, 4: INFEASIBLE, 8: OUT_OF_TIME}
 
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
-        """See ``QpSolver``."""
+        """Solve a problem with this method; see ``QpSolver``."""
         start = time.perf_counter()
         if not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all()):
             return failed_solution(qp, FAILED, start)

@@ -64,18 +64,18 @@ class JumpPlanner:
 
     def plan_nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
         """A goal and its plan: ``goal``, else the nearest between it and the target, else for a fallback robot."""
-        aimed = self.plan(target, goal, stance_pitch)
-        if aimed is not None:
-            return goal, aimed
-        straight = self.plan(target, target_pose(target), stance_pitch)
-        if straight is None:
+        direct = self.plan(target, goal, stance_pitch)
+        if direct is not None:
+            return goal, direct
+        to_target = self.plan(target, target_pose(target), stance_pitch)
+        if to_target is None:
             return self._plan_for_fallback_robots(target, goal, stance_pitch)
         for share in NEARER_GOALS:
             to = target_pose(target) * (1 - share) + goal * share
             solution = self.plan(target, to, stance_pitch)
             if solution is not None:
                 return to, solution
-        return target_pose(target), straight
+        return target_pose(target), to_target
 
     def _plan_for_fallback_robots(
         self, target: Target, goal: np.ndarray, stance_pitch: float

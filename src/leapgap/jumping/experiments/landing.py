@@ -33,7 +33,7 @@ class Landing:
     apex: float
     """Largest height of the base, divided by its height at the start."""
     success: bool
-    """All feet on the target surface, pitch below 15°, and upright half a second later."""
+    """Pitch below 15°, and half a second later all feet on the target surface and the base upright."""
 
 
 def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float | None = None) -> Landing:

@@ -101,7 +101,7 @@ class LandingExperiment:
 
 
 def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardware:
-    """By name: ``random:3`` is number 3 of the robots drawn from the variant ``random``."""
+    """The hardware of a name; ``random:3`` is number 3 of the robots drawn from the variant ``random``."""
     variant, _, number = name.partition(":")
     if variant not in variants or not (number or "0").isdigit():
         raise InputError("land.hardware", name, f"one of {', '.join(variants)}", "choose a known variant")

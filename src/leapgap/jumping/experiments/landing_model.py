@@ -26,7 +26,7 @@ class AimConfig:
     """How landing errors are learned, and what they cost when a goal is chosen."""
 
     scale: tuple[float, float, float, float] = (0.2, 0.1, 0.2, 0.1)
-    """Of the inputs x, z, pitch of the goal and pitch of the stance: changes that matter, m, m, rad, rad."""
+    """Typical change of each input: x, z and pitch of the goal, and pitch of the stance; m, m, rad, rad."""
     length: float = 1.5
     """Length scale of the kernel, in units of ``scale``."""
     trend_ridge: float = 1.0

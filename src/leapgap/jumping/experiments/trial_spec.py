@@ -33,7 +33,7 @@ class TrialSpec:
     """One closed-loop run to make: the method, the task, the simulated robot and the seed."""
 
     place: str
-    """Where its result is kept, ``<hardware>/<method>/<task>_<number>``: different for every trial of an experiment."""
+    """Path of its result, ``<hardware>/<method>/<task>_<number>``; it differs for every trial of an experiment."""
     task: JumpTask
     method: Method
     reference: Log

@@ -44,9 +44,9 @@ class TrainConfig:
     seed: int = 0
     mass_kg: float = 12.453
     pitch_inertia_kgm2: float = 0.347
-    """Of the nominal body that residuals correct."""
+    """Mass, above, and pitch inertia of the nominal body that residuals correct."""
     curvature: float = 0.5
-    """Of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
+    """Curvature of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
     kernel: KernelConfig = field(default_factory=KernelConfig)
     networks: NetworksConfig = field(default_factory=NetworksConfig)
     published_recipe: PublishedRecipeConfig = field(default_factory=PublishedRecipeConfig)
@@ -56,7 +56,7 @@ class TrainConfig:
     processes: int = 2
     """Splits fitted at the same time."""
     trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
-    """What Lightning's Trainer is told."""
+    """Arguments of Lightning's Trainer."""
 
     def models_of(self, split: Split) -> list[str]:
         """Names of the models that are fitted on a split."""

@@ -82,7 +82,7 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
 KNOWN = 17
 """Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
 KNOWN_FOOT = slice(12, 16)
-"""Where the foot stands in such a row."""
+"""Columns of foot − base in such a row."""
 
 
 def rows(situation: Situation) -> np.ndarray:

@@ -330,7 +330,7 @@ class JumpNlp:
         return float(self._evaluate(w)[0])
 
     def violations(self, w: np.ndarray, problem: "Problem") -> tuple[np.ndarray, list[Label]]:
-        """By how much each constraint row and each bound is broken at ``w``, in its unit, and its label."""
+        """Violation of each constraint row and each bound at ``w``, in its unit, and the labels in the same order."""
         g = np.array(self._evaluate(w)[1]).ravel()
         parts = [(g, *self.g_bounds(problem)), (w, *self.w_bounds(problem))]
         amounts = [np.maximum(0, np.maximum(lower - value, value - upper)) for value, lower, upper in parts]

@@ -101,7 +101,7 @@ class Grid:
 
     @property
     def knot_times(self) -> np.ndarray:
-        """When each knot is, s, (N + 1,)."""
+        """Time of each knot, s, (N + 1,)."""
         return self.step_s * np.arange(1, self.steps + 2)
 
     def stance_knots(self, pair: int) -> int:
@@ -173,5 +173,5 @@ def start_feet(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[tuple[float,
 
 
 def start_rise(robot: PlanarRobot, pitch_rad: float) -> float:
-    """How much higher above its rear feet the trunk stands at a pitch than level, m."""
+    """Height of the trunk above its rear feet at a pitch − that of a level trunk, m."""
     return start_feet(robot)[1][1] - start_feet(robot, pitch_rad)[1][1]

@@ -69,9 +69,8 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
         hardware: [name for name in methods if (hardware, name) in pairs]
         for hardware in dict.fromkeys(row["hardware"] for row in rows)
     }
-    robots = sorted(
-        methods_on, key=lambda hardware: -len(methods_on[hardware])
-    )  # the hardware with most methods comes first
+    # The hardware with most methods comes first.
+    robots = sorted(methods_on, key=lambda hardware: -len(methods_on[hardware]))
     tasks = in_order({row["task"] for row in rows}, TASKS)
     drawn: dict[str, go.Figure] = {}
     for hardware in robots:
