@@ -1,4 +1,4 @@
-"""Simulated jumps as jump logs: a controller makes them on hardware with effects that it does not know."""
+"""Stage ``collect``: logs of simulated jumps, on hardware with effects that the controller does not know."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,10 +14,10 @@ from leapgap.executor import Executor
 from leapgap.jumping.control.excitation import Excitation
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.mpc import MpcConfig
-from leapgap.jumping.experiments.collection import Collected, Collection
+from leapgap.jumping.experiments.collection import CollectionResult, CollectionSpec
 from leapgap.jumping.experiments.method import Method, References, crouch
-from leapgap.jumping.experiments.methods.joint_pd import ByJointPd
-from leapgap.jumping.experiments.methods.mpc import ByMpc
+from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
+from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup
 from leapgap.jumping.models.planar import planar_robot
@@ -37,7 +37,7 @@ from stages.common import output_folder, read_config, read_optional, run_stage
 
 @dataclass(frozen=True)
 class CollectSettings:
-    """Section ``collect``."""
+    """Section ``collect`` of the configuration."""
 
     references: str
     robot: str | None
@@ -61,7 +61,7 @@ class CollectSettings:
 
 
 def collect(config: DictConfig) -> None:
-    """Let the chosen hardware make the configured jumps."""
+    """Simulate the configured jumps on the chosen hardware, and write their logs."""
     settings = read_config(CollectSettings, config.collect, "collect")
     executor = read_config(Executor, config.executor, "executor")
     robot, on_top = robot_of(settings, config.robot.model)
@@ -81,12 +81,12 @@ def collect(config: DictConfig) -> None:
         task = JumpTask("collect", target.x_m, target.z_m, block_m=(block, block))
         seed = int(rng.integers(2**31))
         planned.append(
-            Collection(f"{settings.hardware}_{i:02d}", task, method, effects, world, seed, settings.excitation)
+            CollectionSpec(f"{settings.hardware}_{i:02d}", task, method, effects, world, seed, settings.excitation)
         )
     with whole_folder(output_folder(settings.out)) as folder:
-        for made in executor.map(Collection.made, planned):
-            jump_log.write_log(made.log, folder / f"{made.log.name}.parquet")
-            print(said(made), flush=True)
+        for result in executor.map(CollectionSpec.run, planned):
+            jump_log.write_log(result.log, folder / f"{result.log.name}.parquet")
+            print(describe_result(result), flush=True)
 
 
 def robot_of(settings: CollectSettings, model: str) -> tuple[Robot, tuple[Effect, ...]]:
@@ -97,14 +97,14 @@ def robot_of(settings: CollectSettings, model: str) -> tuple[Robot, tuple[Effect
 
 
 def hidden_effects(variants: dict[str, Any], hardware: str, seed: int) -> tuple[Effect, ...]:
-    """What the named hardware has and its controller does not know."""
+    """Effects of the named hardware, which its controller does not know."""
     if hardware not in variants:
         raise InputError("collect.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
     return Variant(**variants[hardware]).draw(seed)
 
 
 def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Target]:
-    """One target a jump: the one, those listed in turn, or flat ones drawn to the millimetre."""
+    """The target of each jump: the one configured, those listed in turn, or random flat ones, rounded to 1 mm."""
     listed = settings.targets if settings.target is None else [settings.target]
     if listed is None:
         return [Target(round(float(rng.uniform(*settings.distance_m)), 3), 0.0) for _ in range(settings.jumps)]
@@ -113,20 +113,20 @@ def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Targ
 
 
 def method_of(settings: CollectSettings, robot: Robot, references: References, body: RigidBody) -> Method:
-    """The configured controller."""
+    """The landing method that ``collect.controller`` names."""
     if settings.controller == "joint_pd":
-        return ByJointPd(robot, references, settings.gains)
+        return JointPdMethod(robot, references, settings.gains)
     if settings.controller == "nominal_mpc":
-        return ByMpc(robot, references, settings.gains, RigidBodyModel(body), settings.mpc)
+        return MpcMethod(robot, references, settings.gains, RigidBodyModel(body), settings.mpc)
     raise InputError("collect.controller", settings.controller, "joint_pd or nominal_mpc", "choose one")
 
 
-def said(made: Collected) -> str:
-    """One line for a person."""
-    fallbacks = f", {sum(made.fallbacks.values())} fallbacks" if made.fallbacks else ""
+def describe_result(result: CollectionResult) -> str:
+    """One printed line: target, block, landing and fallbacks of a jump."""
+    fallbacks = f", {sum(result.fallbacks.values())} fallbacks" if result.fallbacks else ""
     return (
-        f"{made.log.name}: {made.log.info.target.x_m:.2f} m from a {100 * made.block_m:.1f} cm block, lands "
-        f"{landing_in_words(made.landing.error_cm)}, pitched {made.landing.pitch_deg:+.0f} degrees{fallbacks}"
+        f"{result.log.name}: {result.log.info.target.x_m:.2f} m from a {100 * result.block_m:.1f} cm block, lands "
+        f"{landing_in_words(result.landing.error_cm)}, pitched {result.landing.pitch_deg:+.0f} degrees{fallbacks}"
     )
 
 

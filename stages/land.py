@@ -1,4 +1,4 @@
-"""Where each method lands: closed-loop experiments on simulated hardware that no controller knows."""
+"""Stage ``land``: closed-loop landing experiments of every method on simulated hardware."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +10,7 @@ from leapgap.atomic_io import write_json, write_text
 from leapgap.cache import ResultCache
 from leapgap.executor import Executor
 from leapgap.jumping.experiments.bench import TrialRunner
-from leapgap.jumping.experiments.landing_experiment import FIGURES, PAGE, RUNS, TABLE, LandingExperiment, tell
+from leapgap.jumping.experiments.landing_experiment import FIGURES, PAGE, RUNS, TABLE, LandingExperiment, print_trial
 from leapgap.jumping.experiments.method_registry import known
 from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.jumping.experiments.scores import landing_figures, write_rows
@@ -23,7 +23,7 @@ from stages.common import output_folder, read_config, read_one_of, read_optional
 
 
 def land(config: DictConfig) -> None:
-    """Run the matrix on every hardware; what is kept from a run before is not run again."""
+    """Run the grid of hardware, methods and tasks, and write figures, rows and page. Cached runs are not repeated."""
     settings = read_config(LandSettings, config.land, "land")
     executor = read_config(Executor, config.executor, "executor")
     experiment = LandingExperiment(
@@ -36,10 +36,10 @@ def land(config: DictConfig) -> None:
         read_optional(RigidBody, config.robot.get("body"), "robot.body"),
     )
     out = output_folder(settings.out)
-    for name in (FIGURES, TABLE, PAGE):  # those of an earlier run: they are written when all runs are done
+    for name in (FIGURES, TABLE, PAGE):  # results of an earlier call, so that none are left if this one fails
         (out / name).unlink(missing_ok=True)
     cache = ResultCache(out / RUNS)
-    scored = experiment.run(TrialRunner(cache, executor.map, tell))
+    scored = experiment.run(TrialRunner(cache, executor.map, print_trial))
     cache.sweep()
     found = landing_figures(scored, settings.single, settings.seed)
     rows = [row for one in scored for row in one.rows()]
@@ -54,7 +54,7 @@ def land(config: DictConfig) -> None:
 
 
 def tasks_of(section: Mapping[str, Any]) -> tuple[list[JumpTask], dict[str, int]]:
-    """Tasks, and how often each is done; one that is never done is none."""
+    """Tasks, and the number of runs of each by name; tasks with no run are left out."""
     tasks, repeats = [], {}
     for name, values in section.items():
         own = OmegaConf.create({"name": name, **values})

@@ -5,12 +5,12 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 
 from leapgap.atomic_io import whole_folder, write_json
-from leapgap.jumping.models.corrected_robot import planned_with
+from leapgap.jumping.models.corrected_robot import planar_robot_with
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.batch import metrics, read_targets, timing, write_references
 from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.jumping.planning.reference import Gains, name_of
-from leapgap.jumping.planning.reference_store import planned_robot
+from leapgap.jumping.planning.reference_store import select_planar_robot
 from leapgap.jumping.planning.solve import solve_all
 from leapgap.logs.segments import ContactSchedule
 from leapgap.robot.model import Robot
@@ -51,8 +51,8 @@ def optimize(config: DictConfig) -> None:
 def planar_of(section: DictConfig, model: str) -> PlanarRobot:
     """Of the published planner, of the robot, or of a corrected one with the effects that a diagnosis found."""
     if section.robot is None:
-        return planned_robot(str(section.planar), Robot.load(model))
-    return planned_with(*read_corrected(Path(section.robot)))
+        return select_planar_robot(str(section.planar), Robot.load(model))
+    return planar_robot_with(*read_corrected(Path(section.robot)))
 
 
 if __name__ == "__main__":

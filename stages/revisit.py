@@ -18,11 +18,12 @@ from leapgap.content_hash import file_digests
 from leapgap.diagnosis.diagnose import Settings as Diagnosing
 from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
-from leapgap.jumping.planning.reference_store import planned_robot, reference_to
+from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, further_jumps
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
+from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import opened
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
@@ -165,16 +166,8 @@ def proposed(case: Seen) -> list[str]:
 
 
 def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Effects of the table that show and were not found: single ones not named first, and one of a pair."""
-    missed = [
-        case
-        for case in cases
-        if (case.first.kind == "single" and case.first.detectable and case.first.first not in case.first.true)
-        or (
-            case.first.kind == "pair" and case.first.each_detectable and not set(case.first.true) <= case.first.answered
-        )
-    ]
-    return at_most(number, missed)
+    """Cases in which an effect of the table shows and was not found (``scoring.is_missed``)."""
+    return at_most(number, [case for case in cases if is_missed(case.first)])
 
 
 def can_be_made(case: Seen, overrides: list[str]) -> bool:
@@ -201,7 +194,7 @@ def make_experiment(
     asked = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
     targets = read_targets(asked.targets if asked.target is None else [asked.target], f"experiment of {case.name}")
     count = int(asked.jumps or len(targets))
-    planned, planar = Path(settings.references), planned_robot(settings.planar, robot)
+    planned, planar = Path(settings.references), select_planar_robot(settings.planar, robot)
     references = [reference_to(targets[i % len(targets)], planned, planar) for i in range(count)]
     low, high = asked.block_height_m
     inputs = (

@@ -162,6 +162,7 @@ def page(
             "wrongly_named": o.wrongly_named,
             "where_right": o.where_right,
             "where_mirrored": o.where_mirrored,
+            "counted_against": scoring.counted_against(o),
             "said": conclusion(o),
             "report": f"{at}/{o.case}/report.html",
         }

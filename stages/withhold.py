@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from leapgap.atomic_io import whole_folder, write_json
 from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
-from leapgap.jumping.planning.reference_store import planned_robot, reference_to
+from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -67,7 +67,7 @@ def withhold_all(config: DictConfig) -> None:
 
 def references_of(settings: WithholdSettings, robot: Robot) -> list[Log]:
     """The planned jumps to all targets."""
-    folder, planar = Path(settings.references), planned_robot(settings.planar, robot)
+    folder, planar = Path(settings.references), select_planar_robot(settings.planar, robot)
     return [reference_to(target, folder, planar) for target in read_targets(settings.targets, "withhold.targets")]
 
 

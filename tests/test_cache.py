@@ -13,7 +13,7 @@ from leapgap import effects, import_closure
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import digest, modules_within
 from leapgap.import_closure import DATA, PACKAGE, SourceTree, code_hash
-from leapgap.jumping.experiments.identification import identified_config
+from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.trial_spec import TrialSpec
 from leapgap.jumping.learning import export
 from leapgap.jumping.learning.experiment import fit_task
@@ -92,8 +92,8 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
     "train": (fit_task, export.write),
     "diagnose_withheld": (diagnose_folder,),
     "revisit": (diagnose_folder, further_jumps),
-    "land": (TrialSpec.run, identified_config),
-    "land_corrected": (TrialSpec.run, identified_config),
+    "land": (TrialSpec.run, identify_effects_config),
+    "land_corrected": (TrialSpec.run, identify_effects_config),
 }
 """What makes the results of each stage with a cache."""
 REPORTS, PLANS = ("reports", "jumping/reports"), ("jumping/planning", "jumping/models")

@@ -138,3 +138,27 @@ def test_confusion_puts_what_was_said_first_beside_the_truth(outcomes: list[Case
 def test_nothing_to_count_is_null() -> None:
     assert scoring.share([]) is None
     assert scoring.scores([], 5, 10, np.random.default_rng(1))["brier"] == {"value": None, "ci95": [None, None]}
+
+
+def test_each_case_counts_against_the_scores_that_it_makes_worse(outcomes: list[CaseOutcome]) -> None:
+    assert [scoring.counted_against(o) for o in outcomes] == [
+        ["parameter_error_median"],  # 0.44 for a true 0.4
+        ["named_first", "named_alone", "parameter_error_median"],  # the second name of an ambiguous answer
+        ["named_first", "named_in_set", "named_alone", "wrongly_named", "where_right", "where_right_mirrored"],
+        [],  # too small to detect, and nothing named
+        ["parameter_error_median"],
+        [],
+        ["wrongly_named", "unknown_recall"],
+        [],
+    ]
+
+
+def test_missed_effects_are_singles_not_named_first_and_pairs_not_wholly_named(outcomes: list[CaseOutcome]) -> None:
+    half = outcome("c", truth("pair", "joint_damping", "torque_gain"), report("named", [["torque_gain"]]), None)
+    small = outcome(
+        "c", truth("pair", "joint_damping", "torque_gain", change=0.1), report("named", [["torque_gain"]]), None
+    )
+    assert [scoring.is_missed(o) for o in outcomes] == [False, True, True, False, False, False, False, False]
+    assert scoring.is_missed(half)
+    assert scoring.counted_against(half) == ["pairs_both_named"]
+    assert not scoring.is_missed(small)

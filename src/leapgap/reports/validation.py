@@ -1,7 +1,7 @@
 """The blind check as one HTML page: self-contained, no network but for links to the reports beside it."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import plotly.offline
 
 from leapgap.reports.page import embedded
 from leapgap.reports.report import CORRECTED, GREY, NOMINAL
+from leapgap.validation.scoring import CONDITIONS
 
 RIGHT, WRONG = "#14804a", "#c0391b"
 BARS = {
@@ -99,24 +100,6 @@ def score_table(halves: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]
     return lines
 
 
-AGAINST: dict[str, Callable[[Mapping[str, Any]], bool]] = {
-    "named_first": lambda r: r["kind"] == "single" and r["detectable"] and r["first"] not in r["true"],
-    "named_in_set": lambda r: (
-        r["kind"] == "single" and r["detectable"] and r["true"][0] not in {n for names in r["answer"] for n in names}
-    ),
-    "wrongly_named": lambda r: r["wrongly_named"],
-    "pairs_both_named": lambda r: (
-        r["kind"] == "pair"
-        and r["each_detectable"]
-        and not set(r["true"]) <= {n for names in r["answer"] for n in names}
-    ),
-    "unknown_recall": lambda r: r["kind"] == "nameless" and r["detectable"] and r["verdict"] != "unknown",
-    "where_right": lambda r: r["detectable"] and not r["where_right"],
-    "parameter_error_median": lambda r: r["detectable"] and any(c["value"] != c["true"] for c in r["compared"]),
-}
-"""Which cases count against a score."""
-
-
 def missed_bars(
     halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
 ) -> list[dict[str, str]]:
@@ -127,8 +110,8 @@ def missed_bars(
     lines = []
     for line, key in zip(score_table(halves), BARS, strict=True):
         for half in HALVES:
-            if line[half]["reaches"] is False and key in AGAINST:
-                against = [r for r in rows if r["half"] == half and AGAINST[key](r)]
+            if line[half]["reaches"] is False and key in CONDITIONS:
+                against = [r for r in rows if r["half"] == half and key in r["counted_against"]]
                 names = Counter(f"{' + '.join(r['true']) or r['kind']} → {said_where(r, key)}" for r in against)
                 cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
                 reason = why(key, against, missed)

@@ -1,13 +1,74 @@
 """The scores of the blind check: the keys of ``metrics/blind.json`` from outcomes, by plain counting."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from leapgap.validation.outcome import CaseOutcome
+from leapgap.validation.outcome import CLAIMS, CaseOutcome
 
 Scores = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ScoreCondition:
+    """What a score counts: of the cases that ``applies`` selects, those that meet ``holds``."""
+
+    applies: Callable[[CaseOutcome], bool]
+    holds: Callable[[CaseOutcome], bool]
+    desired: bool = True
+    """Whether a perfect diagnosis meets ``holds``."""
+
+    def share(self, outcomes: Iterable[CaseOutcome]) -> float | None:
+        """Share of the selected cases that meet the condition; None where no case is selected."""
+        return share(self.holds(o) for o in outcomes if self.applies(o))
+
+    def counts_against(self, o: CaseOutcome) -> bool:
+        """Whether a case makes the score worse."""
+        return self.applies(o) and self.holds(o) is not self.desired
+
+
+def detectable_single(o: CaseOutcome) -> bool:
+    """Whether one effect of the table acted and shows."""
+    return o.kind == "single" and o.detectable
+
+
+def detectable_pair(o: CaseOutcome) -> bool:
+    """Whether two effects of the table acted and each of them shows."""
+    return o.kind == "pair" and o.each_detectable
+
+
+SHARES = {
+    "named_first": ScoreCondition(detectable_single, lambda o: o.first in o.true),
+    "named_in_set": ScoreCondition(detectable_single, lambda o: o.true[0] in o.answered),
+    "named_alone": ScoreCondition(detectable_single, lambda o: o.verdict == "named" and o.answered == set(o.true)),
+    "wrongly_named": ScoreCondition(lambda o: True, lambda o: o.wrongly_named, desired=False),
+    "unknown_recall": ScoreCondition(lambda o: o.kind == "nameless" and o.detectable, lambda o: o.verdict == "unknown"),
+    "none_correct": ScoreCondition(lambda o: o.kind == "none", lambda o: o.verdict == "none"),
+    "where_right": ScoreCondition(lambda o: o.detectable, lambda o: o.where_right),
+    "where_right_mirrored": ScoreCondition(lambda o: o.detectable, lambda o: o.where_mirrored),
+    "pairs_both_named": ScoreCondition(detectable_pair, lambda o: o.verdict in CLAIMS and set(o.true) <= o.answered),
+}
+"""The scores that are shares of cases."""
+CONDITIONS = SHARES | {
+    "parameter_error_median": ScoreCondition(
+        lambda o: o.detectable, lambda o: all(c.value == c.true for c in o.compared)
+    )
+}
+"""Conditions of all scores for which single cases can be held responsible."""
+MISSED = (SHARES["named_first"], SHARES["pairs_both_named"])
+"""An effect of the table that shows was missed where a case counts against one of these."""
+
+
+def counted_against(o: CaseOutcome) -> list[str]:
+    """Names of the scores that a case makes worse."""
+    return [name for name, condition in CONDITIONS.items() if condition.counts_against(o)]
+
+
+def is_missed(o: CaseOutcome) -> bool:
+    """Whether effects of the table show and were not found: a single one not named first, or one of a pair."""
+    return any(condition.counts_against(o) for condition in MISSED)
 
 
 def share(of: Iterable[bool]) -> float | None:
@@ -30,28 +91,19 @@ def mean(of: Iterable[float]) -> float | None:
 
 def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.random.Generator) -> Scores:
     """All scores of one half; a share of nothing is null."""
-    singles = [o for o in outcomes if o.kind == "single" and o.detectable]
-    pairs = [o for o in outcomes if o.kind == "pair" and o.each_detectable]
-    unnamed = [o for o in outcomes if o.kind == "nameless" and o.detectable]
-    shown = [o for o in outcomes if o.detectable]
-    told = [c for o in singles + pairs for c in o.compared]
+    singles, pairs = ([o for o in outcomes if applies(o)] for applies in (detectable_single, detectable_pair))
+    compared = [c for o in singles + pairs for c in o.compared]
+    shares = {name: condition.share(outcomes) for name, condition in SHARES.items()}
     errors = closure_errors(outcomes)
     return {
         "cases": len(outcomes),
-        "detectable": len(shown),
-        "named_first": share(o.first in o.true for o in singles),
-        "named_in_set": share(o.true[0] in o.answered for o in singles),
-        "named_alone": share(o.verdict == "named" and o.answered == set(o.true) for o in singles),
+        "detectable": sum(o.detectable for o in outcomes),
+        **{name: shares[name] for name in ("named_first", "named_in_set", "named_alone")},
         "located": share(true == said for o in singles for true, said in o.locations),
         "set_size_mean": mean(len(names) for o in singles for names in o.answer),
-        "wrongly_named": share(o.wrongly_named for o in outcomes),
-        "unknown_recall": share(o.verdict == "unknown" for o in unnamed),
-        "none_correct": share(o.verdict == "none" for o in outcomes if o.kind == "none"),
-        "where_right": share(o.where_right for o in shown),
-        "where_right_mirrored": share(o.where_mirrored for o in shown),
-        "pairs_both_named": share(o.verdict in ("named", "ambiguous") and set(o.true) <= o.answered for o in pairs),
-        "parameter_error_median": median(c.error for c in told),
-        "coverage": share(c.covered for c in told),
+        **{name: value for name, value in shares.items() if name not in ("named_first", "named_in_set", "named_alone")},
+        "parameter_error_median": median(c.error for c in compared),
+        "coverage": share(c.covered for c in compared),
         "brier": with_interval(outcomes, brier, draws, rng),
         "calibration_error": with_interval(outcomes, lambda these: calibration_error(these, bins), draws, rng),
         "closure_promise_error": mean(errors),

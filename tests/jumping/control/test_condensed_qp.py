@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from leapgap.jumping.control.condensed_qp import ForceLimits, rest
+from leapgap.jumping.control.condensed_qp import ForceLimits, prepare_qp
 from leapgap.jumping.control.horizon import Horizon, horizon
 from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.learning.windows import TimeGrid
@@ -34,7 +34,7 @@ class Case:
         self.state, self.target = rng.normal(size=6), rng.normal(size=(n, 6))
         self.force = rng.normal(size=(n, 4)) * 50
         later = AffineModel(plain.bias[1:], plain.by_force[1:])
-        self.rest = rest(steps, later, self.target, self.force, WEIGHTS, FORCE_WEIGHT, ForceLimits(), curvature)
+        self.rest = prepare_qp(steps, later, self.target, self.force, WEIGHTS, FORCE_WEIGHT, ForceLimits(), curvature)
         self.qp = self.rest.qp(self.state, AffineModel(plain.bias[:1], plain.by_force[:1]))
 
     def cost(self, force: np.ndarray) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, Demands
+from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
 from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.landing import LandingConfig, LandingMpc, standing_force
 from leapgap.jumping.control.leg_kinematics import LegKinematics
@@ -79,7 +79,7 @@ def test_a_landing_without_a_solution_sends_the_weight(robot: Robot) -> None:
     assert lost.fallbacks == {NOT_FINITE: 1}
     assert command.planned_force == pytest.approx(standing_force(A1_BODY))
     assert (command.torque == 0).all(), "no pose to map a force with"
-    late = lander(robot, demands=Demands(deadline_s=0.0))
+    late = lander(robot, demands=SolutionRequirements(deadline_s=0.0))
     command = late.command(estimate(0.0, REST, CROUCH))
     assert late.fallbacks == {OUT_OF_TIME: 1}
     assert np.abs(command.torque).max() > 1

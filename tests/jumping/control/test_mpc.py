@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, Demands
+from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
 from leapgap.jumping.control.qp import INFEASIBLE, OUT_OF_TIME, Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.jumping.learning.windows import TimeGrid
@@ -145,11 +145,15 @@ def infeasible() -> ForcePlanner:
 
 
 def slow() -> ForcePlanner:
-    return ForcePlanner(REFERENCE, MODEL, MpcConfig(demands=Demands(deadline_s=0.001)), ticking(0.0, 0.0005, 0.002))
+    return ForcePlanner(
+        REFERENCE, MODEL, MpcConfig(demands=SolutionRequirements(deadline_s=0.001)), ticking(0.0, 0.0005, 0.002)
+    )
 
 
 def too_slow_to_begin() -> ForcePlanner:
-    return ForcePlanner(REFERENCE, MODEL, MpcConfig(demands=Demands(deadline_s=0.001)), ticking(0.0, 0.002))
+    return ForcePlanner(
+        REFERENCE, MODEL, MpcConfig(demands=SolutionRequirements(deadline_s=0.001)), ticking(0.0, 0.002)
+    )
 
 
 def model_says_nan() -> ForcePlanner:

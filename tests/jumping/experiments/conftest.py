@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.cache import ResultCache
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
-from leapgap.jumping.experiments.methods.joint_pd import ByJointPd
+from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.trial import TrialSetup
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -21,8 +21,8 @@ def bench(robot: Robot, reference: Log, tmp_path: Path) -> Bench:
 
 
 @pytest.fixture
-def joint_pd(bench: Bench) -> ByJointPd:
-    return ByJointPd(bench.robot, bench.references)
+def joint_pd(bench: Bench) -> JointPdMethod:
+    return JointPdMethod(bench.robot, bench.references)
 
 
 @pytest.fixture

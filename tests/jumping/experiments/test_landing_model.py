@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, Tried, best_goal, wanted
+from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples, best_goal, target_pose
 from leapgap.logs.segments import Target
 
 BOX = Target(0.6, 0.2)
@@ -15,13 +15,13 @@ def lands(goal: np.ndarray, stance: np.ndarray) -> np.ndarray:
     return np.column_stack([x, goal[:, 1] - 0.02 - 0.1 * goal[:, 0] ** 2, 0.7 * goal[:, 2] + 1.5 * stance])
 
 
-def practice(jumps: int, noise_m: float = 0.0) -> Tried:
+def practice(jumps: int, noise_m: float = 0.0) -> LandingSamples:
     rng = np.random.default_rng(0)
     goal = np.column_stack(
         [rng.uniform(0.3, 0.9, jumps), rng.uniform(-0.05, 0.25, jumps), rng.uniform(-0.2, 0.2, jumps)]
     )
     stance = rng.uniform(-0.2, 0.0, jumps)
-    return Tried(goal, stance, lands(goal, stance) + noise_m * rng.standard_normal((jumps, 3)))
+    return LandingSamples(goal, stance, lands(goal, stance) + noise_m * rng.standard_normal((jumps, 3)))
 
 
 @pytest.mark.parametrize("stance", [0.0, -0.1])
@@ -29,8 +29,8 @@ def practice(jumps: int, noise_m: float = 0.0) -> Tried:
 def test_the_chosen_goal_lands_on_the_target(target: Target, stance: float) -> None:
     model = LandingModel(practice(60), AimConfig())
     goal = best_goal(model, target, stance)
-    missed = lands(goal[None], np.array([stance]))[0] - wanted(target)
-    unaimed = lands(wanted(target)[None], np.array([stance]))[0] - wanted(target)
+    missed = lands(goal[None], np.array([stance]))[0] - target_pose(target)
+    unaimed = lands(target_pose(target)[None], np.array([stance]))[0] - target_pose(target)
     assert abs(missed[0]) < 0.01
     assert abs(missed[0]) < 0.25 * abs(unaimed[0])
     assert abs(missed[2]) < 0.06
@@ -47,10 +47,10 @@ def test_jumps_that_slipped_do_not_move_the_aim_of_those_that_hold() -> None:
     held = practice(30, 0.002)
     rng = np.random.default_rng(1)
     goal = np.column_stack([rng.uniform(0.6, 0.9, 6), rng.uniform(0.0, 0.1, 6), rng.uniform(-0.2, 0.2, 6)])
-    slipped = Tried(goal, np.full(6, -0.1), goal - rng.uniform(0.1, 0.5, (6, 1)) * [1, -0.3, 1.5])
-    model = LandingModel(held.and_also(slipped), AimConfig())
-    assert (model.counts[30:] < 0.2).all()
-    assert model.counts[:30].mean() > 0.9
+    slipped = LandingSamples(goal, np.full(6, -0.1), goal - rng.uniform(0.1, 0.5, (6, 1)) * [1, -0.3, 1.5])
+    model = LandingModel(held.extended_by(slipped), AimConfig())
+    assert (model.sample_weights[30:] < 0.2).all()
+    assert model.sample_weights[:30].mean() > 0.9
     missed = lands(best_goal(model, Target(0.7), -0.1)[None], np.array([-0.1]))[0, 0] - 0.7
     assert abs(missed) < 0.02
 

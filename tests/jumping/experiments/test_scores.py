@@ -5,7 +5,7 @@ import pytest
 
 from leapgap.jumping.experiments.landing import Landing
 from leapgap.jumping.experiments.run_metrics import RunMetrics
-from leapgap.jumping.experiments.scores import Scored, overall, tables
+from leapgap.jumping.experiments.scores import ScoredRun, mean_over_tasks, tables
 from leapgap.jumping.experiments.trial_spec import TrialResult
 
 CONDUCT = RunMetrics(0.4, 200.0, 0.02, 30.0, 0.1)
@@ -18,11 +18,11 @@ def run(
     fallbacks: int = 0,
     success: bool = True,
     robot: str = "worn",
-) -> Scored:
+) -> ScoredRun:
     landings = tuple(Landing(error, error, -error, 2.0, success) for error in errors)
     total = sum(errors) if len(errors) == wanted else None
     done = TrialResult(landings, total, {"late": fallbacks} if fallbacks else {}, (), CONDUCT)
-    return Scored("worn", robot, "ours", task, 0, wanted, done)
+    return ScoredRun("worn", robot, "ours", task, 0, wanted, done)
 
 
 def test_figures_of_three_runs() -> None:
@@ -52,12 +52,12 @@ def test_a_method_that_never_jumped_has_figures_without_numbers() -> None:
     found = tables([run([])], seed=0)
     assert found["abs_error_cm"]["worn/ours/jump_60"] is None
     assert found["success"]["worn/ours/jump_60"] == 0.0
-    assert overall([run([])], ["jump_60"], seed=0)["mean_abs_error_cm"] == {}
+    assert mean_over_tasks([run([])], ["jump_60"], seed=0)["mean_abs_error_cm"] == {}
 
 
 def test_the_headline_counts_each_task_alike() -> None:
     runs = [run([1.0]), run([1.0]), run([1.0]), run([-5.0], "box_60_20"), run([99.0], "block_60")]
-    found = overall(runs, ["jump_60", "box_60_20"], seed=0)
+    found = mean_over_tasks(runs, ["jump_60", "box_60_20"], seed=0)
     assert found["mean_abs_error_cm"] == {"worn/ours": 3.0}
     assert found["mean_abs_error_ci95_cm"] == {"worn/ours": [3.0, 3.0]}, "no scatter within a task"
 
@@ -66,7 +66,7 @@ def test_robots_are_drawn_again_with_all_they_did() -> None:
     """Twenty jumps of each of two robots tell little about a third."""
     runs = [run([error], robot=robot) for robot, error in (("a", 1.0), ("b", 3.0)) for _ in range(20)]
     assert tables(runs, seed=0)["abs_error_ci95_cm"]["worn/ours/jump_60"] == [1.0, 3.0]
-    assert overall(runs, ["jump_60"], seed=0)["mean_abs_error_ci95_cm"] == {"worn/ours": [1.0, 3.0]}
+    assert mean_over_tasks(runs, ["jump_60"], seed=0)["mean_abs_error_ci95_cm"] == {"worn/ours": [1.0, 3.0]}
 
 
 def test_the_interval_of_a_mean_has_its_coverage() -> None:

@@ -10,15 +10,15 @@ from leapgap.jumping.experiments import identification
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.landing_model import LandingModel, Tried, best_goal, wanted
-from leapgap.jumping.experiments.methods.aiming import ByAiming
-from leapgap.jumping.experiments.methods.joint_pd import ByJointPd
-from leapgap.jumping.experiments.methods.joint_pd_shifted import best_shift
-from leapgap.jumping.experiments.methods.ours_adapted import adapted
+from leapgap.jumping.experiments.landing_model import LandingModel, LandingSamples, best_goal, target_pose
+from leapgap.jumping.experiments.methods.aiming import AimingMethod
+from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
+from leapgap.jumping.experiments.methods.joint_pd_shifted import learn_shift
+from leapgap.jumping.experiments.methods.ours_adapted import adapt_offsets
 from leapgap.jumping.experiments.rig import AdaptConfig
 from leapgap.jumping.experiments.run_metrics import RunMetrics
 from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.training_jumps import Beyond, PracticeConfig, practised
+from leapgap.jumping.experiments.training_jumps import GoalOffsets, PracticeConfig, run_practice
 from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.logs.log import Log
@@ -33,15 +33,15 @@ HEAVIER_CM = 4.0
 def law(trial: TrialSpec) -> TrialResult:
     """A robot that lands 5 % short and 3 cm high, and on `far` 4 cm shorter; joint PD 7 cm too far."""
     target = trial.task.target
-    if isinstance(trial.method, ByJointPd):
+    if isinstance(trial.method, JointPdMethod):
         x = target.x_m + trial.method.shift_m + 0.07
-        tried = Tried()
+        tried = LandingSamples()
     else:
-        assert isinstance(trial.method, ByAiming)
+        assert isinstance(trial.method, AimingMethod)
         goal = best_goal(trial.method.landing, target, 0.0, trial.method.offset.get(trial.task.name))
-        goal = goal + trial.method.beyond
+        goal = goal + trial.method.goal_offset
         landing = goal * [0.95, 1.0, 1.0] + [0.0, 0.03, 0.0] - [0.01 * HEAVIER_CM * (trial.task.name == "far"), 0, 0]
-        x, tried = landing[0], Tried(goal[None], np.zeros(1), landing[None])
+        x, tried = landing[0], LandingSamples(goal[None], np.zeros(1), landing[None])
     error_cm = 100 * (target.x_m - x)
     landed = Landing(error_cm, None, 0.0, 2.0, True)
     return TrialResult((landed,), error_cm, {}, (), CONDUCT, tried, trial.reference if trial.with_log else None)
@@ -50,45 +50,45 @@ def law(trial: TrialSpec) -> TrialResult:
 @pytest.fixture
 def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     monkeypatch.setattr(TrialSpec, "run", law)
-    monkeypatch.setattr(identification, "identified", lambda *_: (effects.effect("joint_damping", damping=0.4),))
+    monkeypatch.setattr(identification, "identify_effects", lambda *_: (effects.effect("joint_damping", damping=0.4),))
     return bench
 
 
-def start(bench: Bench) -> ByAiming:
-    return ByAiming(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
+def start(bench: Bench) -> AimingMethod:
+    return AimingMethod(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
 
 
 def test_practice_finds_the_law_and_plans_with_what_was_identified(quick: Bench) -> None:
-    learned = practised(quick, start(quick), CONFIG)
-    assert len(learned.tried) == 18
-    assert learned.found == (effects.effect("joint_damping", damping=0.4),)
+    learned = run_practice(quick, start(quick), CONFIG)
+    assert len(learned.samples) == 18
+    assert learned.effects == (effects.effect("joint_damping", damping=0.4),)
     nominal = planar_robot(quick.robot)
     assert learned.planner.robot != nominal
-    goal = best_goal(LandingModel(learned.tried, CONFIG.aim), Target(0.6), 0.0)
+    goal = best_goal(LandingModel(learned.samples, CONFIG.aim), Target(0.6), 0.0)
     assert 0.95 * goal[0] == pytest.approx(0.6, abs=0.005)
     assert goal[1] + 0.03 == pytest.approx(CONFIG.aim.clearance_m, abs=0.01)
 
 
 def test_later_rounds_stay_nearer_to_the_targets(quick: Bench) -> None:
-    learned = practised(quick, start(quick), CONFIG)
-    high = learned.tried.landing[:, 1]
+    learned = run_practice(quick, start(quick), CONFIG)
+    high = learned.samples.landing[:, 1]
     assert np.ptp(high[:12]) > 0.1
     assert np.ptp(high[12:]) < 0.1
 
 
 def test_beyond_is_drawn_from_its_ranges() -> None:
     rng = np.random.default_rng(0)
-    drawn = np.array([Beyond((-0.1, 0.1), (0.0, 0.14), (0.2, 0.3)).drawn(rng) for _ in range(300)])
+    drawn = np.array([GoalOffsets((-0.1, 0.1), (0.0, 0.14), (0.2, 0.3)).draw(rng) for _ in range(300)])
     assert (drawn.min(axis=0) >= [-0.1, 0.0, 0.2]).all()
     assert drawn.max(axis=0) == pytest.approx([0.1, 0.14, 0.3], abs=0.01)
-    assert not Beyond().drawn(rng).any()
+    assert not GoalOffsets().draw(rng).any()
 
 
 def test_adaptation_learns_each_tasks_own_offset(quick: Bench) -> None:
-    learned = practised(quick, start(quick), CONFIG)
-    method = replace(start(quick), planner=learned.planner, landing=LandingModel(learned.tried, CONFIG.aim))
+    learned = run_practice(quick, start(quick), CONFIG)
+    method = replace(start(quick), planner=learned.planner, landing=LandingModel(learned.samples, CONFIG.aim))
     tasks = [JumpTask("near", 0.5), JumpTask("far", 0.5)]
-    found = adapted(quick, method, tasks, AdaptConfig(jumps=4, rate=0.7))
+    found = adapt_offsets(quick, method, tasks, AdaptConfig(jumps=4, rate=0.7))
     assert found.offset["far"][0] == pytest.approx(-0.01 * HEAVIER_CM, abs=0.006)
     assert abs(found.offset["near"][0]) < 0.006
     after = {task.name: law(quick.trial("after", found, task, 0)).landings[0].error_cm for task in tasks}
@@ -105,7 +105,7 @@ def test_the_best_shift_cancels_the_mean_error(quick: Bench, reference: Log) -> 
         return reference
 
     tasks = [JumpTask("jump_50", 0.5), JumpTask("again", 0.5)]
-    method = best_shift(quick, tasks[:1], tasks, plan)
+    method = learn_shift(quick, tasks[:1], tasks, plan)
     assert method.shift_m == pytest.approx(-0.07)
     assert Target(0.43) in method.references
     assert planned == [Target(0.43)]  # a reference that is there is not planned again
@@ -114,4 +114,4 @@ def test_the_best_shift_cancels_the_mean_error(quick: Bench, reference: Log) -> 
 def test_without_practice_the_plan_goes_to_the_target(quick: Bench) -> None:
     assert start(quick).landing is None
     done = law(quick.trial("untaught", start(quick), JumpTask("jump_50", 0.5), 0))
-    assert done.tried.goal[0] == pytest.approx(wanted(Target(0.5)))
+    assert done.samples.goal[0] == pytest.approx(target_pose(Target(0.5)))

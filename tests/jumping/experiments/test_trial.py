@@ -8,25 +8,27 @@ import pytest
 from leapgap import effects
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner
-from leapgap.jumping.experiments.landing_model import wanted
-from leapgap.jumping.experiments.methods.aiming import ByAiming
-from leapgap.jumping.experiments.methods.joint_pd import ByJointPd
+from leapgap.jumping.experiments.landing_model import target_pose
+from leapgap.jumping.experiments.methods.aiming import AimingMethod
+from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.run_metrics import pair_force
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
-from leapgap.jumping.experiments.trial_spec import came_down, tried_in
+from leapgap.jumping.experiments.trial_spec import landing_pose, landing_samples
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.logs.segments import ContactSchedule, Target
 
 TASK = JumpTask("jump_50", 0.5)
 
 
-def outcome(bench: Bench, method: ByJointPd | ByAiming, task: JumpTask = TASK, **changed: tuple) -> TrialOutcome:
+def outcome(
+    bench: Bench, method: JointPdMethod | AimingMethod, task: JumpTask = TASK, **changed: tuple
+) -> TrialOutcome:
     found = changed.get("effects", ())
     return attempt_task(task, method, bench.level, found, bench.world, np.random.default_rng(0))
 
 
-def test_a_planned_jump_of_the_robot_itself_lands_where_it_is_planned(bench: Bench, joint_pd: ByJointPd) -> None:
+def test_a_planned_jump_of_the_robot_itself_lands_where_it_is_planned(bench: Bench, joint_pd: JointPdMethod) -> None:
     (landed,) = outcome(bench, joint_pd).landings
     assert landed.success
     assert abs(landed.error_cm) < 6  # what the planner's planar robot and the joint PD leave
@@ -34,7 +36,7 @@ def test_a_planned_jump_of_the_robot_itself_lands_where_it_is_planned(bench: Ben
     assert outcome(bench, joint_pd, effects=weak).landings[0].error_cm > landed.error_cm + 4
 
 
-def test_jumps_in_a_row_are_each_judged_from_their_own_take_off(bench: Bench, joint_pd: ByJointPd) -> None:
+def test_jumps_in_a_row_are_each_judged_from_their_own_take_off(bench: Bench, joint_pd: JointPdMethod) -> None:
     found = outcome(bench, joint_pd, JumpTask("two", 0.5, jumps=2))
     assert len(found.landings) == 2
     assert all(one.success for one in found.landings)
@@ -45,21 +47,21 @@ def test_jumps_in_a_row_are_each_judged_from_their_own_take_off(bench: Bench, jo
     assert abs(x[second] - x[first + 1200]) > 0.005  # it slides and settles between the jumps: the total knows
 
 
-def test_conduct_is_judged_by_true_forces(bench: Bench, joint_pd: ByJointPd) -> None:
+def test_conduct_is_judged_by_true_forces(bench: Bench, joint_pd: JointPdMethod) -> None:
     found = outcome(bench, joint_pd)
     force = pair_force(found.run, bench.robot)
-    assert 200 < found.conduct.force_n < 400  # planned: 236 N at the rear
+    assert 200 < found.metrics.force_n < 400  # planned: 236 N at the rear
     assert force[:400].mean(axis=0)[[1, 3]].sum() == pytest.approx(12.453 * 9.81, rel=0.1)  # it hardly rises yet
-    assert 0.1 < found.conduct.friction < 0.8  # friction of the ground
-    assert 0.001 < found.conduct.tracking_rad < 0.05
-    slow = outcome(bench, joint_pd, effects=(effects.effect("joint_damping", damping=1.0),)).conduct
-    assert slow.tracking_rad > 1.5 * found.conduct.tracking_rad
-    assert slow.torque_nm > found.conduct.torque_nm
+    assert 0.1 < found.metrics.friction < 0.8  # friction of the ground
+    assert 0.001 < found.metrics.tracking_rad < 0.05
+    slow = outcome(bench, joint_pd, effects=(effects.effect("joint_damping", damping=1.0),)).metrics
+    assert slow.tracking_rad > 1.5 * found.metrics.tracking_rad
+    assert slow.torque_nm > found.metrics.torque_nm
 
 
 def test_an_aimed_jump_stands_measures_its_stance_and_plans(bench: Bench) -> None:
     planner = JumpPlanner(planar_robot(bench.robot))
-    method = ByAiming(bench.robot, bench.references, planner=planner)
+    method = AimingMethod(bench.robot, bench.references, planner=planner)
     found = outcome(bench, method, JumpTask("jump_50", 0.5, block_m=(0.05, 0.05)))
     (jump,) = found.controllers
     assert isinstance(jump, GoalDirectedJump)
@@ -67,13 +69,13 @@ def test_an_aimed_jump_stands_measures_its_stance_and_plans(bench: Bench) -> Non
     assert found.starts[0] == 60  # ms of standing
     assert jump.goal == pytest.approx([0.5, 0.0, 0.0])
     assert not found.substituted
-    assert len(tried_in(found)) == 1
+    assert len(landing_samples(found)) == 1
     assert abs(found.landings[0].error_cm) < 8  # a plan for level ground falls 20 cm short from here
 
 
 def test_a_goal_without_a_plan_becomes_a_nearer_one_and_says_so(bench: Bench) -> None:
     planner = JumpPlanner(planar_robot(bench.robot))
-    method = ByAiming(bench.robot, bench.references, planner=planner, beyond=np.array([0.0, 0.9, 0.0]))
+    method = AimingMethod(bench.robot, bench.references, planner=planner, goal_offset=np.array([0.0, 0.9, 0.0]))
     found = outcome(bench, method)
     (jump,) = found.controllers
     assert isinstance(jump, GoalDirectedJump) and jump.goal is not None
@@ -85,21 +87,21 @@ def test_a_goal_without_a_plan_becomes_a_nearer_one_and_says_so(bench: Bench) ->
 def test_what_the_robot_cannot_do_is_planned_for_a_nimbler_one(bench: Bench) -> None:
     able = planar_robot(bench.robot)
     weak = replace(able, torque_limit=tuple(0.1 * torque for torque in able.torque_limit))
-    goal = wanted(Target(0.5))
-    assert JumpPlanner(weak).nearest(Target(0.5), goal, 0.0) is None
-    found = JumpPlanner(weak, nimbler=(weak, able)).nearest(Target(0.5), goal, 0.0)
+    goal = target_pose(Target(0.5))
+    assert JumpPlanner(weak).plan_nearest(Target(0.5), goal, 0.0) is None
+    found = JumpPlanner(weak, fallback_robots=(weak, able)).plan_nearest(Target(0.5), goal, 0.0)
     assert found is not None
     to, solution = found
     assert to == pytest.approx(goal)
     assert solution.problem.robot == able
 
 
-def test_a_flight_that_the_ground_cuts_short_is_continued_as_a_free_one(bench: Bench, joint_pd: ByJointPd) -> None:
+def test_a_flight_that_the_ground_cuts_short_is_continued_as_a_free_one(bench: Bench, joint_pd: JointPdMethod) -> None:
     """The same jump, judged at its scheduled end and as if it was to fly on for 60 ms more: it has touched by then."""
     found = outcome(bench, joint_pd)
     height = bench.level["base_pos_z"][0]
-    on_time = came_down(found, 0, ContactSchedule(), height)
-    late = came_down(found, 0, ContactSchedule(flight_s=0.46), height)
+    on_time = landing_pose(found, 0, ContactSchedule(), height)
+    late = landing_pose(found, 0, ContactSchedule(flight_s=0.46), height)
     row = np.flatnonzero(found.run.touching[900:].any(axis=1))[0] + 900
     assert 1150 < row < 1260
     position, velocity = found.run.truth.qpos[row - 1], found.run.truth.qvel[row - 1]
@@ -110,7 +112,7 @@ def test_a_flight_that_the_ground_cuts_short_is_continued_as_a_free_one(bench: B
 
 
 def test_a_slope_tilts_robot_and_stance(bench: Bench) -> None:
-    method = ByAiming(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
+    method = AimingMethod(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
     found = outcome(bench, method, JumpTask("jump_50", 0.5, slope_rad=(0.04, 0.04)))
     (jump,) = found.controllers
     assert isinstance(jump, GoalDirectedJump)

@@ -10,8 +10,8 @@ from leapgap.atomic_io import read_json
 from leapgap.cache import ResultCache
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.landing_model import Tried
-from leapgap.jumping.experiments.methods.joint_pd import ByJointPd
+from leapgap.jumping.experiments.landing_model import LandingSamples
+from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.run_metrics import RunMetrics
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
@@ -23,12 +23,12 @@ CONDUCT = RunMetrics(0.4, 200.0, 0.02, 30.0, 0.1)
 def quick(trial: TrialSpec) -> TrialResult:
     """Stands for a trial: a result that depends on its seed."""
     value = trial.seed / 3
-    tried = Tried(np.full((1, 3), value), np.full(1, value), np.full((1, 3), value))
+    tried = LandingSamples(np.full((1, 3), value), np.full(1, value), np.full((1, 3), value))
     return TrialResult((Landing(value, None, value, 1.0, True),), None, {"late": 2}, ((0.025, "late"),), CONDUCT, tried)
 
 
 @pytest.fixture
-def trials(bench: Bench, joint_pd: ByJointPd) -> list[TrialSpec]:
+def trials(bench: Bench, joint_pd: JointPdMethod) -> list[TrialSpec]:
     return [bench.trial("joint_pd", joint_pd, TASK, number) for number in range(4)]
 
 
@@ -65,9 +65,9 @@ def test_a_killed_run_goes_on_where_it_ended(
 def test_what_is_read_is_what_was_made(runner: TrialRunner, trials: list[TrialSpec]) -> None:
     (read,), made = runner.results(trials[:1]), quick(trials[0])
     assert (read.landings, read.fallbacks, read.substituted) == (made.landings, made.fallbacks, made.substituted)
-    assert read.conduct == made.conduct
+    assert read.metrics == made.metrics
     for name in ("goal", "stance_pitch", "landing"):
-        assert np.array_equal(getattr(read.tried, name), getattr(made.tried, name))
+        assert np.array_equal(getattr(read.samples, name), getattr(made.samples, name))
 
 
 @pytest.mark.parametrize("change", ["seed", "task", "method", "code"])
@@ -120,7 +120,7 @@ def test_other_values_are_kept_by_their_inputs(runner: TrialRunner) -> None:
     assert [runner.value("ideal/identified", found, number)["calls"] for number in (1, 1, 2, 2)] == [1, 1, 2, 2]
 
 
-def test_a_real_trial_repeats_bit_for_bit_and_keeps_its_log(bench: Bench, joint_pd: ByJointPd) -> None:
+def test_a_real_trial_repeats_bit_for_bit_and_keeps_its_log(bench: Bench, joint_pd: JointPdMethod) -> None:
     uneven = replace(TASK, slope_rad=(-0.005, 0.005))
     trial = bench.trial("joint_pd", joint_pd, uneven, 0, with_log=True)
     (kept,), again = bench.runner.results([trial]), trial.run()

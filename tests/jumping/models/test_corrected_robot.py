@@ -5,7 +5,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.errors import InputError
-from leapgap.jumping.models.corrected_robot import body_with, planned_with
+from leapgap.jumping.models.corrected_robot import body_with, planar_robot_with
 from leapgap.robot.model import Robot
 
 CROUCH = np.array([0, 0.4 * np.pi, -0.75 * np.pi] * 4)
@@ -20,10 +20,12 @@ def test_mass_and_inertia_of_the_nominal_robot_are_the_published_ones(robot: Rob
 def test_a_payload_is_part_of_the_rigid_body(robot: Robot) -> None:
     loaded = body_with(robot, (effects.effect("payload", mass_kg=2.0),), CROUCH)
     assert loaded.mass_kg == pytest.approx(14.453, abs=1e-3)
-    assert planned_with(robot, (effects.effect("payload", mass_kg=2.0),)).total_mass == pytest.approx(14.453, abs=1e-3)
+    assert planar_robot_with(robot, (effects.effect("payload", mass_kg=2.0),)).total_mass == pytest.approx(
+        14.453, abs=1e-3
+    )
 
 
 def test_what_plans_cannot_express_is_refused_by_name(robot: Robot) -> None:
     weak = effects.effect("joint_damping", "RR_calf", damping=0.4)
     with pytest.raises(InputError, match="joint_damping at RR_calf, motor_lag at all"):
-        planned_with(robot, (weak, effects.effect("motor_lag", time_constant_s=0.003)))
+        planar_robot_with(robot, (weak, effects.effect("motor_lag", time_constant_s=0.003)))

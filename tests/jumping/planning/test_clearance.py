@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.jumping.models.corrected_robot import planned_with
+from leapgap.jumping.models.corrected_robot import planar_robot_with
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.boxes import terrain
 from leapgap.jumping.planning.dynamics import legs
@@ -24,7 +24,7 @@ BOX = Target(0.6, 0.2)
 @pytest.fixture(scope="module")
 def stiff(robot: Robot) -> PlanarRobot:
     found = [effects.effect("joint_damping", damping=1.9941), effects.effect("armature", inertia=0.010512)]
-    return planned_with(robot, found)
+    return planar_robot_with(robot, found)
 
 
 def feet(solution: Solution) -> np.ndarray:
@@ -47,7 +47,7 @@ def test_swinging_feet_leave_the_floor(stiff: PlanarRobot) -> None:
 
 
 def test_a_plan_that_is_clear_of_the_box_stays_as_it_is(robot: Robot) -> None:
-    slow = planned_with(robot, [effects.effect("joint_damping", damping=0.5)])
+    slow = planar_robot_with(robot, [effects.effect("joint_damping", damping=0.5)])
     free = solve(Problem(BOX, robot=slow, limits=FREE))
     clear = solve(Problem(BOX, robot=slow, limits=CLEAR))
     assert clear.solved
@@ -56,7 +56,7 @@ def test_a_plan_that_is_clear_of_the_box_stays_as_it_is(robot: Robot) -> None:
 
 def test_feet_do_not_sweep_through_the_box(robot: Robot) -> None:
     found = [effects.effect("joint_damping", damping=1.5487), effects.effect("armature", inertia=0.0045)]
-    problem = Problem(BOX, robot=planned_with(robot, found), limits=CLEAR, aim=Aim(0.004, -0.022, 0.066))
+    problem = Problem(BOX, robot=planar_robot_with(robot, found), limits=CLEAR, aim=Aim(0.004, -0.022, 0.066))
     through, clear = planner_of(problem).solve(problem), solve(problem)
     assert through.solved and clear.solved
     assert within(through) > 0.05

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.reports.landing import averaged, times
+from leapgap.jumping.reports.landing import mean_over_steps, times
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -14,7 +14,7 @@ from tests.conftest import standing
 def test_curves_are_means_over_5_ms_at_any_rate(robot: Robot, rate_hz: int) -> None:
     still = standing(robot, rate_hz)
     log = replace(still, info=replace(still.info, sample_period_s=1 / rate_hz))
-    values = averaged(np.arange(rate_hz, dtype=float)[:, None], log)
+    values = mean_over_steps(np.arange(rate_hz, dtype=float)[:, None], log)
     assert values.shape == (200, 1)
     assert np.diff(values[:, 0]) == pytest.approx(rate_hz * 0.005)
     assert np.diff(times(log, 200)) == pytest.approx(0.005, abs=1.1e-4)  # rounded to 0.1 ms

@@ -8,7 +8,7 @@ The states after the first step are x₁ and, from there, affine in x₁ and the
     ζ_k = ζ₁ + Σ_{1≤j<k} Δt_j (b_j + B_j u_j)
 
 b_j and B_j for j ≥ 1 are taken at the reference, so the cost of the whole rest of the horizon is one quadratic function
-of (x₁, U), a constant of the jump: the ``Rest``. What is left to do online is x₁ = free + E u₀ put into it.
+of (x₁, U). It is a constant of the jump, the ``PreparedQp``. Online, only x₁ = free + E u₀ is substituted into it.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ STATES = 6
 
 @dataclass(frozen=True)
 class ForceLimits:
-    """What the ground can do to a pair of feet: |F_x| ≤ μ F_z and F_min ≤ F_z ≤ F_max."""
+    """Limits of the ground force on a pair of feet: |F_x| ≤ μ F_z and F_min ≤ F_z ≤ F_max, N."""
 
     friction: float = 0.6
     largest_n: float = 350.0
@@ -39,8 +39,8 @@ class ForceLimits:
 
 
 @dataclass(frozen=True)
-class Rest:
-    """Cost after the first step, ½ zᵀ P z + pᵀ z of z = (x₁, U), and where the QP's forces belong."""
+class PreparedQp:
+    """Cost after the first step, ½ zᵀ P z + pᵀ z of z = (x₁, U), and which forces are the variables of the QP."""
 
     horizon: Horizon
     quadratic: np.ndarray
@@ -48,24 +48,24 @@ class Rest:
     linear: np.ndarray
     """p, (6 + m,)."""
     pushing: np.ndarray
-    """Which forces of front x z, rear x z at each step are variables, the others being zero, bool, (n, 4)."""
+    """Which forces (front x z, rear x z) are variables at each step, bool, (n, 4); the others are zero."""
     first: np.ndarray
-    """Which of the four forces are variables in the first step, their numbers, (m₀,)."""
+    """Indices of the forces that are variables in the first step, (m₀,)."""
     first_push_s: np.ndarray
-    """How long each of them pushes in the first step, (m₀,)."""
+    """Time for which each of them pushes in the first step, s, (m₀,)."""
     curvature: float
     """c."""
     force_weight: float
     first_force: np.ndarray
-    """Their reference, (m₀,), N."""
+    """Reference of the first step's variables, (m₀,), N."""
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray
     row_upper: np.ndarray
-    """Bounds and friction cone of all variables, as in ``Qp``."""
+    """Bounds and friction cone of all variables, as in ``Qp``; ``lower`` and ``upper`` bound the variables."""
 
     def qp(self, state: np.ndarray, first: AffineModel) -> Qp:
-        """The problem from a state (6,), with the model's word for the first step: ``AffineModel`` of one moment."""
+        """The QP from a state (6,); ``first`` is the model at the first step, an ``AffineModel`` of one moment."""
         free = advance(state, first.bias[0], self.step_s, self.curvature)
         gained = first.by_force[0][:, self.first] * self.first_push_s
         enters = np.concatenate([self.curvature * self.step_s * gained, gained])  # of x₁, (6, m₀)
@@ -82,7 +82,7 @@ class Rest:
 
     @cached_property
     def _hessian(self) -> np.ndarray:
-        """What of the Hessian does not depend on the first step."""
+        """The part of the Hessian that does not depend on the first step."""
         m0 = len(self.first)
         hessian = np.zeros((m0 + len(self.linear) - STATES,) * 2)
         hessian[:m0, :m0] = 2 * self.force_weight * np.eye(m0)
@@ -91,22 +91,22 @@ class Rest:
 
     @cached_property
     def step_s(self) -> float:
-        """Length of the first step."""
+        """Length of the first step, s."""
         return float(self.horizon.step_s[0])
 
     def forces(self, x: np.ndarray) -> np.ndarray:
-        """Forces of every step, front x z, rear x z, N, (n, 4), of the QP's variables."""
+        """Forces of every step from the QP's variables ``x``: front x z, rear x z, N, (n, 4)."""
         forces = np.zeros(self.pushing.shape)
         forces[self.pushing] = x
         return forces
 
 
-def weighed(affine: AffineModel, share: np.ndarray) -> AffineModel:
-    """A pair that pushes for a part of its step pushes that much less: share (n, 2)."""
+def scale_by_share(affine: AffineModel, share: np.ndarray) -> AffineModel:
+    """The model with the effect of each pair's force scaled by its share of the step in contact, (n, 2)."""
     return AffineModel(affine.bias, affine.by_force * per_axis(share)[:, None, :])
 
 
-def rest(
+def prepare_qp(
     horizon: Horizon,
     later: AffineModel,
     target: np.ndarray,
@@ -115,14 +115,14 @@ def rest(
     force_weight: float,
     limits: ForceLimits,
     curvature: float = 0.0,
-) -> Rest:
+) -> PreparedQp:
     """Prepare Σ_{k=1..n} ‖x_k − target_k‖²_Q + w Σ_{k=0..n−1} ‖u_k − force_k‖² for any first state.
 
-    ``later`` is the model at the steps 1…n − 1; ``target`` (n, 6) the states wanted at the ends of the
+    ``later`` is the model at the steps 1…n − 1; ``target`` (n, 6) the target states at the ends of the
     steps; ``force`` (n, 4) in N; ``state_weight`` (6,) the diagonal of Q; at least one step.
     """
     pushing = per_axis(horizon.share > 0)
-    by_state, by_force, drift = after_first_step(horizon, weighed(later, horizon.share[1:]), curvature)
+    by_state, by_force, drift = after_first_step(horizon, scale_by_share(later, horizon.share[1:]), curvature)
     by_force = by_force[:, :, pushing[1:]]
     z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
     weight = np.tile(state_weight, len(horizon))[:, None]
@@ -134,7 +134,9 @@ def rest(
     first = np.flatnonzero(pushing[0])
     push_s = horizon.step_s[0] * per_axis(horizon.share[0])[first]
     limited = constraints(pushing, limits)
-    return Rest(horizon, quadratic, linear, pushing, first, push_s, curvature, force_weight, force[0][first], *limited)
+    return PreparedQp(
+        horizon, quadratic, linear, pushing, first, push_s, curvature, force_weight, force[0][first], *limited
+    )
 
 
 def after_first_step(

@@ -1,4 +1,4 @@
-"""Held random forces on top of a controller's own, so that what is learned from its jumps can tell causes apart."""
+"""Piecewise constant random forces on top of a controller's own, to excite the dynamics for learning."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ from leapgap.simulation.controller import Command, StateEstimate
 
 @dataclass(frozen=True)
 class Excitation:
-    """Largest force on each axis of each pair, and how long a drawn one is held."""
+    """Largest random force on each axis of each pair, N, and how long each draw is held, s."""
 
     force_n: float = 0.0
     hold_s: float = 0.1
@@ -22,8 +22,8 @@ class Excitation:
             raise ValueError("force_n not below 0, hold_s above 0")
 
 
-class Excited(JumpController):
-    """Another controller of a jump, with drawn forces added to the pairs that push."""
+class ExcitedController(JumpController):
+    """Adds random forces to those of another jump controller, for the pairs that push."""
 
     def __init__(self, inner: JumpController, excitation: Excitation, rng: np.random.Generator) -> None:
         self.inner, self.excitation = inner, excitation
@@ -32,24 +32,24 @@ class Excited(JumpController):
         self.fallbacks, self.substituted = inner.fallbacks, inner.substituted
         held = int(np.ceil(inner.reference.schedule.take_off_s / excitation.hold_s))
         self.force = rng.uniform(-excitation.force_n, excitation.force_n, (held, FORCES))
-        """Of each stretch of time, front x z, rear x z, N, (stretches, 4)."""
+        """Random force of each interval of ``hold_s``: front x z, rear x z, N, (intervals, 4)."""
         self.start_s = None
         self.frame = None
 
     def command(self, estimate: StateEstimate) -> Command:
-        """The other controller's command with this moment's force added."""
+        """The other controller's command with the random force of this moment added."""
         command = self.inner.command(estimate)
         self.start_s, self.frame = self.inner.start_s, self.inner.frame
-        torque, force = self.feed_forward(estimate.time_s - (self.start_s or 0.0), estimate, self.frame or NOWHERE)
+        torque, force = self.feed_forward(estimate.time_s - (self.start_s or 0.0), estimate, self.frame or ORIGIN_FRAME)
         return replace(command, torque=command.torque + torque, planned_force=command.planned_force + force)
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques and forces of the excitation alone."""
         contact = self.reference.schedule.in_contact(np.array(time_s))
         if not contact.any() or not np.isfinite([*estimate.base_quaternion, *estimate.joint_pos]).all():
-            return self.nothing()
+            return self.zero_feed_forward()
         force = self.force[int(time_s / self.excitation.hold_s + 1e-6)] * per_axis(contact)
         return self.legs.torque(estimate.base_quaternion, estimate.joint_pos, frame.in_world(force)), force
 
 
-NOWHERE = StartFrame(0.0, 0.0, 0.0)
+ORIGIN_FRAME = StartFrame(0.0, 0.0, 0.0)

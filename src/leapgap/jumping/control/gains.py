@@ -11,7 +11,7 @@ from leapgap.robot.topology import PAIRS
 
 @dataclass(frozen=True)
 class JointGains:
-    """Of the joint PD."""
+    """Gains of the joint PD controller."""
 
     kp_nm_per_rad: float = 300.0
     kd_nms_per_rad: float = 3.0
@@ -23,18 +23,18 @@ class JointGains:
 
 @dataclass(frozen=True)
 class LandingPose:
-    """How the legs get ready to land, from some time before the planned landing on; published: 0.1 s, 0.5 rad, 80/1."""
+    """Pose and gains of the legs from some time before the planned landing on; published: 0.1 s, 0.5 rad, 80/1."""
 
     before_landing_s: float = 0.0
     front_forward_rad: float = 0.0
-    """How far the front thighs are turned forward."""
+    """Forward rotation of the front thighs."""
     front: JointGains = field(default_factory=JointGains)
     rear: JointGains = field(default_factory=JointGains)
 
 
 @dataclass(frozen=True)
 class PhaseGains:
-    """Of a pair while it pushes, while it swings and the other pushes, and in flight; as published 300/3 throughout."""
+    """Gains of a pair in stance, in swing (the other pair pushes), and in flight; as published 300/3 throughout."""
 
     stance: JointGains = field(default_factory=JointGains)
     swing: JointGains = field(default_factory=JointGains)
@@ -44,7 +44,7 @@ class PhaseGains:
 
 @dataclass(frozen=True)
 class JointTargets:
-    """What the joint PD is told at each row of a reference: (rows, joints) each, rad, rad/s, gains in SI units."""
+    """Set points and gains of the joint PD at each row of a reference: (rows, joints) each, rad, rad/s, SI units."""
 
     position: np.ndarray
     velocity: np.ndarray

@@ -1,4 +1,4 @@
-"""Solving a problem in time, or saying why its answer must not be used."""
+"""Solves a QP before a deadline, and reports why a solution must not be used."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,42 +11,42 @@ NOT_FINITE = "not finite"
 
 
 @dataclass(frozen=True)
-class Demands:
-    """What a solution must satisfy to be sent to a robot."""
+class SolutionRequirements:
+    """Requirements that a solution must meet before it is sent to a robot."""
 
     deadline_s: float | None = None
-    """Time to build and solve a problem; None: as long as it takes, so that runs repeat bit for bit."""
+    """Time to build and solve a problem; None: no limit, so that runs repeat bit for bit."""
     primal_tolerance_n: float = 0.1
     """Largest violation of a limit, N."""
     relative_dual_tolerance: float = 1e-4
-    """How far from stationary, as part of the problem's gradient; a badly conditioned problem fails here."""
+    """Largest dual residual, relative to the problem's gradient; a badly conditioned problem fails here."""
 
 
 @dataclass(frozen=True)
 class GuardedSolution:
-    """A solution, if there is one, and why it must not be used, or None."""
+    """A solution (None where there is none), and the reason why it must not be used (None where it may)."""
 
     solution: QpSolution | None
     fault: str | None
 
 
 def guarded_solve(
-    problem: Callable[[], Qp | None], solver: QpSolver, demands: Demands, clock: Callable[[], float]
+    problem: Callable[[], Qp | None], solver: QpSolver, demands: SolutionRequirements, clock: Callable[[], float]
 ) -> GuardedSolution:
-    """Build a problem (None: what was measured is no number) and solve it before the deadline."""
+    """Build a problem and solve it before the deadline; ``problem`` returns None where a measurement is not finite."""
     began = clock()
 
-    def left() -> float | None:
+    def remaining_s() -> float | None:
         return None if demands.deadline_s is None else demands.deadline_s - (clock() - began)
 
     qp = problem()
     if qp is None or not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all()):
         return GuardedSolution(None, NOT_FINITE)
-    time_limit_s = left()
+    time_limit_s = remaining_s()
     if time_limit_s is not None and time_limit_s <= 0:
         return GuardedSolution(None, OUT_OF_TIME)
     solution = solver.solve(qp, time_limit_s)
-    time_left_s = left()
+    time_left_s = remaining_s()
     if time_left_s is not None and time_left_s < 0:
         return GuardedSolution(solution, OUT_OF_TIME)
     return GuardedSolution(solution, solution.fault(demands.primal_tolerance_n, demands.relative_dual_tolerance))

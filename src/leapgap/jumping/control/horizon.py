@@ -1,4 +1,4 @@
-"""The steps of the prediction from any moment of a jump: fine while feet push, coarse in flight, ending at the landing.
+"""Steps of the prediction from any moment of a jump: short in contact, long in flight, ending at the landing.
 
 The nodes of a jump are fixed: counted back from take-off in contact steps, forward from it in flight steps, the last
 of which ends at the landing. A horizon begins now and goes on with nodes, so that
@@ -6,10 +6,10 @@ of which ends at the landing. A horizon begins now and goes on with nodes, so th
 * every step ends exactly at take-off or lies on one side of it, and contact steps grow fewer as take-off nears;
 * all but the first sample are the same at every update: what a model says there is a constant of the jump;
 * on the grid (the paper's 40 Hz) the first step is a whole one. Between nodes it is what is left of one, at least
-  half of it, else the rest and the next one together (a sliver of a step would make its force worthless to the cost,
-  and that force is the one sent). Take-off and landing are never skipped.
+  half of it, else the rest and the next one together (the first force is the one that is sent, and in a very short
+  step it would hardly change the cost). Take-off and landing are never skipped.
 
-Past the landing a ballistic prediction means nothing: the horizon ends there, with fewer than K steps.
+A ballistic prediction does not hold after the landing: the horizon ends there, with fewer than K steps.
 """
 
 from dataclasses import dataclass
@@ -20,15 +20,15 @@ from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.logs.segments import ContactSchedule
 
 ROUNDING_S = 1e-6
-"""As in ``ContactSchedule.in_contact``: times closer than this are the same."""
+"""Times closer than this count as equal, as in ``ContactSchedule.in_contact``."""
 
 
 @dataclass(frozen=True)
 class Horizon:
-    """n ≤ K steps from now on."""
+    """The n ≤ K steps of one prediction."""
 
     time_s: np.ndarray
-    """When each step begins, and the last one ends, since the start of the jump, (n + 1,)."""
+    """Start of each step and end of the last one, since the start of the jump, (n + 1,)."""
     share: np.ndarray
     """Part of each step during which the front and the rear pair are planned to push, 0…1, (n, 2)."""
 
@@ -47,7 +47,7 @@ class Horizon:
 
 
 def nodes(grid: TimeGrid, schedule: ContactSchedule) -> np.ndarray:
-    """When the steps of a whole jump end, s, increasing; phases need not be whole numbers of steps."""
+    """Ends of the steps of a whole jump, s, increasing; phases need not be whole numbers of steps."""
     take_off, flight = schedule.take_off_s, schedule.flight_s
     in_contact = int(np.floor(take_off / grid.contact_step_s - ROUNDING_S))
     in_flight = max(1, round(flight / grid.flight_step_s))
@@ -57,7 +57,7 @@ def nodes(grid: TimeGrid, schedule: ContactSchedule) -> np.ndarray:
 
 
 def horizon(grid: TimeGrid, schedule: ContactSchedule, time_s: float) -> Horizon:
-    """From a moment of the jump, s since its start; without a step from the landing on."""
+    """The horizon from a moment of the jump, s since its start; from the landing on it has no step."""
     ends = nodes(grid, schedule)
     first = int(np.searchsorted(ends, time_s + ROUNDING_S))
     if first < len(ends):

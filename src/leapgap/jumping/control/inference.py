@@ -1,4 +1,4 @@
-"""Trained models as the MPC reads them: NumPy alone, a few matrix products an update.
+"""Trained models as the MPC evaluates them: with NumPy only, a few matrix products an update.
 
 ``learning.export`` writes them with every scaling folded in. In each phase the fifteen numbers of an ``AffineModel``
 (bias, then by_force row by row) are
@@ -65,17 +65,17 @@ PARTS = {"perceptron": perceptron, "kernel": kernel}
 
 @dataclass(frozen=True)
 class Phase:
-    """What is predicted while feet push, or in flight."""
+    """Prediction of one phase: contact, or flight."""
 
     constant: np.ndarray
     """(15,)."""
     feet: np.ndarray
     """(4, 15), of foot − base, front x z, rear x z: the moments of the nominal body."""
     parts: tuple[Callable[[np.ndarray], np.ndarray], ...]
-    """Each (n, 17) → (n, 15)."""
+    """Functions from known inputs (n, 17) to outputs (n, 15), which are added up."""
 
     def __call__(self, known: np.ndarray) -> np.ndarray:
-        """(n, 17) → (n, 15)."""
+        """Outputs (n, 15) of the known inputs (n, 17)."""
         found = self.constant + known[:, KNOWN_FOOT] @ self.feet
         for part in self.parts:
             found += part(known)
@@ -96,7 +96,7 @@ class ExportedModel(PredictionModel):
     predicted, (starts, K, 6), m, rad, m/s, rad/s; calibrated on training jumps left out in turn. ``None``: unknown."""
 
     def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
-        """At n moments of contact or flight (bool, (n,)), in one batch a phase."""
+        """See ``PredictionModel``; one batch for each phase."""
         known, contact = rows(situation), np.asarray(contact, bool)
         found = np.empty((len(known), OUTPUTS))
         for phase, mask in ((self.contact, contact), (self.flight, ~contact)):
@@ -119,7 +119,7 @@ def load(folder: Path, name: str, needed: Purpose) -> ExportedModel:
     try:
         purpose = Purpose.from_json(about)
         curvature = float(about["curvature"])
-        contact, flight = (read_phase(of(arrays, phase), about["parts"][phase]) for phase in PHASES)
+        contact, flight = (read_phase(arrays_below(arrays, phase), about["parts"][phase]) for phase in PHASES)
     except (KeyError, TypeError) as error:
         raise InputError(
             path, f"a model that does not fit ({error!r})", "a model of this version", "run stages.train anew"
@@ -129,11 +129,11 @@ def load(folder: Path, name: str, needed: Purpose) -> ExportedModel:
 
 
 def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:
-    """Constant, feet, and the parts ``0/…``, ``1/…`` of the stated kinds."""
-    parts = tuple(PARTS[kind](of(arrays, str(i))) for i, kind in enumerate(kinds))
+    """A phase from its arrays: constant, feet, and the parts ``0/…``, ``1/…``, whose kinds are given in order."""
+    parts = tuple(PARTS[kind](arrays_below(arrays, str(i))) for i, kind in enumerate(kinds))
     return Phase(arrays["constant"], arrays["feet"], parts)
 
 
-def of(arrays: Mapping[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
-    """Arrays below a name, without it."""
+def arrays_below(arrays: Mapping[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
+    """Arrays whose names begin with ``place/``, with that prefix removed."""
     return {name.removeprefix(f"{place}/"): a for name, a in arrays.items() if name.startswith(f"{place}/")}

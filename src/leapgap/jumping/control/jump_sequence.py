@@ -1,4 +1,4 @@
-"""One jump after the other: jump, land, settle, next jump, each from its own take-off pose."""
+"""Several jumps in a row: jump, land, settle, next jump, each from its own take-off pose."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -24,29 +24,29 @@ Phase = Literal["jump", "landing", "settling"]
 
 @dataclass(frozen=True)
 class SequenceConfig:
-    """When one phase ends and the next begins."""
+    """Times at which a phase ends and the next one begins."""
 
     landing: LandingConfig = field(default_factory=LandingConfig)
     earliest_touch_s: float = 0.05
-    """After the planned take-off; feet that touch sooner have not left yet."""
+    """Time after the planned take-off; feet that touch earlier have not left the ground yet."""
     latest_touch_s: float = 0.3
-    """After the planned landing; without both pairs on the ground by then the legs settle without a landing."""
+    """Time after the planned landing; where not both pairs are on the ground by then, the legs settle at once."""
     confirm_s: float = 0.003
-    """Both pairs touch at least this long before it counts."""
+    """Both pairs must touch for this long before the landing begins."""
     settle_s: float = 0.6
-    """From the end of the landing to the next jump: the legs move to its first pose and stand."""
+    """Time from the end of the landing to the next jump, in which the legs move to its first pose and stand."""
     settle_gains: JointGains = field(default_factory=lambda: JointGains(100.0, 3.0))
 
 
 class JumpSequence(Controller):
     """Makes the given jumps in their order and lands after each; stands after the last.
 
-    The touch-down of both pairs ends a flight, early or late. ``jump_starts_s`` says when each jump began,
-    ``phase`` what goes on, ``fallbacks`` counts the substitutes of all parts by reason.
+    The touch-down of both pairs ends a flight, early or late. ``jump_starts_s`` holds the start of each jump, ``phase``
+    the present phase, and ``fallbacks`` the count of fallback commands of all parts by reason.
     """
 
     def __init__(self, jumps: Sequence[JumpController], robot: Robot, config: SequenceConfig, body: RigidBody) -> None:
-        """``body``: what the landings take the robot for."""
+        """``body``: rigid body that the landing controller assumes."""
         if not jumps:
             raise InputError("continuous jumps", "no jump", "one or more", "name their references")
         self.jumps, self.robot, self.config, self.body = list(jumps), robot, config, body
@@ -64,12 +64,12 @@ class JumpSequence(Controller):
 
     @property
     def fallbacks(self) -> Counter[str]:
-        """Of all jumps and landings so far."""
+        """Count of fallback commands by reason, of all jumps and landings so far."""
         of_jumps = sum((jump.fallbacks for jump in self.jumps), Counter[str]())
         return of_jumps + self._fallbacks_before + (self.landing.fallbacks if self.landing else Counter())
 
     def command(self, estimate: StateEstimate) -> Command:
-        """As said in ``Controller``."""
+        """See ``Controller``: the command of the present phase."""
         self._notice_touch(estimate)
         self._switch(estimate)
         if self.phase == "jump":
@@ -87,7 +87,7 @@ class JumpSequence(Controller):
             self._both_since_s = estimate.time_s
 
     def _switch(self, estimate: StateEstimate) -> None:
-        """Go on to the next phase when this one is over."""
+        """Enter the next phase when the present one is over."""
         now, config = estimate.time_s, self.config
         lasted = now - self._phase_since_s + ROUNDING_S
         if self.phase == "jump" and len(self.jump_starts_s) > self.number:
@@ -116,13 +116,13 @@ class JumpSequence(Controller):
         self._settle_from = measured.copy() if np.isfinite(measured).all() else self._next_pose()
 
     def _next_pose(self) -> np.ndarray:
-        """Joints to stand with: the first pose of the next jump, or the last of the last one, (joints,), rad."""
+        """Joint angles to stand in: first pose of the next jump, or last pose of the last one, (joints,), rad."""
         if self.number + 1 < len(self.jumps):
             return self.jumps[self.number + 1].reference.joint_pos[0]
         return self.jumps[self.number].reference.joint_pos[-1]
 
     def _settle(self, estimate: StateEstimate) -> Command:
-        """Joints smoothly to the next pose in half of the time, and stand there; feet that touch carry the weight."""
+        """Move the joints to the next pose in half of the time, then stand; feet in contact carry the weight."""
         part = np.clip(2 * (estimate.time_s - self._phase_since_s) / self.config.settle_s, 0.0, 1.0)
         smooth = part * part * (3 - 2 * part)
         pose = self._settle_from + smooth * (self._next_pose() - self._settle_from)

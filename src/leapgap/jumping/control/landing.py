@@ -1,4 +1,4 @@
-"""The landing: forces that bring the body to rest over its feet, planned from the touch-down of both pairs on."""
+"""MPC of the landing: from the touch-down of both pairs on, its forces bring the body to rest over the feet."""
 
 import time
 from collections import Counter
@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.jumping.control.condensed_qp import ForceLimits, rest
+from leapgap.jumping.control.condensed_qp import ForceLimits, prepare_qp
 from leapgap.jumping.control.gains import JointGains
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, Demands, guarded_solve
+from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S, Horizon
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.mpc import StateWeights
@@ -25,27 +25,27 @@ from leapgap.simulation.controller import Command, Controller, StateEstimate
 
 @dataclass(frozen=True)
 class LandingConfig:
-    """Of the landing's MPC; steps, length and soft joint gains as published, weights of our own."""
+    """Settings of the landing's MPC. Steps, duration and soft joint gains are as published, the weights are our own."""
 
     steps: int = 10
     step_s: float = 0.025
-    """Also between updates."""
+    """Length of a step, and time between updates."""
     duration_s: float = 0.2
     height_m: float = 0.18
-    """Of the base over the soles of its feet, at rest."""
+    """Height of the base over the soles of its feet, at rest."""
     weights: StateWeights = field(
         default_factory=lambda: StateWeights(x=50.0, z=100.0, pitch=100.0, vx=10.0, vz=5.0, pitch_rate=5.0)
     )
     force_weight: float = 1e-5
-    """Around the weight of the robot, evenly on both pairs, per N²."""
+    """Cost of a force's difference from half the robot's weight on each pair, per N²."""
     limits: ForceLimits = field(default_factory=lambda: ForceLimits(friction=0.6, largest_n=350.0, smallest_n=10.0))
     gains: JointGains = field(default_factory=lambda: JointGains(5.0, 1.0))
     qp: QpConfig = field(default_factory=QpConfig)
-    demands: Demands = field(default_factory=Demands)
+    demands: SolutionRequirements = field(default_factory=SolutionRequirements)
 
 
 class LandingMpc(Controller):
-    """All feet push; the goal is rest at a height over the feet, level, in the middle between them.
+    """Plans forces of all feet towards rest: level, midway between the feet, at a height over them.
 
     ``pose`` (joints,) rad is what the soft joint PD pulls towards. An update that fails sends the robot's weight.
     """
@@ -67,23 +67,23 @@ class LandingMpc(Controller):
         self._next_update_s = -np.inf
 
     def command(self, estimate: StateEstimate) -> Command:
-        """As said in ``Controller``."""
+        """See ``Controller``: the first force of the latest plan, with a soft joint PD."""
         if estimate.time_s > self._next_update_s - ROUNDING_S:
             self._next_update_s = estimate.time_s + self.config.step_s
             self.force = self._plan(estimate)
-        frame = StartFrame.of(estimate)  # along the present heading; whose origin does not matter to a force
+        frame = StartFrame.of(estimate)  # only the heading matters here: a force has no origin
         return stand(self.robot, self.legs, estimate, frame, self.force, self.pose, self.config.gains)
 
     def _plan(self, estimate: StateEstimate) -> np.ndarray:
         """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
-        made = guarded_solve(lambda: self._problem(estimate), self.solver, self.config.demands, self.clock)
-        if made.fault is None and made.solution is not None:
-            return made.solution.x[: len(self.force)]
-        self.fallbacks[made.fault or NOT_FINITE] += 1
+        result = guarded_solve(lambda: self._problem(estimate), self.solver, self.config.demands, self.clock)
+        if result.fault is None and result.solution is not None:
+            return result.solution.x[: len(self.force)]
+        self.fallbacks[result.fault or NOT_FINITE] += 1
         return standing_force(self.model.body)
 
     def _problem(self, estimate: StateEstimate) -> Qp | None:
-        """From here to the goal, the feet staying where they are; the model taken on the straight way there."""
+        """The QP from the present state to the goal with fixed feet; the model is taken on the straight line to it."""
         config, frame = self.config, StartFrame.of(estimate)
         state, foot = frame.state(estimate), frame.foot(estimate, self.legs)
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):
@@ -101,7 +101,7 @@ class LandingMpc(Controller):
         later, first = (AffineModel(affine.bias[part], affine.by_force[part]) for part in (slice(1, None), slice(1)))
         targets = np.tile(goal, (config.steps, 1))
         force = np.tile(standing_force(self.model.body), (config.steps, 1))
-        prepared = rest(steps, later, targets, force, config.weights.diagonal, config.force_weight, config.limits)
+        prepared = prepare_qp(steps, later, targets, force, config.weights.diagonal, config.force_weight, config.limits)
         return prepared.qp(state, first)
 
 
@@ -121,7 +121,7 @@ def stand(
     pose: np.ndarray,
     gains: JointGains,
 ) -> Command:
-    """All feet push with the given planar forces (4,), and the joint PD pulls towards a pose (joints,)."""
+    """Command of a stance: planar pair forces (4,), N, as torques, and a joint PD towards a pose (joints,), rad."""
     finite = np.isfinite(estimate.base_quaternion).all() and np.isfinite(estimate.joint_pos).all()
     torque = legs.torque(estimate.base_quaternion, estimate.joint_pos, frame.in_world(force)) if finite else 0 * pose
     still = np.zeros(len(robot.joints))

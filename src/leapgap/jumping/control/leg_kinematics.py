@@ -1,4 +1,4 @@
-"""Where the feet are and which joint torques push with them, for one pose at a time, in microseconds."""
+"""Positions of the feet, and joint torques for ground forces, for one pose at a time."""
 
 import mujoco
 import numpy as np
@@ -33,8 +33,8 @@ class LegKinematics:
         """Joint torques that make the ground push with the given force, N·m, (joints,): τ = −Jᵀ u.
 
         ``pair_force`` (2, 3) is the ground's force on the robot, N, world axes, front then rear pair, split evenly
-        between the feet of a pair; J is the derivative of a foot's position in world axes by the joints. Legs
-        without mass, as in the paper: what moves or weighs the legs themselves is left to the joint PD.
+        between the feet of a pair; J is the derivative of a foot's position in world axes by the joints. As in the
+        paper, the legs have no mass here; their weight and inertia are left to the joint PD.
         """
         self._place(base_quaternion, joint_pos)
         model, data = self.robot.model, self._data

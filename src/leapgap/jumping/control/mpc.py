@@ -1,4 +1,4 @@
-"""From the present state to the ground forces of the horizon, or to a safe substitute with its reason."""
+"""MPC of the ground forces: from the present state to the forces of the horizon, or to a fallback with its reason."""
 
 import time
 from collections import Counter
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.jumping.control.condensed_qp import ForceLimits, Rest, rest
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, Demands, guarded_solve
+from leapgap.jumping.control.condensed_qp import ForceLimits, PreparedQp, prepare_qp
+from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S, Horizon, horizon
 from leapgap.jumping.control.qp import Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.jumping.control.reference import Reference
@@ -30,25 +30,25 @@ class StateWeights:
 
     @property
     def diagonal(self) -> np.ndarray:
-        """In the order of the state, (6,)."""
+        """The weights in the order of the state, (6,)."""
         return np.array([self.x, self.z, self.pitch, self.vx, self.vz, self.pitch_rate])
 
 
 @dataclass(frozen=True)
 class MpcConfig:
-    """The MPC's problem; as published."""
+    """Settings of the MPC, as published."""
 
     grid: TimeGrid = field(default_factory=TimeGrid)
     period_s: float = 0.025
-    """Between updates; the first force is held meanwhile."""
+    """Time between updates; the first force is held in between."""
     weights: StateWeights = field(default_factory=StateWeights)
     force_weight: float = 1e-6
-    """Around the reference force, per N²."""
+    """Cost of a force's difference from the reference, per N²."""
     limits: ForceLimits = field(default_factory=ForceLimits)
     qp: QpConfig = field(default_factory=QpConfig)
-    demands: Demands = field(default_factory=Demands)
+    demands: SolutionRequirements = field(default_factory=SolutionRequirements)
     plan_valid_s: float = 0.1
-    """An update without a solution goes on with the last plan if that is no older, else with the reference."""
+    """An update without a solution uses the last plan if it is no older than this, else the reference."""
 
     def __post_init__(self) -> None:
         if self.period_s <= 0 or self.force_weight <= 0 or self.weights.diagonal.min() < 0:
@@ -57,14 +57,14 @@ class MpcConfig:
 
 @dataclass(frozen=True)
 class ForcePlan:
-    """Forces of the steps of a horizon, and where they come from."""
+    """Forces of the steps of a horizon, and the solution they come from."""
 
     horizon: Horizon
     force: np.ndarray
     """Front x z, rear x z on the robot, N, constant during each step, (n, 4)."""
     solution: QpSolution | None = None
     fallback: str | None = None
-    """Why there is no solution of this moment, or None."""
+    """Why this update has no usable solution, or None."""
 
     def at(self, time_s: float) -> np.ndarray:
         """Force planned for a moment, (4,); zero outside of the horizon."""
@@ -73,9 +73,9 @@ class ForcePlan:
 
 
 class ForcePlanner:
-    """Solves the MPC's problem at the moments it is asked, along one reference with one prediction model.
+    """Solves the MPC's problem along one reference with one prediction model.
 
-    What does not depend on the measured state is prepared when the planner is made, for every update of the jump.
+    Everything that does not depend on the measured state is computed beforehand, for every update of the jump.
     """
 
     def __init__(
@@ -94,26 +94,28 @@ class ForcePlanner:
         self._prepared = {microseconds(t): self._prepare(float(t)) for t in updates}
 
     def plan(self, time_s: float, state: np.ndarray, foot: np.ndarray) -> ForcePlan:
-        """From a measured state (6,) and foot − base (4,), both in the start frame, at a time since the start."""
+        """Plan at a time since the start from a measured state (6,) and foot − base (4,), both in the start frame."""
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self._prepared.get(microseconds(time_s)) or self._prepare(time_s)
-        made = guarded_solve(lambda: self._problem(prepared, state, foot), self.solver, self.config.demands, self.clock)
-        if made.fault is None and made.solution is not None:
-            self._good = ForcePlan(prepared.horizon, prepared.forces(made.solution.x), made.solution)
+        result = guarded_solve(
+            lambda: self._problem(prepared, state, foot), self.solver, self.config.demands, self.clock
+        )
+        if result.fault is None and result.solution is not None:
+            self._good = ForcePlan(prepared.horizon, prepared.forces(result.solution.x), result.solution)
             return self._good
-        reason = made.fault or NOT_FINITE
+        reason = result.fault or NOT_FINITE
         self.fallbacks[reason] += 1
-        return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), made.solution, reason)
+        return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), result.solution, reason)
 
-    def _problem(self, prepared: Rest, state: np.ndarray, foot: np.ndarray) -> Qp | None:
+    def _problem(self, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):
             return None
         now = Situation(state[None], foot[None], prepared.horizon.time_s[:1], state[None])
         return prepared.qp(state, self.model.affine(now, IN_CONTACT))
 
     def _substitute(self, steps: Horizon) -> np.ndarray:
-        """The last plan shifted to these steps while it is young enough, else the reference's forces."""
+        """Fallback forces: the last plan shifted to these steps while it is valid, else the reference's forces."""
         good, begin = self._good, steps.time_s[:-1]
         planned = self.reference.mean_force(steps.time_s)
         if good is None or begin[0] - good.horizon.time_s[0] > self.config.plan_valid_s + ROUNDING_S:
@@ -122,8 +124,8 @@ class ForcePlanner:
         shifted = np.array([good.at(float(t)) for t in begin])
         return np.where(within[:, None], shifted, planned) * per_axis(steps.share > 0)
 
-    def _prepare(self, time_s: float) -> Rest:
-        """The model and the reference at all but the first step, and their part of the QP."""
+    def _prepare(self, time_s: float) -> PreparedQp:
+        """Evaluate model and reference at all but the first step, and compute their part of the QP."""
         config, reference = self.config, self.reference
         steps = horizon(config.grid, reference.schedule, time_s)
         rows = reference.rows(steps.time_s)
@@ -131,7 +133,7 @@ class ForcePlanner:
         start = np.tile(reference.state[rows[0]], (len(later), 1))
         there = Situation(reference.state[later], reference.foot[later], steps.time_s[1:-1], start)
         affine = self.model.affine(there, steps.contact[1:]) if len(later) else AffineModel(np.zeros((0, 3)), NO_STEPS)
-        return rest(
+        return prepare_qp(
             steps,
             affine,
             reference.state[rows[1:]],
@@ -147,5 +149,5 @@ NO_STEPS, IN_CONTACT = np.zeros((0, 3, FORCES)), np.array([True])
 
 
 def microseconds(time_s: float) -> int:
-    """A time as a key."""
+    """A time as a whole number, to be used as a key."""
     return round(time_s * 1e6)

@@ -47,7 +47,7 @@ class JumpMpc(JumpController):
         """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
         push = per_axis(self.reference.schedule.in_contact(np.array(time_s)))
         if not push.any():
-            return self.nothing()
+            return self.zero_feed_forward()
         if time_s > self._updates * self.config.period_s - ROUNDING_S:
             self._update(time_s, estimate, frame)
         assert self.plan_now is not None
@@ -55,14 +55,14 @@ class JumpMpc(JumpController):
         return self.legs.torque(*self._measured_pose(time_s, estimate), frame.in_world(force)), force
 
     def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
-        """Plan anew; the next update is due at the next whole period."""
+        """Plan again; the next update is due at the next whole period."""
         self._updates = int((time_s + ROUNDING_S) / self.config.period_s) + 1
         self.plan_now = self.planner.plan(time_s, frame.state(estimate), frame.foot(estimate, self.legs))
         if self.plan_now.fallback is not None:
             self.substituted.append((time_s, self.plan_now.fallback))
 
     def _measured_pose(self, time_s: float, estimate: StateEstimate) -> tuple[np.ndarray, np.ndarray]:
-        """Orientation and joints, (4,) and (joints,); if they are no numbers the last good ones or the reference's."""
+        """Quaternion (4,) and joints (joints,), measured; where not finite, the last finite ones or the reference's."""
         pose = (estimate.base_quaternion, estimate.joint_pos)
         if np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all():
             self._pose = pose

@@ -1,4 +1,4 @@
-"""Quadratic programmes and their solutions, which judge themselves; two solvers by name.
+"""Quadratic programs, solutions that compute their own residuals, and two solvers by name.
 
 qp = Qp(hessian, gradient, lower, upper, rows, row_upper)
 solution = solver(QpConfig("daqp")).solve(qp)
@@ -44,11 +44,11 @@ class Qp:
 
 @dataclass(frozen=True)
 class QpSolution:
-    """What a solver found for a problem, and how good it is by the problem itself, whatever the solver says."""
+    """A solver's answer to a problem, and its residuals computed from the problem rather than taken from the solver."""
 
     problem: Qp
     x: np.ndarray
-    """(n,); not finite where nothing was found."""
+    """Solution, (n,); not finite where none was found."""
     dual: np.ndarray
     """Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower one."""
     status: str
@@ -65,7 +65,7 @@ class QpSolution:
 
     @cached_property
     def dual_residual(self) -> float:
-        """Largest entry of H x + f + (multipliers through the constraints): how far from stationary."""
+        """Largest entry of the stationarity condition H x + f + (bound multipliers) + Aᵀ (row multipliers)."""
         qp, bounds = self.problem, len(self.x)
         residual = qp.hessian @ self.x + qp.gradient + self.dual[:bounds] + self.dual[bounds:] @ qp.rows
         return float(np.abs(residual).max(initial=0.0)) if np.isfinite(residual).all() else np.inf
@@ -82,7 +82,7 @@ class QpSolution:
         return gap if np.isfinite(gap) and len(self.dual) == bounds + len(qp.row_upper) else np.inf
 
     def fault(self, primal_tolerance: float, relative_dual_tolerance: float) -> str | None:
-        """Why this must not be used, or None: the solver's word, numbers that are none, and the residuals."""
+        """Why this solution must not be used, or None: the solver's status, non-finite values, or large residuals."""
         if self.status != SOLVED:
             return self.status
         size = 1.0 + float(np.abs(self.problem.gradient).max(initial=0.0))
@@ -93,11 +93,11 @@ class QpSolution:
 
 @dataclass(frozen=True)
 class QpConfig:
-    """Section ``qp``: which solver, and how exact; values that do not apply to the solver named are not looked at."""
+    """Section ``qp``: the solver and its tolerances; values for the other solver are ignored."""
 
     backend: str = "daqp"
     primal_tolerance: float = 1e-6
-    """Of the constraints, in the units of x, of ``daqp``."""
+    """Constraint tolerance of ``daqp``, in the units of x."""
     max_iterations: int = 20_000
     eps: float = 1e-6
     """Absolute and relative tolerance of ``osqp``."""
@@ -106,22 +106,22 @@ class QpConfig:
 
 
 class QpSolver(ABC):
-    """Solves one problem after another; every solve starts cold, so that equal problems give equal answers."""
+    """Solves quadratic programs. Every solve starts cold, so that equal problems give equal solutions."""
 
     @abstractmethod
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
-        """Never raises for a bad problem: that is a solution with another status."""
+        """Solve a problem; one that cannot be solved gives a solution with another status, and no exception."""
 
 
 @dataclass(frozen=True)
 class Daqp(QpSolver):
-    """Dual active set (Arnström, Bemporad, Axehill 2022): exact, and done at once where no constraint acts."""
+    """Dual active-set method (Arnström, Bemporad, Axehill 2022): exact, and fast where few constraints are active."""
 
     config: QpConfig
     STATUS: ClassVar = {1: SOLVED, 2: FAILED, -1: INFEASIBLE, -7: OUT_OF_TIME}
 
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
-        """As said in ``QpSolver``."""
+        """Solve a problem with this method; see ``QpSolver``."""
         start = time.perf_counter()
         upper = np.concatenate([qp.upper, qp.row_upper])
         lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -1e30)])
@@ -143,22 +143,22 @@ class Daqp(QpSolver):
 class Osqp(QpSolver):
     """Operator splitting (Stellato and others 2020), on the problem in coordinates y = Lᵀ x, H = L Lᵀ.
 
-    Forces late in a horizon weigh little and early ones much, which makes ADMM stop 5 to 10 N off at a tolerance of
-    1e-6. In y the quadratic form is the identity, and the same tolerance leaves 0.05 N.
+    Late forces of a horizon cost little and early ones much. ADMM therefore stops 5 to 10 N off at a tolerance of 1e-6.
+    In y the quadratic form is the identity, and the same tolerance leaves an error of 0.05 N.
     """
 
     config: QpConfig
     STATUS: ClassVar = {1: SOLVED, 3: INFEASIBLE, 4: INFEASIBLE, 8: OUT_OF_TIME}
 
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
-        """As said in ``QpSolver``."""
+        """Solve a problem with this method; see ``QpSolver``."""
         start = time.perf_counter()
         if not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all()):
-            return nothing(qp, FAILED, start)
+            return failed_solution(qp, FAILED, start)
         try:
             to_x = np.linalg.inv(np.linalg.cholesky(qp.hessian)).T
         except np.linalg.LinAlgError:
-            return nothing(qp, FAILED, start)
+            return failed_solution(qp, FAILED, start)
         bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
         splitting = osqp.OSQP()
         splitting.setup(
@@ -179,7 +179,7 @@ class Osqp(QpSolver):
         found = splitting.solve(raise_error=False)
         status = self.STATUS.get(found.info.status_val, FAILED)
         if status != SOLVED:
-            return nothing(qp, status, start)
+            return failed_solution(qp, status, start)
         dual = np.zeros(len(to_x) + len(qp.row_upper))
         dual[np.concatenate([bounded, np.ones(len(qp.row_upper), bool)])] = found.y
         one_sided = np.concatenate([qp.lower == -np.inf, np.ones(len(qp.row_upper), bool)])
@@ -187,8 +187,8 @@ class Osqp(QpSolver):
         return QpSolution(qp, to_x @ found.x, dual, status, time.perf_counter() - start)
 
 
-def nothing(qp: Qp, status: str, start: float) -> QpSolution:
-    """A solution that is none."""
+def failed_solution(qp: Qp, status: str, start: float) -> QpSolution:
+    """A solution with this status whose values are all NaN."""
     nan = np.full(len(qp.gradient) + len(qp.row_upper), np.nan)
     return QpSolution(qp, nan[: len(qp.gradient)], nan, status, time.perf_counter() - start)
 

@@ -1,4 +1,4 @@
-"""A planned jump as controllers follow it: planar motion, forces and joints, in the frame of the jump's start."""
+"""A planned jump in the form that controllers follow: planar motion, forces and joints, in the frame of its start."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +18,7 @@ from leapgap.simulation.controller import StateEstimate
 
 @dataclass(frozen=True)
 class Reference:
-    """Rows of equal period from the start of the jump on; before the first and after the last row, those are held."""
+    """A planned jump in rows of equal period; the first and the last row are held before and after the jump."""
 
     name: str
     schedule: ContactSchedule
@@ -36,7 +36,7 @@ class Reference:
 
     @staticmethod
     def of(jump: Log, robot: Robot) -> "Reference":
-        """From a planned jump (stage optimize); ``InputError`` where it lacks something or ends too early."""
+        """The reference of a planned jump; ``InputError`` where joints are missing or it ends before its take-off."""
         missing = [joint for joint in robot.joints if f"cmd_pos/{joint}" not in jump]
         if missing:
             raise InputError(jump.name, f"no joint {', '.join(missing)}", f"the joints of {robot.name}", "plan it anew")
@@ -64,11 +64,11 @@ class Reference:
         )
 
     def row(self, time_s: float) -> int:
-        """The nearest row."""
+        """Index of the row nearest to a time since the start, s."""
         return min(max(round(time_s / self.period_s), 0), len(self.state) - 1)
 
     def rows(self, times_s: np.ndarray) -> np.ndarray:
-        """The nearest row of each time."""
+        """Index of the row nearest to each time since the start, s."""
         return np.clip(np.round(np.asarray(times_s) / self.period_s).astype(int), 0, len(self.state) - 1)
 
     def mean_force(self, times_s: np.ndarray) -> np.ndarray:
@@ -80,23 +80,23 @@ class Reference:
 
     @cached_property
     def _impulse(self) -> np.ndarray:
-        """Sum of all forces before each row, each held for one period, (rows + 1, 4)."""
+        """Cumulative sum of the forces before each row, (rows + 1, 4), N; times the period it is the impulse."""
         return np.concatenate([np.zeros((1, self.force.shape[1])), np.cumsum(self.force, axis=0)])
 
 
 @dataclass(frozen=True)
 class StartFrame:
-    """Where a jump began: its reference's x runs from there along the heading, its z from the level it stands on."""
+    """Frame of a jump's start: x along the heading from the start, z up from the ground there."""
 
     x_m: float
     y_m: float
     yaw_rad: float
     level_m: float = 0.0
-    """Height in the world of the ground that the reference calls zero."""
+    """Height in the world of the reference's z = 0."""
 
     @staticmethod
     def of(estimate: StateEstimate, level_m: float = 0.0) -> "StartFrame":
-        """At the robot's present place and heading."""
+        """The frame at the robot's present position and heading."""
         x, y, _ = estimate.base_position
         return StartFrame(float(x), float(y), float(yaw_of(estimate.base_quaternion)), level_m)
 
@@ -106,7 +106,7 @@ class StartFrame:
         return np.array([np.cos(self.yaw_rad), np.sin(self.yaw_rad), 0.0])
 
     def state(self, estimate: StateEstimate) -> np.ndarray:
-        """x z pitch and rates as in ``Reference``, (6,)."""
+        """Measured x z pitch and their rates in this frame, as in ``Reference``, (6,)."""
         x, y, z = estimate.base_position
         return np.array(
             [

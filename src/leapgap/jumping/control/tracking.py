@@ -17,12 +17,12 @@ from leapgap.simulation.controller import Command, Controller, StateEstimate
 class JumpController(Controller):
     """Follows one reference from its first command on; after the reference's end, holds its last pose.
 
-    ``fallbacks`` counts by reason how often something else was sent than what the controller stands for,
-    ``substituted`` says when, s since the start, and why.
+    ``fallbacks`` counts the fallback commands by reason; ``substituted`` lists their times, s since the start, and
+    reasons.
     """
 
     def __init__(self, reference: Reference, robot: Robot, gains: PhaseGains, level_m: float | None = 0.0) -> None:
-        """``level_m``: height in the world of the ground at the start; None: as the base's measured height says."""
+        """``level_m``: height of the ground at the start, m; None: computed from the measured height of the base."""
         self.reference, self.robot = reference, robot
         self.targets = JointTargets.of(reference, gains, robot)
         self.level_m = level_m
@@ -33,7 +33,7 @@ class JumpController(Controller):
         self.frame: StartFrame | None = None
 
     def command(self, estimate: StateEstimate) -> Command:
-        """As said in ``Controller``."""
+        """See ``Controller``: joint PD at the reference's row of this moment, with ``feed_forward``."""
         if self.start_s is None:
             self.start_s = estimate.time_s
         if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
@@ -53,23 +53,23 @@ class JumpController(Controller):
 
     @abstractmethod
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Joint torques, N·m, (joints,), and the planar pair forces they stand for, N, (4,), since the start."""
+        """Joint torques (joints,), N·m, and their planar pair forces (4,), N, at a time since the start, s."""
 
     def _start_frame(self, estimate: StateEstimate) -> StartFrame:
         level = float(estimate.base_position[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m
         return StartFrame.of(estimate, level)
 
-    def nothing(self) -> tuple[np.ndarray, np.ndarray]:
-        """No feed-forward."""
+    def zero_feed_forward(self) -> tuple[np.ndarray, np.ndarray]:
+        """Zero torques, (joints,), and zero pair forces, (4,)."""
         return np.zeros(len(self.robot.joints)), np.zeros(FORCES)
 
 
 class JointPd(JumpController):
-    """Joint PD and the torques of the plan: what every MPC has to beat."""
+    """Joint PD with the torques of the plan as feed-forward: the baseline of every MPC."""
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
-        """As planned."""
+        """The planned torques (joints,), N·m, and pair forces (4,), N, up to the planned landing."""
         if time_s > self.reference.schedule.landing_s:
-            return self.nothing()
+            return self.zero_feed_forward()
         row = self.reference.row(time_s)
         return self.reference.torque[row], self.reference.force[row]

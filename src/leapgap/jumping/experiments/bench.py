@@ -1,4 +1,4 @@
-"""Where trials are run: each once, its result kept in a cache the moment it is there."""
+"""Runs trials and keeps each result in a cache as soon as it is there."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
-"""Applies a function to items, maybe at the same time; results in the order of the items."""
+"""Applies a function to items, possibly in parallel; results come in the order of the items."""
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,18 @@ class TrialRunner:
     """Called after every trial that was run, in their order."""
 
     def results(self, trials: Sequence[TrialSpec]) -> list[TrialResult]:
-        """Results in the order of the trials; new ones are read back, so that they equal those kept before."""
+        """Results in the order of the trials. New ones are read back from the cache, like earlier ones."""
         keys = [result_key(TrialSpec.run, trial) for trial in trials]
         missing = [(t, key) for t, key in zip(trials, keys, strict=True) if self.cache.get(t.place, key) is None]
-        made = self.map(TrialSpec.run, [trial for trial, _ in missing])
-        for (trial, key), result in zip(missing, made, strict=True):
+        new = self.map(TrialSpec.run, [trial for trial, _ in missing])
+        for (trial, key), result in zip(missing, new, strict=True):
             self._store(trial, result, key)
             if self.progress is not None:
                 self.progress(trial, result)
         return [self._read(trial) for trial in trials]
 
     def value(self, place: str, make: Callable[..., Mapping[str, Any]], *inputs: Any) -> Mapping[str, Any]:
-        """``make(*inputs)``, a result that JSON can hold, from the cache where it is there."""
+        """``make(*inputs)``, from the cache where it is there; JSON must be able to hold it."""
         key = result_key(make, inputs)
         if self.cache.get(place, key) is None:
             with self.cache.store(place, key) as folder:
@@ -69,10 +69,10 @@ class TrialRunner:
 
 @dataclass(frozen=True)
 class Bench:
-    """One simulated robot, and what all its trials share."""
+    """One simulated robot, and everything that its trials have in common."""
 
     hardware: str
-    """As in places: no character that a file's name may not have."""
+    """Its name in the places of its trials; it must be a valid file name."""
     effects: tuple[Effect, ...]
     world: TrialSetup
     references: Mapping[Any, Log]
@@ -81,16 +81,16 @@ class Bench:
 
     @property
     def robot(self) -> Robot:
-        """The robot that controllers believe in."""
+        """The nominal robot, which controllers assume."""
         return self.world.robot
 
     @cached_property
     def level(self) -> Log:
-        """Any plan from level ground, to start from its first pose."""
+        """One of the plans from level ground: practice starts from its first pose."""
         return next(iter(self.references.values()))
 
     def trial(self, name: str, method: Method, task: JumpTask, number: int, with_log: bool = False) -> TrialSpec:
-        """The same task and number give the same ground and sensors to every method."""
+        """A trial of a method. Only task and number decide its seed: all methods get the same ground and noise."""
         seed = int(np.random.SeedSequence([self.seed, number, *task.name.encode()]).generate_state(1)[0])
         place = f"{self.hardware}/{name}/{task.name}_{number}"
         level = self.references[task.target]

@@ -1,11 +1,11 @@
-"""Collection: jumps to different targets from random blocks, by a controller that does not know its hardware."""
+"""One jump of a data set: made by a controller that does not know the effects on its hardware."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from leapgap.effects.base import Effect
-from leapgap.jumping.control.excitation import Excitation, Excited
+from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.landing import Landing
 from leapgap.jumping.experiments.method import Method
@@ -15,8 +15,8 @@ from leapgap.logs.log import Log
 
 
 @dataclass(frozen=True)
-class Collected:
-    """One jump that was made."""
+class CollectionResult:
+    """The log of one jump, where it landed, and how often its controller fell back, by reason."""
 
     log: Log
     landing: Landing
@@ -25,8 +25,8 @@ class Collected:
 
 
 @dataclass(frozen=True)
-class Collection:
-    """One jump to make; data, so that it travels to worker processes."""
+class CollectionSpec:
+    """One jump to make. It is plain data, so that it can be sent to worker processes."""
 
     name: str
     task: JumpTask
@@ -36,17 +36,17 @@ class Collection:
     seed: int
     excitation: Excitation = field(default_factory=Excitation)
 
-    def made(self) -> Collected:
-        """Let the hardware jump."""
+    def run(self) -> CollectionResult:
+        """Simulate the jump in closed loop; the same seed gives the same result."""
         rng = np.random.default_rng(self.seed)
 
         def controllers(task: JumpTask) -> list[JumpController]:
-            made = self.method(task)
+            plain = list(self.method(task))
             if self.excitation.force_n == 0:
-                return list(made)
-            return [Excited(one, self.excitation, rng) for one in made]
+                return plain
+            return [ExcitedController(one, self.excitation, rng) for one in plain]
 
         level = self.method.references[self.task.target]
         outcome = attempt_task(self.task, controllers, level, self.effects, self.world, rng)
         log = Log(self.name, outcome.run.log.columns, outcome.run.log.info)
-        return Collected(log, outcome.landings[0], self.task.block_m[0], dict(outcome.fallbacks))
+        return CollectionResult(log, outcome.landings[0], self.task.block_m[0], dict(outcome.fallbacks))

@@ -1,4 +1,4 @@
-"""A jump that is planned when it is due: from the stance that is measured, to the goal that lands on the target."""
+"""A jump that is planned online, from the measured stance to a goal that a landing model chooses."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from leapgap.jumping.control.landing import stand
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.control.tracking import JointPd, JumpController
-from leapgap.jumping.experiments.landing_model import wanted
+from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
 from leapgap.jumping.planning.problem import Aim, Grid, Limits, Problem
@@ -21,34 +21,36 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
 
 NO_PLAN = "no plan from this stance"
-OTHER_PLAN = "no plan to this goal, a nearer one or of a nimbler robot"
-NEARER = (0.8, 0.6, 0.4, 0.2)
-"""Shares of the way from the target to a goal that has no plan."""
+OTHER_PLAN = "no plan to this goal, a nearer one or of a fallback_robots robot"
+NEARER_GOALS = (0.8, 0.6, 0.4, 0.2)
+"""Where a goal has no plan, goals at these shares of the way from the target to it are planned instead, in order."""
 
 
-AIMED_LIMITS = Limits(friction=0.6, knee_clearance_m=0.04, swing_clearance_m=0.02)
-"""Of plans for robots that land where they are aimed.
+AIMING_LIMITS = Limits(friction=0.6, knee_clearance_m=0.04, swing_clearance_m=0.02)
+"""Limits of the plans of goal-directed jumps.
 
-The friction is the cone of the MPC: a box is out of reach of stiff joints within the published 0.4. On a block of 8 cm
-the knees in the crouch are lower than the published 5 cm. The front feet, once they swing, keep clear of floor and box.
+The friction is that of the MPC's cone: with the published 0.4, stiff joints cannot reach a box. The knee clearance is
+less than the published 5 cm, because knees in the crouch are lower than that on a block of 8 cm. Swinging front feet
+keep clear of floor and box.
 """
 
 
 @dataclass(frozen=True)
 class JumpPlanner:
-    """Plans jumps of one robot on one schedule."""
+    """Plans jumps of one robot with one contact schedule."""
 
     robot: PlanarRobot
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
     limits: Limits = field(default_factory=Limits)
-    nimbler: tuple[PlanarRobot, ...] = ()
-    """What to plan for where the robot itself cannot do it: it lands off, but repeats, which can be learned."""
+    fallback_robots: tuple[PlanarRobot, ...] = ()
+    """Robots to plan for where ``robot`` itself cannot do a jump. The landing error is larger, but it repeats, so that
+    a landing model can learn it."""
 
     def plan(
         self, target: Target, goal: np.ndarray, stance_pitch: float, robot: PlanarRobot | None = None
     ) -> Solution | None:
-        """To a goal (x, z, pitch); None where there is no such jump."""
-        aim = Aim(*(float(v) for v in goal - wanted(target)))
+        """Plan a jump to a goal (x, z, pitch; m, m, rad); None where there is none within the limits."""
+        aim = Aim(*(float(v) for v in goal - target_pose(target)))
         problem = Problem(
             target,
             Grid(self.schedule),
@@ -60,25 +62,25 @@ class JumpPlanner:
         solution = solve(problem)
         return solution if solution.solved else None
 
-    def nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
-        """The plan to the goal; where there is none to one between it and the target, or for a nimbler robot."""
-        aimed = self.plan(target, goal, stance_pitch)
-        if aimed is not None:
-            return goal, aimed
-        straight = self.plan(target, wanted(target), stance_pitch)
-        if straight is None:
-            return self._for_a_nimbler_robot(target, goal, stance_pitch)
-        for share in NEARER:
-            to = wanted(target) * (1 - share) + goal * share
+    def plan_nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
+        """A goal and its plan: ``goal``, else the nearest between it and the target, else for a fallback robot."""
+        direct = self.plan(target, goal, stance_pitch)
+        if direct is not None:
+            return goal, direct
+        to_target = self.plan(target, target_pose(target), stance_pitch)
+        if to_target is None:
+            return self._plan_for_fallback_robots(target, goal, stance_pitch)
+        for share in NEARER_GOALS:
+            to = target_pose(target) * (1 - share) + goal * share
             solution = self.plan(target, to, stance_pitch)
             if solution is not None:
                 return to, solution
-        return wanted(target), straight
+        return target_pose(target), to_target
 
-    def _for_a_nimbler_robot(
+    def _plan_for_fallback_robots(
         self, target: Target, goal: np.ndarray, stance_pitch: float
     ) -> tuple[np.ndarray, Solution] | None:
-        for robot in self.nimbler:
+        for robot in self.fallback_robots:
             solution = self.plan(target, goal, stance_pitch, robot)
             if solution is not None:
                 return goal, solution
@@ -88,7 +90,7 @@ class JumpPlanner:
 class GoalDirectedJump(JumpController):
     """Stands, measures its stance, plans to the goal ``aim(target, stance pitch)``, and jumps with joint PD.
 
-    ``goal`` and ``stance_pitch`` say afterwards what was planned. The jump begins at ``start_s``, after standing.
+    The jump begins at ``start_s``, after standing; from then on ``goal`` and ``stance_pitch`` hold what was planned.
     """
 
     def __init__(
@@ -110,20 +112,20 @@ class GoalDirectedJump(JumpController):
         self._stood: list[StateEstimate] = []
 
     def command(self, estimate: StateEstimate) -> Command:
-        """Stand for a while, then jump."""
+        """Stand for ``stand_s``, then plan and jump."""
         if self.tracker is not None:
             return self.tracker.command(estimate)
         if not self._stood or estimate.time_s - self._stood[0].time_s < self.stand_s - 1e-9:
             self._stood.append(estimate)
             return self._standing(estimate)
         self.stance_pitch = stance_pitch(self._stood, self.legs)
-        wished = self.aim(self.target, self.stance_pitch)
-        found = self.planner.nearest(self.target, wished, self.stance_pitch)
-        if found is None:
-            self._substitute(NO_PLAN)  # what was planned for level ground is the best there is
+        chosen = self.aim(self.target, self.stance_pitch)
+        plan = self.planner.plan_nearest(self.target, chosen, self.stance_pitch)
+        if plan is None:
+            self._substitute(NO_PLAN)  # the plan from level ground is used instead
         else:
-            self.goal, solution = found
-            if solution.problem.robot != self.planner.robot or not np.allclose(self.goal, wished):
+            self.goal, solution = plan
+            if solution.problem.robot != self.planner.robot or not np.allclose(self.goal, chosen):
                 self._substitute(OTHER_PLAN)
             self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
         self.tracker = JointPd(self.reference, self.robot, self.gains)
@@ -135,7 +137,7 @@ class GoalDirectedJump(JumpController):
         self.substituted.append((0.0, reason))
 
     def _standing(self, estimate: StateEstimate) -> Command:
-        """As before the jump: the first pose of the reference and the torques that hold the robot in it."""
+        """The first pose of the reference, and the torques that hold the robot in it."""
         pose = self.targets.position[0]
         command = stand(self.robot, self.legs, estimate, StartFrame.of(estimate), np.zeros(4), pose, self.gains.stance)
         return Command(
@@ -143,18 +145,18 @@ class GoalDirectedJump(JumpController):
         )
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Of the planned jump."""
+        """Torques (joints,), N·m, and pair forces (4,), N, of the planned jump."""
         assert self.tracker is not None
         return self.tracker.feed_forward(time_s, estimate, frame)
 
 
-def stance_pitch(stood: list[StateEstimate], legs: LegKinematics) -> float:
-    """Pitch that a robot in the crouch has on the ground below its feet, rad: the slope from rear to front feet.
+def stance_pitch(estimates: list[StateEstimate], legs: LegKinematics) -> float:
+    """Pitch of the ground under a robot in the crouch, rad, nose-down: the slope from the rear to the front feet.
 
-    Mean over the estimates: kinematics of the encoders, turned by the measured attitude.
+    Feet by forward kinematics of the measured joints and attitude; mean over the estimates.
     """
     slopes = []
-    for estimate in stood:
+    for estimate in estimates:
         front, rear = legs.pair_offsets(estimate.base_quaternion, estimate.joint_pos)
         across = np.hypot(*(front - rear)[:2])
         slopes.append(-np.arctan2(front[2] - rear[2], across))

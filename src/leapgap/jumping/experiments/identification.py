@@ -1,7 +1,7 @@
-"""What the robot's joints lack in the nominal model, from its own jumps: so that plans can reckon with it.
+"""Identifies effects in the robot's joints from its own jumps, so that plans can account for them.
 
-The logs' commands are replayed in the nominal robot with effects, and the effects' sizes fitted to the measured motion:
-the corrected robot of a diagnosis, with its hypotheses named beforehand.
+The logs' commands are replayed in the nominal robot with effects, and the parameters of the effects are fitted to the
+measured motion. Unlike a diagnosis, the effects to fit are fixed beforehand.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,64 +20,64 @@ from leapgap.simulation.replay import Replayer, Rollout
 
 
 @dataclass(frozen=True)
-class Unknown:
-    """One parameter of an effect to find, and a change of it that matters."""
+class FitParameter:
+    """One parameter of an effect to fit, and the size of a typical change of it, in the parameter's unit."""
 
     effect: str
     parameter: str
     scale: float
 
 
-JOINTS = (
-    Unknown("joint_damping", "damping", 0.5),
-    Unknown("joint_friction", "torque_nm", 0.5),
-    Unknown("armature", "inertia", 0.02),
-    Unknown("command_delay", "delay_s", 0.003),
+JOINT_PARAMETERS = (
+    FitParameter("joint_damping", "damping", 0.5),
+    FitParameter("joint_friction", "torque_nm", 0.5),
+    FitParameter("armature", "inertia", 0.02),
+    FitParameter("command_delay", "delay_s", 0.003),
 )
 BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
-"""m, m, rad; rad: errors that count alike."""
-EVERY_S = 0.02
-"""Motions are compared so often."""
+"""Errors of x, z and pitch of the base (m, m, rad) and of a joint (rad) that count alike in the fit."""
+COMPARISON_STEP_S = 0.02
+"""Simulated and measured motions are compared at this interval."""
 
 
-def identified_config(logs: Sequence[Log], robot: Robot, known: tuple[Effect, ...]) -> dict[str, Any]:
-    """``identified`` as configuration, which a JSON file can hold."""
-    return {"effects": effects.to_config(identified(logs, robot, known))}
+def identify_effects_config(logs: Sequence[Log], robot: Robot, known: tuple[Effect, ...]) -> dict[str, Any]:
+    """``identify_effects`` in the form of a configuration, which a JSON file can hold."""
+    return {"effects": effects.to_config(identify_effects(logs, robot, known))}
 
 
-def identified(
-    logs: Sequence[Log], robot: Robot, known: tuple[Effect, ...] = (), unknown: Sequence[Unknown] = JOINTS
+def identify_effects(
+    logs: Sequence[Log], robot: Robot, known: tuple[Effect, ...] = (), fitted: Sequence[FitParameter] = JOINT_PARAMETERS
 ) -> tuple[Effect, ...]:
-    """The effects, at the sizes with which replays of the logs come nearest to what was measured.
+    """The effects of ``fitted``, with the parameters whose replays come nearest to the measured motion.
 
-    ``known`` act too and are not fitted: what the motors' data sheet says.
+    The effects ``known`` act as well and are not fitted; an example is the limit in the motors' data sheet.
     """
     replayer = Replayer(robot, max((len(log.info.terrain) for log in logs), default=0) or 1)
     kinds = effects.known()
-    ranges = [next(p for p in kinds[u.effect].parameters(robot) if p.name == u.parameter) for u in unknown]
-    scale = np.array([u.scale for u in unknown])
+    ranges = [next(p for p in kinds[u.effect].parameters(robot) if p.name == u.parameter) for u in fitted]
+    scale = np.array([u.scale for u in fitted])
     rows = [min(log.rows_before_gain_change, round(1.1 / log.info.sample_period_s)) for log in logs]
 
-    def acting(sizes: np.ndarray) -> tuple[Effect, ...]:
-        values = zip(unknown, sizes * scale, strict=True)
+    def effects_with(sizes: np.ndarray) -> tuple[Effect, ...]:
+        values = zip(fitted, sizes * scale, strict=True)
         entries: list[Mapping[str, Any]] = [{"name": u.effect, u.parameter: float(value)} for u, value in values]
         return effects.from_config(entries)
 
-    def missed(sizes: np.ndarray) -> np.ndarray:
-        found = (*known, *acting(sizes))
-        motions = [replayer.motions([Rollout(log, found)], count)[0] for log, count in zip(logs, rows, strict=True)]
+    def residuals(sizes: np.ndarray) -> np.ndarray:
+        acting = (*known, *effects_with(sizes))
+        motions = [replayer.motions([Rollout(log, acting)], count)[0] for log, count in zip(logs, rows, strict=True)]
         return np.concatenate([difference(m.qpos, log, robot) for m, log in zip(motions, logs, strict=True)])
 
-    # What the joints lack is looked for, not what the model has too much of.
+    # Only additions to the model are fitted: no parameter goes below its nominal value.
     bounds = np.array([[max(p.lower, p.nominal) for p in ranges], [p.upper for p in ranges]]) / scale
-    start = np.clip(np.full(len(unknown), 0.3), *bounds)
-    fit = least_squares(missed, start, bounds=bounds, loss="soft_l1", diff_step=0.05, max_nfev=15)
-    return acting(np.clip(fit.x, *bounds))
+    start = np.clip(np.full(len(fitted), 0.3), *bounds)
+    fit = least_squares(residuals, start, bounds=bounds, loss="soft_l1", diff_step=0.05, max_nfev=15)
+    return effects_with(np.clip(fit.x, *bounds))
 
 
 def difference(qpos: np.ndarray, log: Log, robot: Robot) -> np.ndarray:
-    """Simulated less measured x, z, pitch and joints at some rows, in what counts alike."""
-    at = slice(0, len(qpos), log.info.rows(EVERY_S))
+    """Simulated minus measured x, z, pitch and joints every ``COMPARISON_STEP_S``, divided by their scales, (n,)."""
+    at = slice(0, len(qpos), log.info.rows(COMPARISON_STEP_S))
     pitch = pitch_of(qpos[at, 3:7]) - log.pitch[: len(qpos)][at]
     base = qpos[at, 0] - log["base_pos_x"][: len(qpos)][at], qpos[at, 2] - log["base_pos_z"][: len(qpos)][at]
     joints = (qpos[at][:, robot.joint_qpos] - log.per_joint("joint_pos", robot.joints)[: len(qpos)][at]) / JOINT_SCALE

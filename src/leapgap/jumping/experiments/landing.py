@@ -1,4 +1,4 @@
-"""How a jump ended: where, how upright, and whether it stood; from what truly happened, not from sensors."""
+"""Where and how a jump landed, from the true motion of the simulation rather than from sensors."""
 
 from dataclasses import dataclass
 
@@ -13,11 +13,11 @@ from leapgap.simulation.closed_loop import ClosedLoopRun
 
 LARGEST_PITCH_RAD = np.deg2rad(15)
 STANDS_AFTER_S = 0.5
-"""A landing that succeeds is upright this long after it."""
+"""A successful landing is still upright after this time."""
 UPRIGHT_COSINE = np.cos(np.deg2rad(30))
-"""Of the angle between the base's vertical axis and the world's."""
+"""Cosine of the largest angle between the vertical axes of the base and of the world."""
 FOOT_ABOVE_SURFACE_M = 0.03
-"""A foot whose lowest point is no farther from the target surface, or the blocks on it, stands on it."""
+"""Largest distance of a foot's lowest point from the target surface, or from the blocks on it, to stand on it."""
 
 
 @dataclass(frozen=True)
@@ -25,19 +25,19 @@ class Landing:
     """Errors are target distance − displacement along the heading at take-off, cm; positive is short."""
 
     error_cm: float
-    """At the end of the scheduled flight."""
+    """Error at the end of the scheduled flight."""
     contact_error_cm: float | None
-    """When the first foot touches again; None where none does."""
+    """Error when the first foot touches again; None where none does."""
     pitch_deg: float
-    """At the end of the scheduled flight, nose-down."""
+    """Pitch at the end of the scheduled flight, nose-down."""
     apex: float
-    """Greatest height of the base over the one it stood at, in multiples of that."""
+    """Largest height of the base, divided by its height at the start."""
     success: bool
-    """All feet on the target surface, pitch below 15°, and upright half a second later."""
+    """Pitch below 15°, and half a second later all feet on the target surface and the base upright."""
 
 
 def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float | None = None) -> Landing:
-    """Of the jump that begins at row ``first``; its target is the log's unless a distance is named."""
+    """Landing of the jump that begins at row ``first``; the target distance is the log's unless one is given."""
     jump, truth = run.log, run.truth
     schedule, period = jump.info.schedule, jump.info.sample_period_s
     target_x = jump.info.target.x_m if target_x_m is None else target_x_m
@@ -62,7 +62,7 @@ def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float 
 
 
 def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Log) -> bool:
-    """Whether at a row the base is upright and all feet are on the target surface: on the box, where there is one."""
+    """Whether at a row the base is upright and all feet stand on the target surface, which may be a box."""
     feet = feet_positions(robot, truth.qpos[row : row + 1])[0]
     height = feet[:, 2] - robot.foot_radius - surface_z_m
     highest = max((box.top_m - surface_z_m for box in jump.info.terrain), default=0.0)

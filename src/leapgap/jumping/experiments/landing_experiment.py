@@ -1,4 +1,4 @@
-"""Where each method lands: closed-loop runs of every method at every task, on each simulated hardware."""
+"""Closed-loop runs of every landing method at every task, on each simulated hardware."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from leapgap.jumping.experiments.method import Method, References, crouch
 from leapgap.jumping.experiments.method_registry import available
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.rig import LandSettings, Rig
-from leapgap.jumping.experiments.scores import Scored
+from leapgap.jumping.experiments.scores import ScoredRun
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup
 from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
@@ -29,7 +29,7 @@ RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.htm
 
 @dataclass(frozen=True)
 class Hardware:
-    """A simulated robot that no controller knows."""
+    """A simulated robot with effects that no controller knows."""
 
     place: str
     """Its name in paths."""
@@ -39,23 +39,23 @@ class Hardware:
 
 @dataclass(frozen=True)
 class LandingExperiment:
-    """The grid of hardware, methods and tasks; made only if every name in it is known."""
+    """Grid of hardware, methods and tasks. Creating one with an unknown name is an ``InputError``."""
 
     settings: LandSettings
     methods: Mapping[str, MethodSettings]
-    """Those of ``land.method_settings``, by name."""
+    """Settings in ``land.method_settings``, by name."""
     variants: Mapping[str, Mapping[str, Any]]
     """Section ``collect.variants``."""
     tasks: Sequence[JumpTask]
     repeats: Mapping[str, int]
-    """How often each task is done, by its name."""
+    """Number of runs of each task, by its name."""
     robot: Robot
     sensing: Sensing
     rounded: RigidBody | None = None
-    """Figures of the robot as its configuration rounds them."""
+    """Mass and inertia of the robot, rounded as in its configuration."""
 
     def __post_init__(self) -> None:
-        """Refuse what is unknown before any work starts."""
+        """Refuse unknown names before any work starts."""
         self.hardware  # noqa: B018 (refuses unknown hardware)
         known = available(self.methods)
         lists = {"land.methods": self.settings.methods}
@@ -69,19 +69,19 @@ class LandingExperiment:
 
     @property
     def hardware(self) -> list[Hardware]:
-        """Everything to run on."""
+        """The simulated robots that all methods run on."""
         return [hardware_of(self.variants, name) for name in self.settings.hardware]
 
     def names_on(self, hardware: Hardware) -> list[str]:
-        """Methods that are tried on a hardware."""
+        """Names of the methods that run on a hardware."""
         return self.settings.only.get(hardware.variant, self.settings.methods)
 
-    def run(self, runner: TrialRunner) -> list[Scored]:
-        """Every method at every task on every hardware; what its cache holds is not run again."""
+    def run(self, runner: TrialRunner) -> list[ScoredRun]:
+        """Run every method at every task on every hardware. Results in the runner's cache are not computed again."""
         return [scored for hardware in self.hardware for scored in self._run_on(hardware, runner)]
 
     def rig(self, hardware: Hardware, runner: TrialRunner) -> Rig:
-        """One hardware with what methods need."""
+        """A hardware, with everything that methods need to be prepared on it."""
         settings, planar = self.settings, planar_robot(self.robot)
         references: References = {
             task.target: reference_to(task.target, Path(settings.references), planar, settings.schedule)
@@ -92,19 +92,16 @@ class LandingExperiment:
         bench = Bench(hardware.place, hardware.effects, world, references, runner, settings.seed)
         return Rig(settings, available(self.methods), bench, self.tasks, body)
 
-    def _run_on(self, hardware: Hardware, runner: TrialRunner) -> list[Scored]:
+    def _run_on(self, hardware: Hardware, runner: TrialRunner) -> list[ScoredRun]:
         rig = self.rig(hardware, runner)
         methods = {name: method for name in self.names_on(hardware) if (method := rig.method(name)) is not None}
         named = all_trials(rig.bench, methods, self.tasks, self.repeats)
         results = runner.results([trial for _, trial in named])
-        return [
-            Scored(hardware.variant, hardware.place, name, trial.task.name, number_of(trial), trial.task.jumps, done)
-            for (name, trial), done in zip(named, results, strict=True)
-        ]
+        return [scored_run(hardware, name, trial, result) for (name, trial), result in zip(named, results, strict=True)]
 
 
 def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardware:
-    """By name: ``random:3`` is number 3 of the robots drawn from the variant ``random``."""
+    """The hardware of a name; ``random:3`` is number 3 of the robots drawn from the variant ``random``."""
     variant, _, number = name.partition(":")
     if variant not in variants or not (number or "0").isdigit():
         raise InputError("land.hardware", name, f"one of {', '.join(variants)}", "choose a known variant")
@@ -114,7 +111,7 @@ def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardwar
 def all_trials(
     bench: Bench, methods: Mapping[str, Method], tasks: Sequence[JumpTask], repeats: Mapping[str, int]
 ) -> list[tuple[str, TrialSpec]]:
-    """Every method, by its name, at every task, as often as the task is done; each first run with its log."""
+    """Trials of every method at every task with the name of the method; the first run of each keeps its log."""
     return [
         (name, bench.trial(name, method, task, number, with_log=number == 0))
         for name, method in methods.items()
@@ -123,12 +120,18 @@ def all_trials(
     ]
 
 
-def number_of(trial: TrialSpec) -> int:
-    """Which run of its task a trial is."""
+def scored_run(hardware: Hardware, method: str, trial: TrialSpec, result: TrialResult) -> ScoredRun:
+    """The result of a trial with the names that its figures are grouped by."""
+    task = trial.task
+    return ScoredRun(hardware.variant, hardware.place, method, task.name, trial_number(trial), task.jumps, result)
+
+
+def trial_number(trial: TrialSpec) -> int:
+    """Number of a trial among the runs of its task, from 0."""
     return int(trial.place.rpartition("_")[2])
 
 
-def tell(trial: TrialSpec, done: TrialResult) -> None:
-    """Print one line for a person."""
-    landings = ", ".join(f"{one.error_cm:+.1f} cm{'' if one.success else ' fell'}" for one in done.landings)
+def print_trial(trial: TrialSpec, result: TrialResult) -> None:
+    """Print where the jumps of a trial landed."""
+    landings = ", ".join(f"{one.error_cm:+.1f} cm{'' if one.success else ' fell'}" for one in result.landings)
     print(f"{trial.place}: {landings or 'no jump'}", flush=True)

@@ -1,8 +1,8 @@
-"""Where a robot lands that was told to land somewhere: learned from its jumps, and turned round to aim.
+"""Regression from commanded goal to landing pose, inverted to choose the goal.
 
-A jump is planned to a goal (x, z, pitch at the landing). The robot lands off the goal by an error that depends
-smoothly on the goal and on how it stood before, because joint PD and feed-forward repeat. Learning that error directly
-predicts the landing from before the first push on, where there is all the authority; forces late in the jump have none.
+A jump is planned to a goal (x, z, pitch at the landing). Joint PD and feed-forward repeat, so the landing error is a
+smooth function of the goal and of the stance before the jump. A model of that error predicts the landing before the
+first push, when the whole jump can still be changed. Forces late in the jump could change little.
 """
 
 from dataclasses import dataclass, field
@@ -16,53 +16,53 @@ GOAL = ("x", "z", "pitch")
 """Layout of a goal and of a landing: m, m over the height of a robot that stands on level ground, rad nose-down."""
 
 
-REWEIGHTED = 10
-"""Times that jumps are weighed anew; most settle after three."""
-LEAST_COUNT = 1e-4
+REWEIGHTINGS = 10
+"""Iterations of the reweighting; most data sets settle after three."""
+LEAST_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True)
 class AimConfig:
-    """How landing errors are learned and weighed."""
+    """How landing errors are learned, and what they cost when a goal is chosen."""
 
     scale: tuple[float, float, float, float] = (0.2, 0.1, 0.2, 0.1)
-    """Of the inputs x, z, pitch of the goal and pitch of the stance: changes that matter, m, m, rad, rad."""
+    """Typical change of each input: x, z and pitch of the goal, and pitch of the stance; m, m, rad, rad."""
     length: float = 1.5
-    """Of the kernel, in these scales: errors change this slowly."""
+    """Length scale of the kernel, in units of ``scale``."""
     trend_ridge: float = 1.0
-    """Of the linear trend below the kernel; a quadratic one extrapolates badly, to a box that was never practised."""
+    """Ridge of the linear trend. A quadratic trend extrapolates badly, for example to a box."""
     noise: float = 0.02
-    """Variance of what does not repeat, as part of the kernel's."""
+    """Variance of what does not repeat from jump to jump, as a share of the kernel's variance."""
     astray: float = 2.5
-    """A jump whose landing is this many times farther off what all others foretell than is usual counts less, by the
-    square: feet that slip land anywhere, and say nothing about those that hold."""
+    """A jump whose held-out error is this many times the median or more gets less weight, by the square of the ratio.
+    Such jumps are usually those whose feet slipped, and they say nothing about jumps whose feet held."""
     matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
     """Landing errors that cost alike: m, m, rad."""
     clearance_m: float = 0.015
-    """Aim this much above the target: feet that touch before the scheduled landing let the ground change it."""
+    """Goals are this much above the target, so that no foot touches the ground before the scheduled landing."""
     caution: float = 0.02
-    """Cost of an aim beyond the target, per squared scale: of aims that land alike, the nearest is taken."""
+    """Cost of a goal away from the target, per squared ``scale``: of goals that land alike, the nearest is chosen."""
     largest: tuple[float, float, float] = (0.25, 0.15, 0.2)
-    """No aim is farther beyond its target than this: m, m, rad."""
+    """Largest distance of a goal from its target: m, m, rad."""
 
 
 @dataclass(frozen=True)
-class Tried:
-    """Jumps that were made: their goals, stances and landings."""
+class LandingSamples:
+    """Goals, stances and landings of n jumps."""
 
     goal: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    """(n, 3) as ``GOAL``"""
+    """Commanded goals, (n, 3), as ``GOAL``."""
     stance_pitch: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(n,), rad"""
+    """Pitch of the crouch on the ground before each jump, nose-down, (n,), rad."""
     landing: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    """(n, 3) as ``GOAL``, at the end of the scheduled flight"""
+    """Poses at the end of the scheduled flight, (n, 3), as ``GOAL``."""
 
     def __len__(self) -> int:
         return len(self.stance_pitch)
 
-    def and_also(self, other: "Tried") -> "Tried":
-        """Both."""
-        return Tried(
+    def extended_by(self, other: "LandingSamples") -> "LandingSamples":
+        """These samples, followed by those of ``other``."""
+        return LandingSamples(
             np.concatenate([self.goal, other.goal]),
             np.concatenate([self.stance_pitch, other.stance_pitch]),
             np.concatenate([self.landing, other.landing]),
@@ -70,63 +70,64 @@ class Tried:
 
     @property
     def inputs(self) -> np.ndarray:
-        """Goal and stance, (n, 4)."""
+        """Goals and stance pitches as inputs of the regression, (n, 4)."""
         return np.column_stack([self.goal, self.stance_pitch])
 
 
 class LandingModel:
     """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves."""
 
-    def __init__(self, tried: Tried, config: AimConfig) -> None:
-        self.tried, self.config = tried, config
-        self.centre = tried.inputs.mean(axis=0) if len(tried) else np.zeros(4)
-        self.error = tried.landing - tried.goal
-        self.counts = np.ones(len(tried))
-        """How much each jump counts, 0 to 1, (n,)."""
+    def __init__(self, samples: LandingSamples, config: AimConfig) -> None:
+        self.samples, self.config = samples, config
+        self.centre = samples.inputs.mean(axis=0) if len(samples) else np.zeros(4)
+        self.error = samples.landing - samples.goal
+        self.sample_weights = np.ones(len(samples))
+        """Weight of each jump in the fit, 0 to 1, (n,)."""
         self._fit()
-        for _ in range(REWEIGHTED):
-            self.counts = self._trusted()
+        for _ in range(REWEIGHTINGS):
+            self.sample_weights = self._weights_from_residuals()
             self._fit()
 
     def _fit(self) -> None:
-        """Trend, then the process on what it leaves; a jump that counts less is one with more noise."""
-        tried, config = self.tried, self.config
-        trend = self._trend(tried.inputs)
-        weighed = trend.T * self.counts
+        """Fit the trend, then the process to its residuals; a jump of smaller weight counts as one with more noise."""
+        samples, config = self.samples, self.config
+        trend = self._trend(samples.inputs)
+        weighted = trend.T * self.sample_weights
         ridge = config.trend_ridge * np.eye(trend.shape[1])
         ridge[0, 0] = 1e-6  # the mean error is free
-        self.weights = np.linalg.solve(weighed @ trend + ridge, weighed @ self.error)
-        self.inverse = np.linalg.inv(self._kernel(tried.inputs, tried.inputs) + np.diag(config.noise / self.counts))
-        left = self.error - trend @ self.weights
-        self.dual = self.inverse @ left
-        self.scatter = np.sqrt((left * self.dual).sum(axis=0) / max(len(tried), 1))
+        self.weights = np.linalg.solve(weighted @ trend + ridge, weighted @ self.error)
+        noise = np.diag(config.noise / self.sample_weights)
+        self.inverse = np.linalg.inv(self._kernel(samples.inputs, samples.inputs) + noise)
+        residual = self.error - trend @ self.weights
+        self.dual = self.inverse @ residual
+        self.scatter = np.sqrt((residual * self.dual).sum(axis=0) / max(len(samples), 1))
         """Standard deviation of the process, by maximum likelihood, (3,), m, m, rad."""
 
-    def _trusted(self) -> np.ndarray:
-        """How much each jump counts by how far it is from what the process makes of all others, (n,)."""
-        others_miss = self.dual / np.diag(self.inverse)[:, None] / np.array(self.config.matters)
-        off = np.linalg.norm(others_miss, axis=1)
-        usual = max(float(np.median(off)), 1.0) if len(off) else 1.0  # errors that do not matter are not astray
-        return np.clip((self.config.astray * usual / np.maximum(off, 1e-9)) ** 2, LEAST_COUNT, 1.0)
+    def _weights_from_residuals(self) -> np.ndarray:
+        """Weight of each jump by its error when the process predicts it from all other jumps, (n,)."""
+        heldout = self.dual / np.diag(self.inverse)[:, None] / np.array(self.config.matters)
+        off = np.linalg.norm(heldout, axis=1)
+        usual = max(float(np.median(off)), 1.0) if len(off) else 1.0  # errors below ``matters`` are no outliers
+        return np.clip((self.config.astray * usual / np.maximum(off, 1e-9)) ** 2, LEAST_WEIGHT, 1.0)
 
     def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
-        """Predicted landing of a goal (3,), (3,)."""
+        """Predicted landing pose, (3,), of a jump to ``goal`` (3,) from a stance of this pitch, rad; as ``GOAL``."""
         at = np.append(goal, stance_pitch)[None]
-        return goal + (self._trend(at) @ self.weights + self._kernel(at, self.tried.inputs) @ self.dual)[0]
+        return goal + (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
 
     def deviation(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
-        """Standard deviation of that prediction, (3,), m, m, rad: far from what was tried little is known."""
-        k = self._kernel(np.append(goal, stance_pitch)[None], self.tried.inputs)[0]
+        """Standard deviation of that prediction, (3,), m, m, rad; it grows with the distance from the samples."""
+        k = self._kernel(np.append(goal, stance_pitch)[None], self.samples.inputs)[0]
         return self.scatter * np.sqrt(max(1 - k @ self.inverse @ k, 0.0))
 
     def heldout_errors(self) -> np.ndarray:
-        """Landing less its prediction by all other jumps, (n, 3), by leaving each out."""
-        errors = []
-        for i in range(len(self.tried)):
-            others = np.arange(len(self.tried)) != i
-            rest = Tried(self.tried.goal[others], self.tried.stance_pitch[others], self.tried.landing[others])
-            predicted = LandingModel(rest, self.config).landing(self.tried.goal[i], self.tried.stance_pitch[i])
-            errors.append(self.tried.landing[i] - predicted)
+        """Leave-one-out errors: each landing minus its prediction from all other jumps, (n, 3)."""
+        errors, samples = [], self.samples
+        for i in range(len(samples)):
+            others = np.arange(len(samples)) != i
+            rest = LandingSamples(samples.goal[others], samples.stance_pitch[others], samples.landing[others])
+            predicted = LandingModel(rest, self.config).landing(samples.goal[i], samples.stance_pitch[i])
+            errors.append(samples.landing[i] - predicted)
         return np.array(errors).reshape(-1, 3)
 
     def _scaled(self, inputs: np.ndarray) -> np.ndarray:
@@ -140,8 +141,8 @@ class LandingModel:
         return np.exp(-0.5 * (apart**2).sum(axis=2) / self.config.length**2)
 
 
-def wanted(target: Target) -> np.ndarray:
-    """The landing that is wanted: on the target, level, (3,)."""
+def target_pose(target: Target) -> np.ndarray:
+    """Pose of a perfect landing: on the target and level, (3,), as ``GOAL``."""
     return np.array([target.x_m, target.z_m, 0.0])
 
 
@@ -153,20 +154,20 @@ def best_goal(
     ``offset`` (3,) is how much farther than predicted this target's jumps have landed.
     """
     if model is None:
-        return wanted(target)
+        return target_pose(target)
     config = model.config
-    want = wanted(target) + np.array([0.0, config.clearance_m, 0.0])
-    more = np.zeros(3) if offset is None else offset
+    desired = target_pose(target) + np.array([0.0, config.clearance_m, 0.0])
+    bias = np.zeros(3) if offset is None else offset
     matters, scale, largest = (np.array(v) for v in (config.matters, config.scale[:3], config.largest))
 
-    def cost(beyond: np.ndarray) -> float:
-        goal = want + beyond * scale
-        missed = (model.landing(goal, stance_pitch) + more - want) / matters
-        unsure = model.deviation(goal, stance_pitch) / matters
-        return float(missed @ missed + unsure @ unsure + config.caution * (beyond @ beyond))
+    def cost(shift: np.ndarray) -> float:
+        goal = desired + shift * scale
+        error = (model.landing(goal, stance_pitch) + bias - desired) / matters
+        deviation = model.deviation(goal, stance_pitch) / matters
+        return float(error @ error + deviation @ deviation + config.caution * (shift @ shift))
 
-    first = -(model.landing(want, stance_pitch) + more - want)
+    first = -(model.landing(desired, stance_pitch) + bias - desired)
     starts = (np.zeros(3), np.clip(first, -largest, largest) / scale)
     bounds = [(-edge, edge) for edge in largest / scale]
     found = [minimize(cost, start, method="L-BFGS-B", bounds=bounds) for start in starts]
-    return want + min(found, key=lambda one: float(one.fun)).x * scale
+    return desired + min(found, key=lambda one: float(one.fun)).x * scale

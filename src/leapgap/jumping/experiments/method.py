@@ -1,4 +1,4 @@
-"""What every landing method is: data that makes the controllers of a task."""
+"""Base class of the landing methods: plain data from which the controllers of a task are made."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -20,14 +20,14 @@ References = Mapping[Target, Log]
 
 @dataclass(frozen=True)
 class Method(ABC):
-    """Makes the controllers of a task; data, so that it travels to worker processes."""
+    """Makes the controllers of a task. It is plain data, so that it can be sent to worker processes."""
 
     robot: Robot
     references: References
     gains: PhaseGains = field(default_factory=PhaseGains)
 
     def __call__(self, task: JumpTask) -> Sequence[JumpController]:
-        """Fresh controllers of the task's jumps, in their order."""
+        """New controllers of the task's jumps, in their order."""
         return [self.controller(task, self.reference(task)) for _ in range(task.jumps)]
 
     def reference(self, task: JumpTask) -> Reference:
@@ -36,14 +36,14 @@ class Method(ABC):
 
     @abstractmethod
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
-        """A fresh controller of one jump along its plan."""
+        """A new controller of one jump along its plan."""
 
 
-def shifted(target: Target, shift_m: float) -> Target:
-    """A target farther away, to the millimetre."""
+def shift_target(target: Target, shift_m: float) -> Target:
+    """The target moved ``shift_m`` farther away, rounded to the millimetre."""
     return Target(round(target.x_m + shift_m, 3), target.z_m)
 
 
 def crouch(references: References, robot: Robot) -> np.ndarray:
-    """Joints that the plans begin with, (joints,), rad."""
+    """Joint angles in which the plans begin, (joints,), rad."""
     return next(iter(references.values())).per_joint("cmd_pos", robot.joints)[0]

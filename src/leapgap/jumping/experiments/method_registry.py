@@ -1,4 +1,4 @@
-"""Which landing methods there are: every class in ``methods``, and the instances that ``conf/land`` configures."""
+"""Landing methods by name: every class in ``methods``, and the instances that ``conf/land`` configures."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
@@ -9,7 +9,7 @@ from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.registry import classes_by_name
 
 ENTRY_POINTS = "leapgap.landing_methods"
-"""Group under which other packages offer methods."""
+"""Entry-point group under which other packages provide methods."""
 
 
 @cache
@@ -20,9 +20,9 @@ def known() -> dict[str, type[MethodSettings]]:
 
 def available(configured: Mapping[str, MethodSettings]) -> dict[str, MethodSettings]:
     """Methods by the names they can be asked for: those configured, and every class that needs no configuration."""
-    return {name: kind() for name, kind in known().items() if needs_nothing(kind)} | dict(configured)
+    return {name: kind() for name, kind in known().items() if has_only_defaults(kind)} | dict(configured)
 
 
-def needs_nothing(kind: type[MethodSettings]) -> bool:
+def has_only_defaults(kind: type[MethodSettings]) -> bool:
     """Whether all settings of a class have defaults."""
     return all(field.default is not MISSING or field.default_factory is not MISSING for field in fields(kind))

@@ -1,4 +1,4 @@
-"""One simulated robot with everything that methods need to be prepared on it, and the settings of the experiment."""
+"""One simulated robot with everything that methods need to be prepared, and the settings of the experiment."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,17 +9,17 @@ from typing import Any
 from leapgap.errors import InputError
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import AIMED_LIMITS
+from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS
 from leapgap.jumping.experiments.method import Method, References, crouch
 from leapgap.jumping.experiments.methods.base import MethodSettings, PlanSource
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import PracticeConfig
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.corrected_robot import beyond_plans, body_with, planned_with
+from leapgap.jumping.models.corrected_robot import body_with, planar_robot_with, unplannable_effects
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.problem import Limits
-from leapgap.jumping.planning.reference_store import planned, reference_to
+from leapgap.jumping.planning.reference_store import plan_reference, reference_to
 from leapgap.logs.log import Log
 from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
@@ -28,17 +28,17 @@ from leapgap.simulation.corrected import read_corrected
 
 @dataclass(frozen=True)
 class AdaptConfig:
-    """How an offset a task is learned from its own jumps."""
+    """How the offset of each task is learned from its own jumps."""
 
     jumps: int = 4
-    """Of each task, one after the other."""
+    """Jumps of each task, one after the other."""
     rate: float = 0.7
-    """Share of a surprise that is believed."""
+    """Learning rate: share of the prediction error that is added to the offset after each jump."""
 
 
 @dataclass(frozen=True)
 class LandSettings:
-    """Section ``land``."""
+    """Section ``land`` of the configuration."""
 
     references: str
     published: str
@@ -60,8 +60,8 @@ class LandSettings:
     mpc: MpcConfig = field(default_factory=MpcConfig)
     practice: PracticeConfig = field(default_factory=PracticeConfig)
     adapt: AdaptConfig = field(default_factory=AdaptConfig)
-    limits: Limits = AIMED_LIMITS
-    """Of the plans of `ours`."""
+    limits: Limits = AIMING_LIMITS
+    """Limits of the plans of ``ours``."""
 
     def grid(self, key: str, method: str) -> TimeGrid:
         """The steps that a method names."""
@@ -77,7 +77,7 @@ class LandSettings:
         return Path(self.known("models", key, method))
 
     def known(self, part: str, key: str, method: str) -> Any:
-        """An entry of ``grids`` or ``models``; a method that names one that is not there is refused."""
+        """The entry ``key`` of ``grids`` or ``models`` (``part``); a key that is not there is an ``InputError``."""
         entries = getattr(self, part)
         if key not in entries:
             where, expected = f"land.method_settings.{method}", f"a key of land.{part}: {', '.join(entries)}"
@@ -85,7 +85,7 @@ class LandSettings:
         return entries[key]
 
     def check_plans(self, source: PlanSource) -> None:
-        """Plans for a corrected robot need the folder of a diagnosis."""
+        """Refuse plans for a corrected robot where no folder of a diagnosis is named."""
         if source is PlanSource.corrected and self.corrected is None:
             raise InputError("land.corrected", "no folder", "a folder 'corrected' of a diagnosis", "name one")
 
@@ -100,7 +100,7 @@ class Plans:
 
 @dataclass
 class Rig:
-    """One hardware; methods are prepared when they are asked for, each once."""
+    """One simulated robot. Each method is prepared once, when it is first asked for."""
 
     settings: LandSettings
     known: Mapping[str, MethodSettings]
@@ -108,12 +108,12 @@ class Rig:
     bench: Bench
     tasks: Sequence[JumpTask]
     body: RigidBody
-    """What controllers take the nominal robot for."""
+    """Rigid body that controllers assume for the nominal robot."""
     _prepared: dict[str, Method | None] = field(default_factory=dict)
 
     @property
     def robot(self) -> Robot:
-        """The robot that controllers believe in."""
+        """The nominal robot, which controllers assume."""
         return self.bench.robot
 
     def method(self, name: str) -> Method | None:
@@ -127,7 +127,7 @@ class Rig:
         return reference_to(target, Path(self.settings.references), planar_robot(self.robot), self.settings.schedule)
 
     def plans(self, source: PlanSource) -> Plans | None:
-        """Those of a source; None where a corrected robot has an effect that no plan can reckon with."""
+        """Plans for the robot of a source; None where a corrected robot has an effect that plans cannot account for."""
         makers: dict[PlanSource, Callable[[], Plans | None]] = {
             PlanSource.own: lambda: Plans(self.bench.references, self.body),
             PlanSource.published: lambda: self._published,
@@ -137,20 +137,22 @@ class Rig:
 
     @cached_property
     def _published(self) -> Plans:
-        """Plans for the masses of the published planner; who predicts with a body still takes the robot's own."""
+        """Plans for the published planar robot; the rigid body remains that of the nominal robot."""
         folder, schedule = Path(self.settings.published), self.settings.schedule
         found = {target: reference_to(target, folder, PlanarRobot(), schedule) for target in self.bench.references}
         return Plans(found, self.body)
 
     @cached_property
     def _corrected(self) -> Plans | None:
-        """Plans for the robot that a diagnosis corrected, and its rigid body in the crouch they begin in."""
+        """Plans for the robot that a diagnosis corrected, and its rigid body in the crouch in which they begin."""
         self.settings.check_plans(PlanSource.corrected)
         robot, found = read_corrected(Path(str(self.settings.corrected)))
-        beyond = beyond_plans(found)
-        if beyond:
-            print(f"no plan can reckon with {', '.join(beyond)}: methods _corrected are left out", flush=True)
+        left_out = unplannable_effects(found)
+        if left_out:
+            print(f"no plan can reckon with {', '.join(left_out)}: methods _corrected are left out", flush=True)
             return None
-        planar = planned_with(robot, found)
-        references = {target: planned(target, planar, self.settings.schedule) for target in self.bench.references}
+        planar = planar_robot_with(robot, found)
+        references = {
+            target: plan_reference(target, planar, self.settings.schedule) for target in self.bench.references
+        }
         return Plans(references, body_with(robot, found, crouch(references, robot)))

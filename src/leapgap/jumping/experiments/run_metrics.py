@@ -1,4 +1,4 @@
-"""What a run asked of its joints, its motors and the ground, from what truly happened."""
+"""What a run demanded of joints, motors and ground, from the true motion and forces of the simulation."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,16 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import ClosedLoopRun
 
 LEAST_PUSH_N = 20.0
-"""A pair pushes if its vertical force is more: below, the ratio of two small forces says nothing."""
+"""A pair of feet pushes if its vertical force is larger; below, the ratio of two small forces means nothing."""
 SUPPLY_V = 21.5
-"""|R τ + q̇| ≤ supply, at the joint: the motors' data sheet."""
+"""Limit of |R τ + q̇| at the joint, V, by the motors' data sheet."""
 IMPULSE_S = 0.005
-"""Ground forces are judged as means over this long: single steps of a simulated contact chatter."""
+"""Ground forces are averaged over this time, because single steps of a simulated contact chatter."""
 
 
 @dataclass(frozen=True)
 class RunMetrics:
-    """Of the rows from the start of the first jump to its take-off, over both pairs and all joints."""
+    """Figures over the rows from the start of the first jump to its take-off, over both pairs and all joints."""
 
     friction: float
     """Largest |F_x| / F_z of a pair's ground force while it pushes, 1."""
@@ -35,20 +35,20 @@ class RunMetrics:
 
 
 def run_metrics(run: ClosedLoopRun, robot: Robot, first: int) -> RunMetrics:
-    """Of the jump that begins at row ``first``."""
+    """Figures of the jump that begins at row ``first``."""
     schedule, period = run.log.info.schedule, run.log.info.sample_period_s
     rows = slice(first, min(len(run.log), first + round(schedule.take_off_s / period)))
     width = max(1, round(IMPULSE_S / period))
-    force = smooth(pair_force(run, robot), width)[rows]
-    along, up = force[:, FORCE_X], force[:, FORCE_Z]
-    pushing = up > LEAST_PUSH_N
+    force = moving_average(pair_force(run, robot), width)[rows]
+    horizontal, vertical = force[:, FORCE_X], force[:, FORCE_Z]
+    pushing = vertical > LEAST_PUSH_N
     joint_vel = run.truth.qvel[rows][:, robot.joint_dofs]
     commanded = commanded_torque(run.log)[rows]
-    astray = (run.log.per_joint("cmd_pos") - run.truth.qpos[:, robot.joint_qpos])[rows]
+    tracking_error = (run.log.per_joint("cmd_pos") - run.truth.qpos[:, robot.joint_qpos])[rows]
     return RunMetrics(
-        friction=float(np.max(np.abs(along[pushing]) / up[pushing], initial=0.0)),
-        force_n=float(np.max(up, initial=0.0)),
-        tracking_rad=float(np.sqrt(np.mean(astray**2))),
+        friction=float(np.max(np.abs(horizontal[pushing]) / vertical[pushing], initial=0.0)),
+        force_n=float(np.max(vertical, initial=0.0)),
+        tracking_rad=float(np.sqrt(np.mean(tracking_error**2))),
         torque_nm=float(np.abs(commanded).max()),
         short_of_torque=float(np.mean(np.abs(resistance_of(robot) * commanded + joint_vel) > SUPPLY_V)),
     )
@@ -59,7 +59,7 @@ def pair_force(run: ClosedLoopRun, robot: Robot) -> np.ndarray:
     return per_pair(robot, run.ground_force)
 
 
-def smooth(values: np.ndarray, width: int) -> np.ndarray:
-    """Means over ``width`` rows around each, (rows, n)."""
+def moving_average(values: np.ndarray, width: int) -> np.ndarray:
+    """Moving average over ``width`` rows, (rows, n)."""
     window = np.ones(width) / width
     return np.stack([np.convolve(column, window, mode="same") for column in values.T], axis=1)

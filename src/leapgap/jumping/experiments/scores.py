@@ -1,4 +1,4 @@
-"""Landing figures of methods and tasks, as tables."""
+"""Landing figures by hardware, method and task, as tables."""
 
 import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,37 +15,37 @@ BOOTSTRAP_DRAWS = 1000
 
 
 @dataclass(frozen=True)
-class Scored:
+class ScoredRun:
     """One run of a method at a task."""
 
     hardware: str
-    """Its variant; the robots drawn from one variant count together."""
+    """Name of its variant; robots drawn from one variant count together."""
     robot: str
     """Which robot of the variant, as in places."""
     method: str
     task: str
     number: int
-    wanted: int
-    """Jumps of the task."""
-    done: TrialResult
+    planned_jumps: int
+    """Number of jumps in the task."""
+    result: TrialResult
 
     @property
     def key(self) -> str:
-        """As in the metrics."""
+        """Key of this run's figures in the metrics: hardware/method/task."""
         return f"{self.hardware}/{self.method}/{self.task}"
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """One a jump that was made, with what the run asked of the robot."""
+        """One row for each jump that was made: its landing, and what the run demanded of the robot."""
         about = {name: getattr(self, name) for name in ("hardware", "robot", "method", "task", "number")}
-        for jump, landing in enumerate(self.done.landings):
-            figures = {name: tidy(value) for name, value in asdict(landing).items()}
-            conduct = {name: tidy(value) for name, value in asdict(self.done.conduct).items()}
-            yield about | {"jump": jump} | figures | conduct | {"fallbacks": sum(self.done.fallbacks.values())}
+        for jump, landing in enumerate(self.result.landings):
+            figures = {name: round_value(value) for name, value in asdict(landing).items()}
+            demands = {name: round_value(value) for name, value in asdict(self.result.metrics).items()}
+            yield about | {"jump": jump} | figures | demands | {"fallbacks": sum(self.result.fallbacks.values())}
 
 
-def tables(scored: Iterable[Scored], seed: int) -> dict[str, dict[str, Any]]:
+def tables(scored: Iterable[ScoredRun], seed: int) -> dict[str, dict[str, Any]]:
     """``{"abs_error_cm": {"worn/ours/jump_60": 1.2, …}, …}``; intervals are 95 %, as in ``interval``."""
-    groups: dict[str, list[Scored]] = {}
+    groups: dict[str, list[ScoredRun]] = {}
     for one in scored:
         groups.setdefault(one.key, []).append(one)
     found: dict[str, dict[str, Any]] = {}
@@ -55,80 +55,85 @@ def tables(scored: Iterable[Scored], seed: int) -> dict[str, dict[str, Any]]:
     return found
 
 
-def figures(runs: Sequence[Scored], seed: int) -> dict[str, Any]:
-    """Of all jumps of some runs. A jump that was never made, because one before it failed, is no success."""
-    jumps = [landing for run in runs for landing in run.done.landings]
-    wanted = sum(run.wanted for run in runs)
+def figures(runs: Sequence[ScoredRun], seed: int) -> dict[str, Any]:
+    """Figures over all jumps of some runs. A jump that was not made because one before it failed is no success."""
+    jumps = [landing for run in runs for landing in run.result.landings]
+    wanted = sum(run.planned_jumps for run in runs)
     error = np.array([jump.error_cm for jump in jumps])
-    robots = [run.robot for run in runs for _ in run.done.landings]
+    robots = [run.robot for run in runs for _ in run.result.landings]
     pitch = np.array([jump.pitch_deg for jump in jumps])
-    conducts = [run.done.conduct for run in runs]
+    demands = [run.result.metrics for run in runs]
     found = {
-        "error_cm": of(np.mean, error),
+        "error_cm": summarise(np.mean, error),
         "error_ci95_cm": interval(error, robots, seed),
-        "error_sd_cm": sd(error),
-        "abs_error_cm": of(np.mean, np.abs(error)),
+        "error_sd_cm": standard_deviation(error),
+        "abs_error_cm": summarise(np.mean, np.abs(error)),
         "abs_error_ci95_cm": interval(np.abs(error), robots, seed),
-        "worst_error_cm": of(np.max, np.abs(error)),
-        "success": tidy(sum(jump.success for jump in jumps) / wanted),
-        "landing_pitch_deg": of(np.mean, np.abs(pitch)),
-        "worst_pitch_deg": of(np.max, np.abs(pitch)),
-        "apex": of(np.mean, np.array([jump.apex for jump in jumps])),
+        "worst_error_cm": summarise(np.max, np.abs(error)),
+        "success": round_value(sum(jump.success for jump in jumps) / wanted),
+        "landing_pitch_deg": summarise(np.mean, np.abs(pitch)),
+        "worst_pitch_deg": summarise(np.max, np.abs(pitch)),
+        "apex": summarise(np.mean, np.array([jump.apex for jump in jumps])),
         "jumps": wanted,
         "jumps_made": len(jumps),
-        "fallbacks": sum(sum(run.done.fallbacks.values()) for run in runs),
-        "friction": of(np.max, np.array([conduct.friction for conduct in conducts])),
-        "force_n": of(np.max, np.array([conduct.force_n for conduct in conducts])),
-        "tracking_rad": of(np.mean, np.array([conduct.tracking_rad for conduct in conducts])),
-        "short_of_torque": of(np.mean, np.array([conduct.short_of_torque for conduct in conducts])),
+        "fallbacks": sum(sum(run.result.fallbacks.values()) for run in runs),
+        "friction": summarise(np.max, np.array([one.friction for one in demands])),
+        "force_n": summarise(np.max, np.array([one.force_n for one in demands])),
+        "tracking_rad": summarise(np.mean, np.array([one.tracking_rad for one in demands])),
+        "short_of_torque": summarise(np.mean, np.array([one.short_of_torque for one in demands])),
     }
-    if any(run.wanted > 1 for run in runs):
-        totals = np.array([run.done.total_error_cm for run in runs if run.done.total_error_cm is not None])
-        found |= {"total_error_cm": of(np.mean, totals), "total_abs_error_cm": of(np.mean, np.abs(totals))}
+    if any(run.planned_jumps > 1 for run in runs):
+        totals = np.array([run.result.total_error_cm for run in runs if run.result.total_error_cm is not None])
+        found |= {
+            "total_error_cm": summarise(np.mean, totals),
+            "total_abs_error_cm": summarise(np.mean, np.abs(totals)),
+        }
     return found
 
 
-def of(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
-    """Of what there is; None of nothing."""
-    return tidy(statistic(values)) if len(values) else None
+def summarise(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    """A statistic of some values, rounded; None where there are none."""
+    return round_value(statistic(values)) if len(values) else None
 
 
-def sd(values: np.ndarray) -> float | None:
-    """Standard deviation of a sample."""
-    return tidy(values.std(ddof=1)) if len(values) > 1 else None
+def standard_deviation(values: np.ndarray) -> float | None:
+    """Standard deviation of a sample, rounded; None of fewer than two values."""
+    return round_value(values.std(ddof=1)) if len(values) > 1 else None
 
 
 def interval(values: np.ndarray, robots: Sequence[str], seed: int) -> list[float | None] | None:
-    """Of the mean: robots drawn again with all they did, where there are several; else jumps drawn again."""
+    """95 % bootstrap interval of the mean: resamples robots, where there are several, else jumps."""
     if not len(values):
         return None
     units = np.unique(robots, return_inverse=True)[1] if len(set(robots)) > 1 else np.arange(len(values))
     sums, counts = (np.bincount(units, weights) for weights in (values, np.ones(len(values))))
     drawn = np.random.default_rng(seed).integers(0, len(sums), (BOOTSTRAP_DRAWS, len(sums)))
     means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-    return [tidy(edge) for edge in np.percentile(means, [2.5, 97.5])]
+    return [round_value(edge) for edge in np.percentile(means, [2.5, 97.5])]
 
 
-def tidy(value: Any) -> Any:
-    """Numbers to what a table shows; truth values and None as they are."""
+def round_value(value: Any) -> Any:
+    """A number rounded to three digits; truth values and None unchanged."""
     return value if value is None or isinstance(value, bool) else round(float(value), 3)
 
 
-def overall(scored: Iterable[Scored], tasks: Sequence[str], seed: int) -> dict[str, dict[str, Any]]:
-    """Mean absolute error over some tasks by hardware and method, each task counting alike, cm, with its interval."""
+def mean_over_tasks(scored: Iterable[ScoredRun], tasks: Sequence[str], seed: int) -> dict[str, dict[str, Any]]:
+    """Mean absolute error and its interval over some tasks, each with equal weight, by hardware and method, cm."""
     by: dict[str, dict[tuple[str, str], list[float]]] = {}
     for run in scored:
-        if run.task in tasks and run.done.landings:
+        if run.task in tasks and run.result.landings:
             of_task = by.setdefault(f"{run.hardware}/{run.method}", {}).setdefault((run.task, run.robot), [])
-            of_task += [abs(jump.error_cm) for jump in run.done.landings]
+            of_task += [abs(jump.error_cm) for jump in run.result.landings]
     return {
-        "mean_abs_error_cm": {key: tidy(np.mean([np.mean(v) for v in of.values()])) for key, of in by.items()},
-        "mean_abs_error_ci95_cm": {key: interval_of_tasks(of, seed) for key, of in by.items()},
+        "mean_abs_error_cm": {
+            key: round_value(np.mean([np.mean(v) for v in errors.values()])) for key, errors in by.items()
+        },
+        "mean_abs_error_ci95_cm": {key: task_mean_interval(errors, seed) for key, errors in by.items()},
     }
 
 
-def interval_of_tasks(errors: Mapping[tuple[str, str], Sequence[float]], seed: int) -> list[float | None] | None:
-    """Of the mean of the tasks' means, of errors by task and robot."""
+def task_mean_interval(errors: Mapping[tuple[str, str], Sequence[float]], seed: int) -> list[float | None] | None:
+    """95 % bootstrap interval of the mean of the tasks' means; ``errors`` by task and robot, cm."""
     of_robots: dict[str, list[np.ndarray]] = {}
     for (_, robot), of_task in errors.items():
         of_robots.setdefault(robot, []).append(np.array(of_task))
@@ -137,12 +142,12 @@ def interval_of_tasks(errors: Mapping[tuple[str, str], Sequence[float]], seed: i
         return interval(means, list(of_robots), seed)
     rng, (tasks,) = np.random.default_rng(seed), of_robots.values()
     drawn = np.mean([rng.choice(v, (BOOTSTRAP_DRAWS, len(v))).mean(axis=1) for v in tasks], axis=0)
-    return [tidy(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
+    return [round_value(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
 
 
-def landing_figures(scored: Sequence[Scored], single: Sequence[str], seed: int) -> dict[str, Any]:
-    """All that ``metrics/landing.json`` holds; ``single`` are the tasks whose mean is the headline."""
-    return tables(scored, seed) | overall(scored, single, seed) | {"seed": seed}
+def landing_figures(scored: Sequence[ScoredRun], single: Sequence[str], seed: int) -> dict[str, Any]:
+    """Contents of ``metrics/landing.json``; ``single`` names the tasks of the mean over tasks."""
+    return tables(scored, seed) | mean_over_tasks(scored, single, seed) | {"seed": seed}
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:

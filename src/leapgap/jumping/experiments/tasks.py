@@ -1,4 +1,4 @@
-"""What is jumped: targets, and the ground they are jumped from."""
+"""Tasks: the target of each jump, and the ground it starts from."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from leapgap.logs.segments import Target
 from leapgap.robot.terrain import Box
 
 BLOCK_EDGES_M = (0.24, 0.6)
-"""Of a block on uneven ground, along x and y: both feet of a pair stand on one."""
+"""Edges of a block on uneven ground along x and y; both feet of a pair fit on one."""
 
 
 @dataclass(frozen=True)
@@ -24,29 +24,29 @@ class JumpTask:
     z_m: float = 0.0
     jumps: int = 1
     block_m: tuple[float, float] = (0.0, 0.0)
-    """Height of the block under the front feet at the start, drawn evenly. Thinner than feet sink in (4 mm where they
-    are soft) it is no block: a foot then stands on block and floor at once."""
+    """Range of the height of the block under the front feet at the start, drawn evenly. It should exceed 4 mm:
+    soft feet sink in that far, and a foot would stand on block and floor at once."""
     slope_rad: tuple[float, float] = (0.0, 0.0)
-    """Of the whole ground, drawn evenly, positive where it falls away forward: no floor is quite level."""
+    """Range of the slope of the whole ground, drawn evenly; positive falls away forward."""
     uneven_m: tuple[float, float] = (0.0, 0.0)
-    """Height of the blocks the feet land on between the jumps, drawn evenly; 0: flat ground."""
+    """Range of the height of the blocks that feet land on between the jumps, drawn evenly; 0: flat ground."""
 
     @property
     def target(self) -> Target:
-        """Of each jump, from its own take-off pose."""
+        """Target of each jump, from its own take-off pose."""
         return Target(self.x_m, self.z_m)
 
     def start_block(self, rng: np.random.Generator) -> float:
-        """Height under the front feet, m."""
+        """Draw the height of the block under the front feet, m."""
         return round(float(rng.uniform(*self.block_m)), 4)
 
     def tilt(self, rng: np.random.Generator) -> tuple[Effect, ...]:
-        """The slope of the ground."""
+        """Draw the slope of the ground, as an effect; none where it is zero."""
         slope_rad = round(float(rng.uniform(*self.slope_rad)), 5)
         return (effect("ground_slope", pitch_rad=slope_rad),) if slope_rad else ()
 
     def ground(self, reference: Reference, rng: np.random.Generator) -> tuple[Box, ...]:
-        """Blocks where front or rear feet will land, by chance under the one or the other pair, at random places."""
+        """Draw one block for each landing between the jumps, near the planned place of the front or the rear feet."""
         if self.uneven_m[1] == 0:
             return ()
         front, rear = reference.foot[0, FORCE_X]

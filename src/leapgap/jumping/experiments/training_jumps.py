@@ -1,4 +1,4 @@
-"""Practice: jumps from which a robot learns where it lands, first at random, then where it believes to land well."""
+"""Training jumps of the landing model: first to random goals, then to goals that the model chooses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -10,99 +10,104 @@ from leapgap import effects as effects_by_name
 from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
-from leapgap.jumping.experiments.identification import identified_config
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, Tried
-from leapgap.jumping.experiments.methods.aiming import ByAiming
+from leapgap.jumping.experiments.identification import identify_effects_config
+from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
+from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.run_metrics import SUPPLY_V
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial_spec import TrialSpec
-from leapgap.jumping.models.corrected_robot import plannable, planned_with
+from leapgap.jumping.models.corrected_robot import planar_robot_with, plannable
 from leapgap.logs.log import Log
 
 DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=SUPPLY_V),)
-"""What the motors' maker says, and the plans reckon with."""
+"""Torque limit in the motors' data sheet, which the plans account for."""
 
 
-NIMBLER = (0.75, 0.5, 0.25, 0.0)
-"""Shares of the found effects in the robots that are planned for where the found one itself cannot do a jump."""
+FALLBACK_EFFECT_SHARES = (0.75, 0.5, 0.25, 0.0)
+"""Where the identified robot cannot do a jump, it is planned for robots with these shares of the effects, in order."""
 
 
 @dataclass(frozen=True)
-class Beyond:
-    """Ranges from which goals are drawn, evenly, beyond what is believed to be best."""
+class GoalOffsets:
+    """Ranges of uniform random offsets that are added to a chosen goal."""
 
     x_m: tuple[float, float] = (0.0, 0.0)
     z_m: tuple[float, float] = (0.0, 0.0)
     pitch_rad: tuple[float, float] = (0.0, 0.0)
 
-    def drawn(self, rng: np.random.Generator) -> np.ndarray:
-        """(3,), m, m, rad."""
+    def draw(self, rng: np.random.Generator) -> np.ndarray:
+        """One offset (x, z, pitch), (3,), m, m, rad."""
         return rng.uniform(*np.transpose([self.x_m, self.z_m, self.pitch_rad]))
 
 
 @dataclass(frozen=True)
 class PracticeConfig:
-    """How a robot practises; all targets are on the flat: a box is never among them."""
+    """How many training jumps are made, and to which targets; all of them are on flat ground, never on a box."""
 
     identify_jumps: int = 4
-    """First ones, from which joint damping and inertia are found for the plans of all later ones."""
+    """Number of the first jumps, from which effects in the joints are identified for the plans of all later ones."""
     random_jumps: int = 16
     rounds: tuple[int, ...] = (10, 10)
-    """Jumps of each later round, aimed with what was learned until then."""
+    """Jumps of each later round; their goals are chosen with the model of all jumps before."""
     distance_m: tuple[float, float] = (0.32, 0.78)
     block_m: tuple[float, float] = (0.01, 0.07)
-    """Under the front feet in every second jump."""
+    """Height of a block under the front feet in every second jump, drawn evenly."""
     slope_rad: tuple[float, float] = (-0.005, 0.005)
-    """Of the ground."""
-    random_beyond: Beyond = field(default_factory=lambda: Beyond((-0.1, 0.1), (-0.04, 0.14), (-0.15, 0.15)))
-    """Excitation of the first jumps; on the flat a jump may be aimed to be high in the air at its scheduled landing."""
-    later_beyond: Beyond = field(default_factory=lambda: Beyond((-0.03, 0.03), (-0.03, 0.03), (-0.05, 0.05)))
-    """Of the later ones."""
+    """Slope of the ground, drawn evenly."""
+    random_beyond: GoalOffsets = field(default_factory=lambda: GoalOffsets((-0.1, 0.1), (-0.04, 0.14), (-0.15, 0.15)))
+    """Offsets of the goals of the first jumps. On flat ground a goal may be high above it."""
+    later_beyond: GoalOffsets = field(default_factory=lambda: GoalOffsets((-0.03, 0.03), (-0.03, 0.03), (-0.05, 0.05)))
+    """Offsets of the goals of all later jumps."""
     aim: AimConfig = field(default_factory=AimConfig)
 
 
 @dataclass(frozen=True)
-class Learned:
-    """What a robot knows of itself after practice."""
+class PracticeResult:
+    """A planner with the identified effects, and the samples of the landing model."""
 
     planner: JumpPlanner
-    found: tuple[Effect, ...]
-    """Effects identified in its joints."""
-    tried: Tried
+    effects: tuple[Effect, ...]
+    """Effects identified in the robot's joints."""
+    samples: LandingSamples
 
 
-def practised(bench: Bench, method: ByAiming, config: PracticeConfig) -> Learned:
-    """What a robot learns from all jumps of the practice."""
+def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig) -> PracticeResult:
+    """Make all training jumps: identify the joints' effects, then collect samples for the landing model."""
     rng = np.random.default_rng([bench.seed, 7])
 
-    def attempts(name: str, jumps: int, chosen: ByAiming, beyond: Beyond, with_log: bool = False) -> list[TrialSpec]:
-        made = []
+    def draw_trials(
+        name: str, jumps: int, chosen: AimingMethod, offsets: GoalOffsets, with_log: bool = False
+    ) -> list[TrialSpec]:
+        drawn = []
         for i in range(jumps):
             block = config.block_m if i % 2 else (0.0, 0.0)
             distance_m = round(float(rng.uniform(*config.distance_m)), 3)
             task = JumpTask(name, distance_m, block_m=block, slope_rad=config.slope_rad)
-            own = replace(chosen, beyond=beyond.drawn(rng), references={task.target: bench.level})
+            own = replace(chosen, goal_offset=offsets.draw(rng), references={task.target: bench.level})
             place, seed = f"{bench.hardware}/practice/{name}_{i:02d}", int(rng.integers(2**31))
-            made.append(TrialSpec(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
-        return made
+            drawn.append(TrialSpec(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
+        return drawn
 
-    trials = attempts("identify", config.identify_jumps, method, Beyond(), with_log=True)
-    logs = [done.log for done in bench.runner.results(trials) if done.log is not None]
-    found = identified_once(bench, logs)
+    trials = draw_trials("identify", config.identify_jumps, method, GoalOffsets(), with_log=True)
+    logs = [result.log for result in bench.runner.results(trials) if result.log is not None]
+    found = identify_joint_effects(bench, logs)
     assert method.planner is not None
-    robot, *nimbler = (planned_with(bench.robot, shares(found, share)) for share in (1.0, *NIMBLER))
-    planner = replace(method.planner, robot=robot, nimbler=tuple(nimbler))
-    method, tried = replace(method, planner=planner), Tried()
+    robot, *fallback_robots = (
+        planar_robot_with(bench.robot, scale_effects(found, share)) for share in (1.0, *FALLBACK_EFFECT_SHARES)
+    )
+    planner = replace(method.planner, robot=robot, fallback_robots=tuple(fallback_robots))
+    method, samples = replace(method, planner=planner), LandingSamples()
     for number, jumps in enumerate((config.random_jumps, *config.rounds)):
-        landing = LandingModel(tried, config.aim) if len(tried) else None
-        beyond = config.later_beyond if number else config.random_beyond
-        for done in bench.runner.results(attempts(f"round_{number}", jumps, replace(method, landing=landing), beyond)):
-            tried = tried.and_also(done.tried)
-    return Learned(planner, found, tried)
+        landing = LandingModel(samples, config.aim) if len(samples) else None
+        offsets = config.later_beyond if number else config.random_beyond
+        trials = draw_trials(f"round_{number}", jumps, replace(method, landing=landing), offsets)
+        for result in bench.runner.results(trials):
+            samples = samples.extended_by(result.samples)
+    return PracticeResult(planner, found, samples)
 
 
-def shares(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:
-    """Of the effects that plans can reckon with, all of them nothing at the size 0."""
+def scale_effects(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:
+    """The effects that plans can account for, with all their values multiplied by ``share``; 0 gives no change."""
     scaled: list[Effect] = []
     for effect in plannable(found):
         values: dict[str, Any] = {name: share * value for name, value in effect.values.items()}
@@ -110,8 +115,8 @@ def shares(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:
     return tuple(scaled)
 
 
-def identified_once(bench: Bench, logs: Sequence[Log]) -> tuple[Effect, ...]:
-    """Effects of the joints by the logs; identified once and kept in the cache of the bench."""
+def identify_joint_effects(bench: Bench, logs: Sequence[Log]) -> tuple[Effect, ...]:
+    """Effects in the joints by the logs, from the cache of the bench where they are there."""
     place = f"{bench.hardware}/practice/identified"
-    found = bench.runner.value(place, identified_config, list(logs), bench.robot, DATA_SHEET)
+    found = bench.runner.value(place, identify_effects_config, list(logs), bench.robot, DATA_SHEET)
     return effects_by_name.from_config(found["effects"])

@@ -1,4 +1,4 @@
-"""One run of a method at a task on simulated hardware, from standing to what came of each jump."""
+"""One closed-loop run of a method at a task on simulated hardware, and the landing of each of its jumps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,44 +22,44 @@ from leapgap.simulation.open_loop import Course, MotionPlan, prepare, terrain_sl
 from leapgap.simulation.replay import Replayer
 
 Jumps = Callable[[JumpTask], Sequence[JumpController]]
-"""Makes fresh controllers of a task's jumps, in their order."""
+"""Returns new controllers of a task's jumps, in their order."""
 
 LONGEST_STAND_S = 0.1
-"""A method may stand this long to measure before it jumps."""
+"""Longest time a method may stand before it jumps, to measure its stance."""
 
 
 @dataclass(frozen=True)
 class TrialSetup:
-    """What all runs share."""
+    """Everything that all runs of an experiment have in common."""
 
     robot: Robot
     sensing: Sensing = field(default_factory=Sensing)
     sequence: SequenceConfig = field(default_factory=SequenceConfig)
     course: Course = field(default_factory=Course)
     body: RigidBody | None = None
-    """What landings take the robot for; None: its own mass and inertia, in the pose that the plans begin in."""
+    """Rigid body that the landing controller assumes; None: the robot's own, in the pose that the plans begin in."""
 
     def body_for(self, reference: Reference) -> RigidBody:
-        """That of runs whose jumps are planned so."""
+        """The rigid body that the landing controller assumes in runs along this reference."""
         return rigid_body_of(self.robot, reference.joint_pos[0]) if self.body is None else self.body
 
 
 @dataclass(frozen=True)
 class TrialOutcome:
-    """What came of a run."""
+    """The simulated run, its landings, and its fallbacks."""
 
     run: ClosedLoopRun
     starts: tuple[int, ...]
-    """Row at which each jump began."""
+    """Row at which each jump start_times."""
     landings: tuple[Landing, ...]
     total_error_cm: float | None
-    """Of all jumps: the sum of their targets − the way from the first start to the last landing, positive is short;
-    None where not all were made."""
+    """Sum of the jumps' target distances − distance from the first start to the last landing, cm; positive is short.
+    None where not all jumps were made."""
     substituted: tuple[tuple[float, str], ...]
-    """When, s since the run's first row, and why a controller sent something else than what it stands for."""
+    """Time, s since the run's first row, and reason of each fallback command."""
     fallbacks: dict[str, int]
-    """How often, by reason; landings too."""
-    conduct: RunMetrics
+    """Count of fallback commands by reason, those of the landings included."""
+    metrics: RunMetrics
     controllers: tuple[JumpController, ...]
 
 
@@ -71,10 +71,12 @@ def attempt_task(
     world: TrialSetup,
     rng: np.random.Generator,
 ) -> TrialOutcome:
-    """Let a method do a task on a robot with effects; ``reference`` is the plan of its jumps from level ground."""
+    """Simulate a method at a task on a robot with effects; ``reference`` plans one of its jumps from level ground."""
     robot = world.robot
     planned = Reference.of(reference, robot)
-    course = replace(world.course, after_landing_s=length_s(task, planned, world.sequence) - planned.schedule.landing_s)
+    course = replace(
+        world.course, after_landing_s=run_duration_s(task, planned, world.sequence) - planned.schedule.landing_s
+    )
     terrain = (*reference.info.terrain, *task.ground(planned, rng))
     level = replace(reference, info=replace(reference.info, target=task.target, terrain=terrain))
     plans = [MotionPlan(task.name, level, task.start_block(rng))]
@@ -84,8 +86,8 @@ def attempt_task(
     controller = JumpSequence(list(method(task)), robot, world.sequence, world.body_for(planned))
     run = run_closed_loop(ready, controller, replayer, effects, world.sensing, rng)
     period = run.log.info.sample_period_s
-    began = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
-    starts = tuple(round(start / period) for start in began)
+    start_times = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
+    starts = tuple(round(start / period) for start in start_times)
     landings = tuple(landing(run, robot, first) for first in starts)
     return TrialOutcome(
         run,
@@ -104,14 +106,14 @@ def attempt_task(
     )
 
 
-def length_s(task: JumpTask, reference: Reference, sequence: SequenceConfig) -> float:
-    """How long a task's run is watched: its jumps, and half a second after the last landing."""
+def run_duration_s(task: JumpTask, reference: Reference, sequence: SequenceConfig) -> float:
+    """Simulated time of a task's run: its jumps and landings, the longest stand before them, and 0.2 s more, s."""
     one = reference.schedule.landing_s + sequence.latest_touch_s + sequence.landing.duration_s + sequence.settle_s
     return LONGEST_STAND_S + task.jumps * one + 0.2
 
 
 def total_error_cm(run: ClosedLoopRun, task: JumpTask, starts: Sequence[int]) -> float | None:
-    """Along the heading of the first start, from the true state, at the end of the last scheduled flight."""
+    """``TrialOutcome.total_error_cm``: true positions, along the heading at the first start."""
     info = run.log.info
     if len(starts) < task.jumps:
         return None

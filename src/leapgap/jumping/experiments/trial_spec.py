@@ -1,4 +1,4 @@
-"""Trials and their results, as data that travels between processes and to files."""
+"""Trials and their results as plain data, which can be sent to other processes and written to files."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -10,7 +10,7 @@ import numpy as np
 from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump
 from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.landing_model import Tried
+from leapgap.jumping.experiments.landing_model import LandingSamples
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.run_metrics import RunMetrics, pair_force
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -23,17 +23,17 @@ from leapgap.robot.model import Robot
 from leapgap.robot.rotations import pitch_of, yaw_of
 
 LEAVES_WITHIN_S = 0.05
-"""Feet that touch up to so long after the planned take-off have not left yet."""
+"""A foot that touches within this time after the planned take-off has not left the ground yet."""
 UPRIGHT_RAD = 0.5
-"""A jump that is pitched more when it lands teaches nothing about aiming."""
+"""A jump that lands with a larger pitch is no sample for the landing model: the robot fell."""
 
 
 @dataclass(frozen=True)
 class TrialSpec:
-    """One closed-loop run to make: who jumps, what, on which robot, from which seed."""
+    """One closed-loop run to make: the method, the task, the simulated robot and the seed."""
 
     place: str
-    """Where its result is kept, ``<hardware>/<method>/<task>_<number>``: different for every trial of an experiment."""
+    """Path of its result, ``<hardware>/<method>/<task>_<number>``; it differs for every trial of an experiment."""
     task: JumpTask
     method: Method
     reference: Log
@@ -53,23 +53,23 @@ class TrialSpec:
             total_error_cm=outcome.total_error_cm,
             fallbacks=outcome.fallbacks,
             substituted=outcome.substituted,
-            conduct=outcome.conduct,
-            tried=tried_in(outcome),
+            metrics=outcome.metrics,
+            samples=landing_samples(outcome),
             log=log_of(outcome, self.world.robot, Path(self.place).name) if self.with_log else None,
         )
 
 
 @dataclass(frozen=True)
 class TrialResult:
-    """Landings of a trial, and how its controller behaved."""
+    """Landings of a trial, what it demanded of the robot, and when its controller fell back."""
 
     landings: tuple[Landing, ...]
     total_error_cm: float | None
     fallbacks: Mapping[str, int]
     substituted: tuple[tuple[float, str], ...]
-    """When, s, and why a controller sent something else than what it stands for."""
-    conduct: RunMetrics
-    tried: Tried = field(default_factory=Tried)
+    """Time, s, and reason of each fallback command."""
+    metrics: RunMetrics
+    samples: LandingSamples = field(default_factory=LandingSamples)
     log: Log | None = None
 
     def to_json(self) -> dict[str, Any]:
@@ -79,28 +79,28 @@ class TrialResult:
             "total_error_cm": self.total_error_cm,
             "fallbacks": dict(self.fallbacks),
             "substituted": [list(one) for one in self.substituted],
-            "conduct": asdict(self.conduct),
-            "tried": {name: values.tolist() for name, values in asdict(self.tried).items()},
+            "conduct": asdict(self.metrics),
+            "tried": {name: values.tolist() for name, values in asdict(self.samples).items()},
         }
 
     @staticmethod
     def from_json(raw: Mapping[str, Any], log: Log | None) -> "TrialResult":
         """The inverse of ``to_json``; numbers in JSON keep all their digits."""
-        empty = Tried()
-        tried = {n: np.array(v, float).reshape(-1, *getattr(empty, n).shape[1:]) for n, v in raw["tried"].items()}
+        empty = LandingSamples()
+        samples = {n: np.array(v, float).reshape(-1, *getattr(empty, n).shape[1:]) for n, v in raw["tried"].items()}
         return TrialResult(
             landings=tuple(Landing(**one) for one in raw["landings"]),
             total_error_cm=raw["total_error_cm"],
             fallbacks=raw["fallbacks"],
             substituted=tuple((time_s, reason) for time_s, reason in raw["substituted"]),
-            conduct=RunMetrics(**raw["conduct"]),
-            tried=Tried(**tried),
+            metrics=RunMetrics(**raw["conduct"]),
+            samples=LandingSamples(**samples),
             log=log,
         )
 
 
 def log_of(outcome: TrialOutcome, robot: Robot, name: str) -> Log:
-    """The log with what a simulation knows besides: contacts, and the true forces of the ground."""
+    """The log with two quantities that only a simulation knows: contacts, and the true ground forces."""
     columns = dict(outcome.run.log.columns)
     columns |= {f"contact/{foot}": outcome.run.touching[:, i].astype(float) for i, foot in enumerate(robot.feet)}
     force = pair_force(outcome.run, robot)
@@ -108,26 +108,29 @@ def log_of(outcome: TrialOutcome, robot: Robot, name: str) -> Log:
     return replace(outcome.run.log, name=name, columns=columns)
 
 
-def tried_in(outcome: TrialOutcome) -> Tried:
-    """What a method that aims has tried in a run, and where it came down as its sensors tell."""
+def landing_samples(outcome: TrialOutcome) -> LandingSamples:
+    """Goals, stances and landing poses of a run's goal-directed jumps, by the robot's own sensors.
+
+    Jumps without a goal and jumps that fell are left out.
+    """
     rows = []
     for first, jump in zip(outcome.starts, outcome.controllers, strict=False):  # those never begun have no start
         if not isinstance(jump, GoalDirectedJump) or jump.goal is None:
             continue
-        landing = came_down(outcome, first, jump.reference.schedule, jump.standing_height_m)
+        landing = landing_pose(outcome, first, jump.reference.schedule, jump.standing_height_m)
         if abs(landing[2]) <= UPRIGHT_RAD:
             rows.append((jump.goal, jump.stance_pitch, landing))
     if not rows:
-        return Tried()
+        return LandingSamples()
     goals, stances, landings = (np.array(column) for column in zip(*rows, strict=True))
-    return Tried(goals, stances, landings)
+    return LandingSamples(goals, stances, landings)
 
 
-def came_down(outcome: TrialOutcome, first: int, schedule: ContactSchedule, standing_height_m: float) -> np.ndarray:
-    """Pose (x, z, pitch) that the jump begun at row ``first`` has at the end of its scheduled flight, by its log.
+def landing_pose(outcome: TrialOutcome, first: int, schedule: ContactSchedule, standing_height_m: float) -> np.ndarray:
+    """Pose (x, z, pitch; m, m, rad) at the end of the scheduled flight of the jump begun at row ``first``, by its log.
 
-    A foot that touches earlier stops the flight: from there on it is continued as a free one, so that landings
-    depend smoothly on what was tried. x from the start along the heading, z over a robot that stands on the floor.
+    Where a foot touches earlier, the flight is extrapolated from there as a free one: landings then depend smoothly on
+    the goal. x counts from the start along the heading, z from a robot that stands on the floor.
     """
     log, period = outcome.run.log, outcome.run.log.info.sample_period_s
     take_off, end = (first + round(seconds / period) for seconds in (schedule.take_off_s, schedule.landing_s))

@@ -30,11 +30,11 @@ class HeldOutPredictions:
 
     windows: Windows
     states: Mapping[str, np.ndarray]
-    """By model, (W, K + 1, 6)."""
+    """Predicted states by model, (W, K + 1, 6)."""
     deviation: Mapping[str, np.ndarray]
-    """How far off they were expected to be, by model where it is known, (W, K, 6)."""
+    """Predicted standard deviations of the errors, by model where known, (W, K, 6)."""
     models: Mapping[str, Mapping[str, Model]]
-    """By jump and name, those that did not see it."""
+    """Models by jump and name; none of them was trained on that jump."""
 
     def error_by_jump(self, model: str) -> np.ndarray:
         """Mean square over a jump's windows, steps and six components, of the jumps predicted, (H,)."""

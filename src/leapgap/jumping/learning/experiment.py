@@ -46,7 +46,7 @@ class TrainConfig:
     """Fold f holds out jumps f, f + folds, …"""
     seed: int = 0
     curvature: float = 0.5
-    """Of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
+    """Curvature of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
     kernel: KernelConfig = field(default_factory=KernelConfig)
     networks: NetworksConfig = field(default_factory=NetworksConfig)
     published_recipe: PublishedRecipeConfig = field(default_factory=PublishedRecipeConfig)
@@ -56,7 +56,7 @@ class TrainConfig:
     processes: int = 2
     """Splits fitted at the same time."""
     trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
-    """What Lightning's Trainer is told."""
+    """Arguments of Lightning's Trainer."""
 
     def models_of(self, split: Split) -> list[str]:
         """Names of the models that are fitted on a split."""

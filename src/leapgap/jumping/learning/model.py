@@ -42,13 +42,13 @@ class Model(ABC):
 
 @dataclass(frozen=True)
 class Nominal:
-    """What a residual is added to: the rigid body, each row of B(r) scaled by a gain (1: as it is)."""
+    """Nominal model that a residual is added to: the rigid body, each row of B(r) multiplied by a gain."""
 
     body: RigidBody
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of the vx, vz and pitch-rate rows."""
+    """Gains of the vx, vz and pitch-rate rows."""
     curvature: float = 0.0
-    """Of a step's positions, as in ``rigid_body.advance``."""
+    """Curvature of a step's positions, as in ``rigid_body.advance``."""
 
     def at(self, foot: np.ndarray) -> AffineModel:
         """Its accelerations, affine in the force, with feet (n, 4)."""

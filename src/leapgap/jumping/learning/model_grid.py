@@ -56,7 +56,7 @@ def train(
         cache.expect(place, key)
     cache.sweep()
     fitted: list[str] = []
-    for number, done in enumerate(each(jobs, config.processes)):
+    for number, done in enumerate(run_jobs(jobs, config.processes)):
         fitted += done
         progress(f"{splits[number].name} ({number + 1} of {len(splits)}): {len(done)} models fitted")
     write_json(
@@ -73,7 +73,7 @@ def train(
 
 @dataclass(frozen=True)
 class SplitJob:
-    """All models of one split."""
+    """Fits all models of one split."""
 
     windows: Windows
     config: TrainConfig
@@ -117,7 +117,7 @@ class SplitJob:
         return fitted
 
 
-def each(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
+def run_jobs(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
     """Run splits side by side, in their order; they share nothing, so results do not depend on how many."""
     if min(processes, len(jobs)) <= 1:
         yield from map(SplitJob.run, jobs)

@@ -21,7 +21,7 @@ Settings = TypeVar("Settings")
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """How a gradient descent is run; what is trained is not said here."""
+    """Settings of a gradient descent, whatever it trains."""
 
     seed: int
     threads: int
@@ -45,7 +45,7 @@ class FitTask:
     body: RigidBody
     """The nominal body that residuals correct."""
     curvature: float
-    """Of the steps' positions, as in ``rigid_body.advance``."""
+    """Curvature of the steps' positions, as in ``rigid_body.advance``."""
     sections: tuple[object, ...]
     """The settings of all kinds of models; ``settings`` finds those of one kind."""
     run: TrainingRun

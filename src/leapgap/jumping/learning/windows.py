@@ -81,7 +81,7 @@ class RolloutInputs:
     contact: np.ndarray
     """Whether each step begins before take-off, bool, (W, K)."""
     time_s: np.ndarray
-    """When each step begins, since the start of the jump, (W, K)."""
+    """Start of each step, since the start of the jump, (W, K)."""
     step_s: np.ndarray
     """Length of each step, (W, K)."""
     start: np.ndarray
@@ -105,7 +105,7 @@ class Windows:
 
     grid: TimeGrid
     schedule: ContactSchedule | None
-    """Of all jumps; ``None`` where there are none."""
+    """Contact schedule of all jumps; None where there are no windows."""
     robot: str
     robot_sha256: str
     jumps: tuple[str, ...]
@@ -122,7 +122,7 @@ class Windows:
     foot: np.ndarray
     """As in ``RolloutInputs``, (W, K, 4)."""
     time_s: np.ndarray
-    """Of each sample since the start of the jump, (W, K + 1)."""
+    """Time of each sample since the start of the jump, (W, K + 1)."""
     contact: np.ndarray
     """Whether each step begins before take-off, bool, (W, K)."""
 
@@ -166,7 +166,7 @@ class Purpose:
 
     @staticmethod
     def of(windows: Windows) -> "Purpose":
-        """What models of these windows are for."""
+        """Purpose of models that are trained on these windows."""
         assert windows.schedule is not None, "there are windows"
         return Purpose(windows.grid, windows.schedule, windows.robot, windows.robot_sha256)
 

@@ -1,6 +1,6 @@
-"""How the motion of the base is predicted: what a model may look at, and what it says, affine in the force.
+"""Interface of prediction models: their inputs, and accelerations of the base that are affine in the force.
 
-Learning fits such models, the MPC plans with them; neither knows more of the other than what stands here.
+Learning fits such models and the MPC predicts with them; both depend on this interface only.
 """
 
 from abc import ABC, abstractmethod
@@ -16,19 +16,19 @@ from leapgap.logs.pair_force import FRONT_X, FRONT_Z, REAR_X, REAR_Z
 
 @dataclass(frozen=True)
 class Situation:
-    """n moments at which a model is asked; NumPy arrays or torch tensors, any leading shape in place of n."""
+    """Inputs of a model at n moments; NumPy arrays or torch tensors, with any leading shape in place of n."""
 
     state: Any
     """x z pitch and rates, m, rad, s, world, (n, 6)."""
     foot: Any
     """Foot − base, front x z, rear x z, m, world axes, (n, 4)."""
     time_s: Any
-    """Since the start of the jump, (n,)."""
+    """Time since the start of the jump, (n,)."""
     start: Any
-    """State at the beginning of the prediction, (n, 6): networks that saw positions see them relative to it."""
+    """State at the beginning of the prediction, (n, 6); positions are inputs relative to it."""
 
     def at(self, which: Any) -> "Situation":
-        """Some of the moments, by mask or slice of the first axis."""
+        """The moments that a mask or slice of the first axis selects."""
         return Situation(self.state[which], self.foot[which], self.time_s[which], self.start[which])
 
 
@@ -42,7 +42,7 @@ class AffineModel:
     """(n, 3, 4), per N of front x z, rear x z."""
 
     def acceleration(self, force: np.ndarray) -> np.ndarray:
-        """Under forces (n, 4), shape (n, 3)."""
+        """Accelerations, (n, 3), under forces (n, 4)."""
         return self.bias + np.einsum("nij,nj->ni", self.by_force, force)
 
 
@@ -50,11 +50,11 @@ class PredictionModel(ABC):
     """Accelerations of the base in contact and flight: ζ⁺ = ζ + Δt (bias + by_force u) (paper, residual)."""
 
     curvature: float = 0.0
-    """Of a step's positions, as in ``rigid_body.advance``."""
+    """Curvature c of a step's positions, as in ``rigid_body.advance``."""
 
     @abstractmethod
     def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
-        """At n moments of contact or flight (bool, (n,)), in one batch."""
+        """The model at n moments, in one batch; ``contact`` (bool, (n,)) is true in contact and false in flight."""
 
 
 FEATURES: dict[str, Callable[[Situation], Any]] = {
@@ -71,7 +71,7 @@ FEATURES: dict[str, Callable[[Situation], Any]] = {
     "rear_foot_z": lambda s: s.foot[..., REAR_Z],
     "phase": lambda s: s.time_s,
 }
-"""Inputs by name; ``phase`` ties a model to one schedule."""
+"""Input features by name; a model with ``phase`` is valid for one contact schedule only."""
 
 
 def columns(names: Sequence[str], situation: Situation) -> list[Any]:
@@ -82,7 +82,7 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
 KNOWN = 17
 """Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
 KNOWN_FOOT = slice(12, 16)
-"""Where the foot stands in such a row."""
+"""Columns of foot − base in such a row."""
 
 
 def rows(situation: Situation) -> np.ndarray:
@@ -102,7 +102,7 @@ def selection(names: Sequence[str]) -> np.ndarray:
 
 
 def check_names(names: Sequence[str], where: str) -> None:
-    """Refuse inputs nobody knows."""
+    """Raise an ``InputError`` where there is no name, or one that is not in ``FEATURES``."""
     unknown = [name for name in names if name not in FEATURES]
     if unknown or not names:
         raise InputError(

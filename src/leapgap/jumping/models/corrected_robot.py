@@ -1,4 +1,4 @@
-"""The planner's robot with the effects a diagnosis found in it, as far as a plan can reckon with them."""
+"""The planner's robot with the effects that a diagnosis found, as far as plans can account for them."""
 
 import copy
 from collections.abc import Sequence
@@ -14,32 +14,32 @@ from leapgap.jumping.models.rigid_body_model import rigid_body_of
 from leapgap.robot.model import Robot
 
 IN_PLANS = ("armature", "com_offset", "joint_damping", "leg_mass", "payload", "trunk_inertia")
-"""Effects that a plan can reckon with; the others are no part of the planar robot."""
+"""Effects that plans can account for; the planar robot has no parameter for the others."""
 
 
 def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Those of the effects that a plan can reckon with."""
+    """The effects that plans can account for."""
     return tuple(effect for effect in found if effect.name in IN_PLANS and effect.location == "all")
 
 
-def beyond_plans(found: Sequence[Effect]) -> list[str]:
-    """The others, with their places."""
+def unplannable_effects(found: Sequence[Effect]) -> list[str]:
+    """The effects that plans cannot account for, each with its location, as text."""
     return [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
 
 
-def planned_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
-    """The planar robot with effects in it; one that no plan can reckon with is an ``InputError`` by its name."""
-    return planar_robot(robot, changed(robot, found))
+def planar_robot_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
+    """The planar robot with effects; one that plans cannot account for is an ``InputError`` with its name."""
+    return planar_robot(robot, model_with(robot, found))
 
 
 def body_with(robot: Robot, found: Sequence[Effect], joint_pos: np.ndarray) -> RigidBody:
-    """``rigid_body_of`` the robot with effects that a plan can reckon with, joints (joints,) rad as given."""
-    return rigid_body_of(robot, joint_pos, changed(robot, found))
+    """``rigid_body_of`` the robot with effects that plans can account for, at joint angles (joints,), rad."""
+    return rigid_body_of(robot, joint_pos, model_with(robot, found))
 
 
-def changed(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:
-    """The robot's model with effects that a plan can reckon with."""
-    refused = beyond_plans(found)
+def model_with(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:
+    """A copy of the robot's MuJoCo model with effects that plans can account for."""
+    refused = unplannable_effects(found)
     if refused:
         raise InputError(
             "effects in planning",

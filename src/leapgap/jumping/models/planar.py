@@ -1,6 +1,6 @@
-"""The robot in its plane of motion, as the optimiser plans for it: five links, left and right leg merged into one.
+"""Planar model of the robot for trajectory optimisation: five links, with left and right leg merged into one.
 
-Masses and lengths are those behind the published references, or read from a MuJoCo model.
+Masses and lengths are those of the published references, or read from a MuJoCo model.
 
 The planner's angles are positive nose-down, and its joint angles *minus* those of a robot whose leg hangs straight
 down at zero and swings by +y, like the A1's: a link's own angle against the vertical is the pitch less the joint
@@ -36,7 +36,7 @@ class PlanarLink:
 
 @dataclass(frozen=True)
 class PlanarLeg:
-    """One leg of a pair."""
+    """One leg: position of its hip in the trunk, and its two links."""
 
     hip_x: float
     """m, in the trunk"""
@@ -47,7 +47,7 @@ class PlanarLeg:
 
 @dataclass(frozen=True)
 class JointMap:
-    """How a leg of the robot counts its joints: robot's angle = sign × planner's angle + offset."""
+    """Joint convention of a leg: robot's angle = sign × planner's angle + offset."""
 
     leg: str
     pair: str
@@ -67,7 +67,7 @@ def published_link(mass: float) -> PlanarLink:
 
 
 def published_leg(hip_x: float) -> PlanarLeg:
-    """A leg of the published optimiser."""
+    """A leg of the published optimiser, with its hip at ``hip_x``, m."""
     return PlanarLeg(hip_x, 0.0, published_link(0.403), published_link(0.166))
 
 
@@ -99,7 +99,7 @@ class PlanarRobot:
     foot_radius: float = 0.02
     """m; the planner's feet are points, at the centres of the robot's spheres."""
     rolling_radius_m: float = 0.0
-    """Of feet that roll on the ground as the calf turns; 0: points, as published."""
+    """Radius of feet that roll on the ground as the calf rotates, m; 0: point feet, as published."""
     armature: float = 0.128
     """kg·m², inertia of the motors of a pair of joints, seen at the joint."""
     damping: float = 1.0
@@ -119,37 +119,37 @@ class PlanarRobot:
 
     @property
     def legs(self) -> tuple[PlanarLeg, PlanarLeg]:
-        """Of the front and the rear pair."""
+        """The front and the rear leg."""
         return self.front, self.rear
 
     @property
     def wheelbase(self) -> float:
-        """From rear to front hips, m."""
+        """Distance from the rear to the front hips, m."""
         return self.front.hip_x - self.rear.hip_x
 
     @property
     def total_mass(self) -> float:
-        """Of trunk and four legs, kg."""
+        """Mass of trunk and four legs, kg."""
         return self.trunk_mass + 2 * sum(leg.thigh.mass + leg.calf.mass for leg in self.legs)
 
 
 def planar_robot(robot: Robot, model: mujoco.MjModel | None = None) -> PlanarRobot:
     """The robot of a MuJoCo model in its plane: masses, lengths, armature and damping read from the model.
 
-    ``model`` is a changed version of the robot's own; None: as it stands in its file.
+    ``model`` is a changed version of the robot's own model; None: the model as in its file.
 
     Needs a free base and four legs with an abduction joint along x, then thigh and calf joints along y, mirrored left
-    and right. The motors' voltage law is no part of such models and stays that of the A1.
+    and right. Such models hold no voltage law of the motors; that of the A1 is kept.
     """
     found = " and ".join(f"{len(robot.limbs_of_pair.get(pair, ()))} legs {pair}" for pair in PAIRS)
     if not robot.has_free_base or found != "2 legs front and 2 legs rear":
         base = "a free base" if robot.has_free_base else "no free base"
         raise InputError(robot.path, f"{base}, {found}", "a free base, two legs front and two rear", "plan by hand")
-    return PlanarReader(robot, robot.model if model is None else model).planar()
+    return PlanarReader(robot, robot.model if model is None else model).read()
 
 
 class PlanarReader:
-    """Reads a model in the pose its file gives it, trunk level and abduction at zero."""
+    """Reads a model in the pose of its file, with level trunk and all joints at zero."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         self.robot, self.model = robot, model
@@ -159,13 +159,13 @@ class PlanarReader:
         mujoco.mj_kinematics(self.model, self.data)
         self.origin = self.data.xpos[robot.base_body].copy()
 
-    def planar(self) -> PlanarRobot:
-        """All of it."""
+    def read(self) -> PlanarRobot:
+        """The planar robot with the parameters of this model."""
         robot = self.robot
         maps = tuple(self.joint_map(leg) for pair in PAIRS for leg in robot.limbs_of_pair[pair])
         jointed = {joint: self.model.jnt_bodyid[self.model.joint(joint).id] for m in maps for joint in m.pitch}
         carrier = self.carriers(set(jointed.values()))
-        trunk_mass, trunk_com, trunk_inertia = self.lumped(np.flatnonzero(carrier == robot.base_body))
+        trunk_mass, trunk_com, trunk_inertia = self.composite_body(np.flatnonzero(carrier == robot.base_body))
         of_pair = {pair: [self.leg(m, jointed, carrier) for m in maps if m.pair == pair] for pair in PAIRS}
         dofs = [self.model.joint(joint).dofadr[0] for m in maps for joint in m.pitch]
         return PlanarRobot(
@@ -188,7 +188,7 @@ class PlanarReader:
         )
 
     def torque_limit(self, joint: str) -> float:
-        """What the joint's actuator can give at most, N·m; infinite where the model states no limit."""
+        """Largest torque of the joint's actuator, N·m; infinite where the model has no limit."""
         model = self.model
         actuator = self.robot.joint_actuators[self.robot.joints.index(joint)]
         limits = [np.inf]
@@ -201,7 +201,7 @@ class PlanarReader:
         return float(min(limits))
 
     def joint_range(self, maps: Sequence[JointMap], which: int) -> tuple[float, float]:
-        """What all thigh (0) or calf (1) joints can reach, in the planner's sign, rad."""
+        """Range that all thigh (0) or calf (1) joints can reach, in the planner's sign, rad."""
         lower, upper = -np.inf, np.inf
         for m in maps:
             joint = self.model.joint(m.pitch[which]).id
@@ -211,7 +211,7 @@ class PlanarReader:
         return float(lower), float(upper)
 
     def joint_map(self, leg: str) -> JointMap:
-        """Names, signs and zeros of a leg's joints, told by how its links hang."""
+        """Names, signs and zeros of a leg's joints, from the directions of its links."""
         robot, model = self.robot, self.model
         names = [joint for joint in robot.joints if robot.limb_of(joint) == leg]
         axes = {name: self.data.xaxis[model.joint(name).id] for name in names}
@@ -226,7 +226,7 @@ class PlanarReader:
             )
         hip, knee = (self.data.xanchor[model.joint(name).id] for name in pitch)
         foot = self.data.geom(feet[0]).xpos
-        thigh_angle, calf_angle = hanging(knee - hip), hanging(foot - knee)
+        thigh_angle, calf_angle = angle_from_vertical(knee - hip), angle_from_vertical(foot - knee)
         turns = [float(np.sign(axes[name][1])) for name in pitch]
         # angle = at zero + turn × joint, of the calf against the thigh; planner's angle = −angle
         zeros = (thigh_angle, calf_angle - thigh_angle)
@@ -236,20 +236,20 @@ class PlanarReader:
             tuple(name for name in names if name not in pitch),
             (pitch[0], pitch[1]),
             (-turns[0], -turns[1]),
-            (tidy(-turns[0] * zeros[0]), tidy(-turns[1] * zeros[1])),
+            (snap_to_zero(-turns[0] * zeros[0]), snap_to_zero(-turns[1] * zeros[1])),
             feet[0],
         )
 
     def carriers(self, jointed: set[int]) -> np.ndarray:
-        """For each body the moving link it belongs to: a thigh, a calf, or the base with all the rest."""
+        """For each body, the moving link that carries it: a thigh, a calf, or the base for all others, (bodies,)."""
         carrier = np.zeros(self.model.nbody, dtype=int)
         for body in range(1, self.model.nbody):
             base = body == self.robot.base_body or body in jointed
             carrier[body] = body if base else carrier[self.model.body_parentid[body]]
         return carrier
 
-    def lumped(self, bodies: Sequence[int] | np.ndarray) -> tuple[float, np.ndarray, float]:
-        """Mass, centre of mass in the world and pitch inertia about it, of some bodies together."""
+    def composite_body(self, bodies: Sequence[int] | np.ndarray) -> tuple[float, np.ndarray, float]:
+        """Mass, kg, centre of mass in the world (3,), m, and pitch inertia about it, kg·m², of some bodies together."""
         mass = self.model.body_mass[bodies]
         centre = (mass[:, None] * self.data.xipos[bodies]).sum(axis=0) / mass.sum()
         inertia = 0.0
@@ -260,12 +260,12 @@ class PlanarReader:
         return float(mass.sum()), centre, float(inertia)
 
     def leg(self, joints: JointMap, jointed: dict[str, int], carrier: np.ndarray) -> PlanarLeg:
-        """Lengths and masses of a leg."""
+        """The planar leg: position of its hip, and lengths and masses of its links."""
         hip, knee = (self.data.xanchor[self.model.joint(name).id] for name in joints.pitch)
         foot = self.data.geom(joints.foot).xpos
         links = []
         for name, upper, lower in ((joints.pitch[0], hip, knee), (joints.pitch[1], knee, foot)):
-            mass, centre, inertia = self.lumped(np.flatnonzero(carrier == jointed[name]))
+            mass, centre, inertia = self.composite_body(np.flatnonzero(carrier == jointed[name]))
             along = (lower - upper)[[0, 2]]
             length = float(np.hypot(*along))
             down, arm = along / length, (centre - upper)[[0, 2]]
@@ -275,18 +275,18 @@ class PlanarReader:
         return PlanarLeg(float(at[0]), float(at[2]), links[0], links[1])
 
 
-def hanging(along: np.ndarray) -> float:
-    """Angle about +y of a link from where it hangs straight down, rad, by the vector along it."""
+def angle_from_vertical(along: np.ndarray) -> float:
+    """Angle of a link about +y from straight down, rad, given the vector along it."""
     return float(np.arctan2(-along[0], -along[2]))
 
 
-def tidy(angle: float) -> float:
-    """An angle without the rounding of a zero."""
+def snap_to_zero(angle: float) -> float:
+    """An angle, rad, with rounding errors around zero removed."""
     return 0.0 if abs(angle) < 1e-9 else angle
 
 
 def mean_leg(legs: Sequence[PlanarLeg]) -> PlanarLeg:
-    """Left and right leg, which are mirror images up to rounding in their files."""
+    """Mean of the left and the right leg, which are mirror images up to rounding in their files."""
 
     def mean(values: Sequence[float]) -> float:
         return float(np.mean(values))

@@ -1,4 +1,4 @@
-"""The planar single rigid body: the nominal model that learned residuals correct and the MPC predicts with."""
+"""The planar single rigid body: nominal prediction model of the MPC, and the model that learned residuals correct."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class RigidBody:
     """
 
     mass_kg: float
-    """Of the whole robot."""
+    """Mass of the whole robot."""
     pitch_inertia_kgm2: float
     """Composite inertia of trunk and legs about the centre of mass, about y, in one pose of the legs."""
 
@@ -57,7 +57,7 @@ def advance(
 ) -> np.ndarray:
     """q⁺ = q + ζ Δt + c ζ̇ Δt², ζ⁺ = ζ + ζ̇ Δt, for states (…, 6) and accelerations (…, 3).
 
-    ``curvature`` c: 0 is explicit Euler, as published; ½ what a constant acceleration does to the position.
+    ``curvature`` c: 0 is explicit Euler, as published; ½ is exact for a constant acceleration.
     """
     dt = np.asarray(step_s, dtype=float)[..., None]
     state, gained = np.asarray(state, dtype=float), dt * acceleration
@@ -68,4 +68,4 @@ def advance(
 
 
 PUBLISHED = RigidBody(mass_kg=12.0, pitch_inertia_kgm2=0.17)
-"""Of the published training code; kept as a baseline."""
+"""Rigid body of the published training code, kept as a baseline."""

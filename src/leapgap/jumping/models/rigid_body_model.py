@@ -1,4 +1,4 @@
-"""The nominal rigid body: of a robot's model, and as a prediction model, what the MPC plans with before learning."""
+"""The nominal rigid body: computed from a robot's model, and used as a prediction model of the MPC."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Si
 from leapgap.jumping.models.rigid_body import GRAVITY, RigidBody
 from leapgap.robot.model import Robot
 
-ROUNDED_WITHIN = 0.005
-"""Relative: figures of a robot that are rounded to three digits are no farther from those of its model."""
+ROUNDING_TOLERANCE = 0.005
+"""Largest relative difference between figures rounded to three digits and those of the model."""
 
 
 @dataclass(frozen=True)
 class RigidBodyModel(PredictionModel):
-    """Gravity and the forces of the feet; nothing but gravity in flight."""
+    """Accelerations by gravity and the forces of the feet; in flight by gravity alone."""
 
     body: RigidBody
 
@@ -26,7 +26,7 @@ class RigidBodyModel(PredictionModel):
 
 
 def rigid_body_of(robot: Robot, joint_pos: np.ndarray, model: mujoco.MjModel | None = None) -> RigidBody:
-    """Mass and composite pitch inertia about the centre of mass, trunk level, joints (joints,) rad as given.
+    """Mass and composite pitch inertia about the centre of mass, with level trunk and joint angles (joints,), rad.
 
     ``model`` is the robot's own unless another one with the same bodies is given.
     """
@@ -36,22 +36,22 @@ def rigid_body_of(robot: Robot, joint_pos: np.ndarray, model: mujoco.MjModel | N
     data.qpos[robot.joint_qpos] = joint_pos
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    away = data.xipos - data.subtree_com[robot.base_body]
-    turned = data.ximat.reshape(-1, 3, 3)
-    own = np.einsum("bi,bi->b", turned[:, 1] ** 2, model.body_inertia)  # about y of the world, through its own centre
-    inertia = own + model.body_mass * (away[:, 0] ** 2 + away[:, 2] ** 2)
+    arm = data.xipos - data.subtree_com[robot.base_body]
+    rotation = data.ximat.reshape(-1, 3, 3)
+    own = np.einsum("bi,bi->b", rotation[:, 1] ** 2, model.body_inertia)  # about y of the world, through its own centre
+    inertia = own + model.body_mass * (arm[:, 0] ** 2 + arm[:, 2] ** 2)
     return RigidBody(float(model.body_mass.sum()), float(inertia.sum()))
 
 
 def planner_body(robot: Robot, joint_pos: np.ndarray, rounded: RigidBody | None) -> RigidBody:
-    """What controllers take the robot for: its ``rounded`` figures where they are this model's, else the model's own.
+    """The rigid body that controllers assume: ``rounded`` where it fits this model, else the model's own.
 
-    Rounded figures that belong to another robot (differ by more than rounding) are left aside, so that a model file
-    named by hand is never driven with the mass of the robot that the configuration describes.
+    A ``rounded`` body that differs by more than rounding belongs to another robot and is ignored. A model file given by
+    hand is therefore never controlled with the mass of the robot in the configuration.
     """
     own = rigid_body_of(robot, joint_pos)
     if rounded is None:
         return own
     here = np.array([own.mass_kg, own.pitch_inertia_kgm2])
     stated = np.array([rounded.mass_kg, rounded.pitch_inertia_kgm2])
-    return rounded if (np.abs(stated / here - 1) <= ROUNDED_WITHIN).all() else own
+    return rounded if (np.abs(stated / here - 1) <= ROUNDING_TOLERANCE).all() else own

@@ -1,1 +1,1 @@
-"""Full-body trajectory optimisation of a jump, and the reference it leaves."""
+"""Full-body trajectory optimisation of a jump, and the reference that it gives."""

@@ -1,4 +1,4 @@
-"""Plan a list of targets and write what came of it: one reference a target, and an index of them."""
+"""Write the plans to a list of targets: one reference for each, and an index of them."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ INDEX = "references.json"
 
 
 def read_targets(pairs: Any, where: str) -> list[Target]:
-    """A list of [x_m, z_m] as targets; ``InputError`` where it is none."""
+    """Targets from a list of [x_m, z_m]; anything else is an ``InputError``."""
     if not isinstance(pairs, Sequence) or isinstance(pairs, str) or not pairs:
         raise InputError(where, repr(pairs), "a list of [x_m, z_m]", "write it like [[0.55,0.0],[0.5,0.1]]")
     targets = []
@@ -35,12 +35,12 @@ def read_targets(pairs: Any, where: str) -> list[Target]:
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is one finite number."""
+    """Whether a value is one finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def write_references(solutions: Iterable[Solution], folder: Path, gains: Gains) -> None:
-    """A jump log for each solution, and ``references.json``, their list in order; nothing tells the time."""
+    """A jump log for each solution, and ``references.json``, their list in order; no file holds a time stamp."""
     index = []
     for solution in solutions:
         jump = to_jump(solution, gains)
@@ -69,7 +69,7 @@ def metrics(solutions: Iterable[Solution]) -> dict[str, dict[str, float] | float
 
 
 def timing(solutions: Iterable[Solution]) -> dict[str, dict[str, float]]:
-    """Seconds and iterations of each reference, by its name; without the seconds to build the programme."""
+    """Seconds and iterations of each reference, by its name; without the time to build the programme."""
     by_name = {name_of(solution.problem.target): solution for solution in solutions}
     return {
         "seconds": {name: solution.seconds for name, solution in by_name.items()},

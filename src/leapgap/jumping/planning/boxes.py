@@ -1,4 +1,4 @@
-"""The boxes that jumps land on: where they stand."""
+"""Positions of the boxes that jumps land on."""
 
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.problem import start_feet

@@ -38,13 +38,13 @@ class Vector:
         return self.z * force.x - self.x * force.z
 
     @property
-    def turned(self) -> "Vector":
-        """Its derivative by the angle of the link it is fixed to."""
+    def angle_derivative(self) -> "Vector":
+        """Derivative of a link-fixed vector by the angle of its link."""
         return Vector(self.z, -self.x)
 
-    def spun(self, omega: Scalar, alpha: Scalar) -> "Vector":
+    def second_derivative(self, omega: Scalar, alpha: Scalar) -> "Vector":
         """Second time derivative of a link-fixed vector at angular velocity ω and acceleration α."""
-        return alpha * self.turned - omega**2 * self
+        return alpha * self.angle_derivative - omega**2 * self
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class Leg:
     foot: Vector
     """Centre of the foot's sphere."""
     foot_to_ground: Vector
-    """To the point of the sphere that the ground pushes."""
+    """Vector to the contact point on the sphere."""
     anchor: Vector
-    """What stays where it is while the foot stands: its centre, less how far it has rolled."""
+    """Point that does not move while the foot stands: its centre minus the distance it has rolled."""
 
 
 def link_angles(q: Any) -> list[Scalar]:
@@ -79,14 +79,14 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
     """Front and rear leg at q (7,)."""
     trunk_angle, *angles = link_angles(q)
     trunk = Vector(q[X], q[Z])
-    made = []
+    both = []
     for leg, thigh, calf in zip(robot.legs, angles[::2], angles[1::2], strict=True):
-        to_hip = rotated(leg.hip_x, leg.hip_z, trunk_angle)
-        to_knee, to_foot = rotated(0, -leg.thigh.length, thigh), rotated(0, -leg.calf.length, calf)
+        to_hip = rotate(leg.hip_x, leg.hip_z, trunk_angle)
+        to_knee, to_foot = rotate(0, -leg.thigh.length, thigh), rotate(0, -leg.calf.length, calf)
         hip = trunk + to_hip
         foot = hip + to_knee + to_foot
         radius = robot.rolling_radius_m
-        made.append(
+        both.append(
             Leg(
                 to_hip,
                 to_knee,
@@ -100,18 +100,18 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
                 foot - Vector(radius * calf, 0.0),
             )
         )
-    return made[0], made[1]
+    return both[0], both[1]
 
 
-def rotated(x: float, z: float, angle: Scalar) -> Vector:
-    """A link-fixed vector in the world, of a link turned by an angle, nose-down."""
+def rotate(x: float, z: float, angle: Scalar) -> Vector:
+    """World coordinates of a link-fixed vector (x, z), for a link at an angle, nose-down, rad."""
     c, s = ca.cos(angle), ca.sin(angle)
     return Vector(x * c + z * s, z * c - x * s)
 
 
 def centre_of(link: PlanarLink, angle: Scalar) -> Vector:
-    """From a link's upper joint to its centre of mass."""
-    return rotated(link.com_across, -link.com_down, angle)
+    """Vector from a link's upper joint to its centre of mass, world axes."""
+    return rotate(link.com_across, -link.com_down, angle)
 
 
 def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque: Any, force: Any) -> list[Scalar]:
@@ -125,8 +125,8 @@ def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque
     """
     against_gravity = Vector(a[X], a[Z] + robot.gravity)
     omegas, alphas = link_angles(v), link_angles(a)
-    trunk_to_com = rotated(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
-    total = robot.trunk_mass * (against_gravity + trunk_to_com.spun(omegas[0], alphas[0]))
+    trunk_to_com = rotate(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
+    total = robot.trunk_mass * (against_gravity + trunk_to_com.second_derivative(omegas[0], alphas[0]))
     trunk_moment = robot.trunk_inertia * alphas[0] + trunk_to_com.moment_of(total)
     leg_moments: list[Scalar] = []
     for i, (leg, of) in enumerate(zip(legs(robot, q), robot.legs, strict=True)):
@@ -134,10 +134,10 @@ def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque
         hip_drive, knee_drive = (
             torque[j] - robot.armature * a[3 + j] - robot.damping * v[3 + j] for j in (2 * i, 2 * i + 1)
         )
-        at_hip = against_gravity + leg.trunk_to_hip.spun(omegas[0], alphas[0])
-        at_knee = at_hip + leg.hip_to_knee.spun(omegas[thigh], alphas[thigh])
-        at_thigh = at_hip + leg.hip_to_thigh_com.spun(omegas[thigh], alphas[thigh])
-        at_calf = at_knee + leg.knee_to_calf_com.spun(omegas[calf], alphas[calf])
+        at_hip = against_gravity + leg.trunk_to_hip.second_derivative(omegas[0], alphas[0])
+        at_knee = at_hip + leg.hip_to_knee.second_derivative(omegas[thigh], alphas[thigh])
+        at_thigh = at_hip + leg.hip_to_thigh_com.second_derivative(omegas[thigh], alphas[thigh])
+        at_calf = at_knee + leg.knee_to_calf_com.second_derivative(omegas[calf], alphas[calf])
         on_ground = Vector(force[2 * i], force[2 * i + 1])
         calf_inertial = (2 * of.calf.mass) * at_calf
         thigh_inertial = (2 * of.thigh.mass) * at_thigh
@@ -163,8 +163,8 @@ def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque
 
 
 def centre_of_mass(robot: PlanarRobot, q: np.ndarray) -> np.ndarray:
-    """Of the whole robot, m, (x, z), at q (7,)."""
-    trunk = Vector(q[X], q[Z]) + rotated(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
+    """Centre of mass of the whole robot, (x, z), m, at q (7,)."""
+    trunk = Vector(q[X], q[Z]) + rotate(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
     moment = robot.trunk_mass * trunk
     for leg, of in zip(legs(robot, q), robot.legs, strict=True):
         moment = moment + (2 * of.thigh.mass) * (leg.hip + leg.hip_to_thigh_com)

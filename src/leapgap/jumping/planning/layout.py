@@ -1,4 +1,4 @@
-"""Where what stands in the planner's vectors."""
+"""Layout of the planner's vectors."""
 
 import numpy as np
 

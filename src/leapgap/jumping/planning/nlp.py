@@ -39,20 +39,20 @@ from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
 
 Bounds = tuple[np.ndarray, np.ndarray]
-"""Lower and upper."""
+"""Lower and upper bounds, equal shapes."""
 
 INFINITY = float("inf")
 SWING_RISE_M = 0.004
-"""0.4 m/s: a foot that swings leaves the floor at least so fast."""
+"""Least rise of a swinging foot in each step, m; 0.4 m/s for steps of 0.01 s."""
 EDGE_MARGIN_M, ROUNDED_M = 0.02, 0.02
-"""Feet keep so far from a box's face; the larger of two distances is rounded off, by half as much where they meet."""
+"""Least distance of feet from a box's face, m, and width over which the maximum of two distances is smoothed, m."""
 AMPLE = 1e3
-"""N·m and rad/s that no jump needs."""
+"""Bound, N·m and rad/s, that is larger than any jump needs."""
 
 
 @dataclass(frozen=True)
 class Label:
-    """What a constraint row, or a variable, is about."""
+    """Meaning of a constraint row or of a variable: its group, its knot, and a name."""
 
     group: str
     knot: int
@@ -61,7 +61,7 @@ class Label:
 
 @dataclass(frozen=True)
 class Group:
-    """Unit of a group of constraints, and the violation that would matter, to compare groups by."""
+    """Unit of a group of constraints, and the violation that would matter, by which groups are compared."""
 
     unit: str
     matters: float
@@ -87,7 +87,7 @@ class JumpNlp:
     """The programme of a robot, its limits and a schedule: min f(w), lower ≤ g(w) ≤ upper, bounds on w.
 
     ``w`` holds, knot by knot, q, v, the torques, and the forces of the pairs that push. Rows of ``g`` and
-    entries of ``w`` are labelled, so that a violated one can be named.
+    entries of ``w`` have labels, so that messages can name a violated one.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class JumpNlp:
                 self.torque.append(self._variable(k, "torque bounds", JOINTS))
                 pairs = [
                     self._variable(k, "force bounds", [PAIR_FORCE_AXES[entry] for entry in OF_PAIR[pair]])
-                    if self.grid.loaded(pair, k)
+                    if self.grid.can_push(pair, k)
                     else ca.SX.zeros(2)
                     for pair in (0, 1)
                 ]
@@ -158,7 +158,7 @@ class JumpNlp:
         self._upper_g += [upper] * size
 
     def _anchor(self, row: Any, pair: int, axis: int, label: Label, lower: float = 0.0, upper: float = 0.0) -> None:
-        """Bound a coordinate against that of the pair's feet at the start, which the problem's stance sets."""
+        """Bound a coordinate relative to the pair's feet at the start, which depend on the problem's stance."""
         self._anchored.append((len(self._lower_g), pair, axis))
         self._constrain(row, lower, upper, label)
 
@@ -204,7 +204,7 @@ class JumpNlp:
                     self._anchor(joint.z, pair, 1, label, height, INFINITY)
 
     def _swing(self) -> None:
-        """The front feet keep off the floor."""
+        """Keep the swinging front feet above the floor."""
         clearance = self.limits.swing_clearance_m
         if clearance is None:
             return
@@ -215,7 +215,7 @@ class JumpNlp:
             self._anchor(front.anchor.z, 0, 1, Label("clearance", k, "front feet"), least, INFINITY)
 
     def _clear_of(self, box: Box) -> None:
-        """Feet in the air are above a box or before its edge that faces the start, until they come down on it."""
+        """Keep feet in the air above a box or in front of its near edge, until they land on it."""
         forward = 1.0 if box.x_m >= 0 else -1.0
         edge = abs(box.x_m) - box.size_m[0] / 2 - self.robot.foot_radius - EDGE_MARGIN_M
         floor = start_feet(self.robot)[0][1]
@@ -230,7 +230,7 @@ class JumpNlp:
         mu = self.limits.friction
         for k in range(self.grid.steps):
             for pair in (0, 1):
-                if self.grid.loaded(pair, k):
+                if self.grid.can_push(pair, k):
                     x, z = (self.force[k][entry] for entry in OF_PAIR[pair])
                     label = Label("friction cone", k, f"{PAIRS[pair]} feet")
                     self._constrain(x + mu * z, -INFINITY, 0, label)
@@ -293,7 +293,7 @@ class JumpNlp:
         torque = np.minimum([front, front, rear, rear], 2 * np.tile(self.robot.torque_limit, 2))
         bounds = [(-torque, torque)]
         for pair, least in enumerate((limits.least_front_force_n, limits.least_rear_force_n)):
-            if self.grid.loaded(pair, knot):
+            if self.grid.can_push(pair, knot):
                 bounds.append((np.array([-INFINITY, -INFINITY]), np.array([INFINITY, -least])))
         return bounds
 
@@ -301,7 +301,7 @@ class JumpNlp:
         return knot > self.grid.steps - self.limits.crouch_before_landing_knots
 
     def without_motor_limits(self, w_bounds: Bounds, g_bounds: Bounds) -> tuple[Bounds, Bounds]:
-        """The given bounds on ``w``, and those on ``g``, with motors as strong and as fast as it takes."""
+        """The given bounds on ``w`` and on ``g``, with the limits of the motors removed."""
         freed = []
         for (lower, upper), labels in ((w_bounds, self.variable_labels), (g_bounds, self.row_labels)):
             motor = np.array([label.group in MOTOR_GROUPS for label in labels])
@@ -321,16 +321,16 @@ class JumpNlp:
         return ca.Function("evaluate", [self.w], [self.cost, self.g, *blocks])
 
     def trajectory(self, w: np.ndarray) -> Trajectory:
-        """The motion and effort in ``w``."""
+        """The motion, torques and forces in ``w``."""
         _, _, *blocks = self._evaluate(w)
         return Trajectory(*(np.array(block) for block in blocks))
 
     def cost_of(self, w: np.ndarray) -> float:
-        """f(w)."""
+        """The cost f(w) of the variables ``w``."""
         return float(self._evaluate(w)[0])
 
     def violations(self, w: np.ndarray, problem: "Problem") -> tuple[np.ndarray, list[Label]]:
-        """By how much each constraint row and each bound is broken at ``w``, in its unit, and its label."""
+        """Violation of each constraint row and each bound at ``w``, in its unit, and the labels in the same order."""
         g = np.array(self._evaluate(w)[1]).ravel()
         parts = [(g, *self.g_bounds(problem)), (w, *self.w_bounds(problem))]
         amounts = [np.maximum(0, np.maximum(lower - value, value - upper)) for value, lower, upper in parts]

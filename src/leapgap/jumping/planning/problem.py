@@ -1,4 +1,4 @@
-"""A jump to plan: target, contact schedule in steps, robot, weights and limits; and what a plan is."""
+"""A jump to plan: target, contact schedule in steps, robot, weights and limits; and the trajectory of a plan."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,7 @@ HIGHEST_JUMP_M = 2.0
 
 @dataclass(frozen=True)
 class Weights:
-    """Of the cost Σ_{k<N} (pose ‖q_j − crouch‖² + torque ‖τ‖²) + landing_pose ‖q_j(N) − crouch‖²."""
+    """Weights of the cost Σ_{k<N} (pose ‖q_j − crouch‖² + torque ‖τ‖²) + landing_pose ‖q_j(N) − crouch‖²."""
 
     pose: float = 1.0
     """1/rad²"""
@@ -37,14 +37,14 @@ class Weights:
 
 @dataclass(frozen=True)
 class Limits:
-    """What robot and ground can take, as published; forces and torques are sums over a pair of legs."""
+    """Limits of robot and ground, as published; forces and torques are sums over a pair of legs."""
 
     friction: float = 0.4
     least_front_force_n: float = 30.0
     least_rear_force_n: float = 50.0
     stance_torque_nm: float = 67.0
     swing_torque_nm: float = 20.0
-    """Of the front pair while the rear pair still pushes."""
+    """Torque limit of the front pair while the rear pair still pushes."""
     flight_torque_nm: float = 30.0
     joint_speed_rad_s: float = 21.0
     knee_clearance_m: float = 0.05
@@ -53,10 +53,10 @@ class Limits:
     """Least height of a standing leg's hip above its foot."""
     swing_clearance_m: float | None = None
     """Least height of the front feet over where they stood while only the rear ones push, reached by
-    ``formulation.SWING_RISE_M`` a knot; feet in the air keep clear of boxes, too. None, as published: plans may then
-    sweep feet through the floor and through boxes, where real ones drag or trip; with stiff joints they do."""
+    ``nlp.SWING_RISE_M`` a knot; feet in the air keep clear of boxes, too. None, as published: planned feet may then
+    pass through the floor and through boxes, where those of a real robot would drag or trip."""
     crouch_before_landing_knots: int = 11
-    """So many knots at the end have the joints in the crouch and at rest, ready to touch down."""
+    """Number of last knots at which the joints are at rest in the crouch, ready to touch down."""
 
 
 @dataclass(frozen=True)
@@ -101,31 +101,31 @@ class Grid:
 
     @property
     def knot_times(self) -> np.ndarray:
-        """When each knot is, s, (N + 1,)."""
+        """Time of each knot, s, (N + 1,)."""
         return self.step_s * np.arange(1, self.steps + 2)
 
     def stance_knots(self, pair: int) -> int:
         """Knots at which the feet of pair 0 (front) or 1 (rear) stand: from 0 up to this one, exclusive."""
         return (self.front_stance_knots, self.rear_stance_knots)[pair]
 
-    def loaded(self, pair: int, knot: int) -> bool:
+    def can_push(self, pair: int, knot: int) -> bool:
         """Whether the pair pushes from this knot to the next: only where it also stands at the next."""
         return knot + 1 < self.stance_knots(pair)
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What is aimed at beyond the target: a robot that lands short of its plans needs plans that go farther."""
+    """Offset of the goal from the target: a robot that lands short of its plans needs plans that go farther."""
 
     x_m: float = 0.0
     z_m: float = 0.0
     pitch_rad: float = 0.0
-    """Of the trunk at the landing, nose-down; the published plans land level."""
+    """Pitch of the trunk at the landing, nose-down; the published plans land level."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One jump to plan."""
+    """One jump to plan, with everything that its plan depends on."""
 
     target: Target
     grid: Grid = field(default_factory=lambda: Grid(ContactSchedule()))
@@ -133,7 +133,7 @@ class Problem:
     weights: Weights = field(default_factory=Weights)
     limits: Limits = field(default_factory=Limits)
     stance_pitch_rad: float = 0.0
-    """Of a trunk that stands in the crouch on feet of unequal height: negative where the front stands higher."""
+    """Pitch of the trunk in the crouch at the start: negative where the front feet stand higher."""
     aim: Aim = field(default_factory=Aim)
 
     def __post_init__(self) -> None:
@@ -173,5 +173,5 @@ def start_feet(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[tuple[float,
 
 
 def start_rise(robot: PlanarRobot, pitch_rad: float) -> float:
-    """How much higher above its rear feet the trunk stands at a pitch than level, m."""
+    """Height of the trunk above its rear feet at a pitch − that of a level trunk, m."""
     return start_feet(robot)[1][1] - start_feet(robot, pitch_rad)[1][1]

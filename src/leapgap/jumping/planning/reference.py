@@ -31,7 +31,7 @@ SAMPLES_PER_SECOND = 1000
 
 @dataclass(frozen=True)
 class Gains:
-    """Of the joint PD that tracks a reference; as published: 300 and 3 on every joint."""
+    """Gains of the joint PD that tracks a reference; as published 300 and 3 on every joint."""
 
     kp_nm_per_rad: float = 300.0
     kd_nms_per_rad: float = 3.0
@@ -97,7 +97,7 @@ def effort(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def base_columns(problem: Problem, q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
-    """Trunk in the world: the feet's spheres stand on the floor z = 0 at the start."""
+    """Columns of the trunk in the world; at the start the spheres of the feet stand on the floor z = 0."""
     still = np.zeros(len(q))
     height = problem.robot.foot_radius - start_feet(problem.robot, problem.stance_pitch_rad)[1][1]
     return {
@@ -120,7 +120,7 @@ def base_columns(problem: Problem, q: np.ndarray, v: np.ndarray) -> dict[str, np
 def joint_columns(
     robot: PlanarRobot, q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: Gains
 ) -> dict[str, np.ndarray]:
-    """The joints in the robot's own count, half a pair's torque to each leg, abduction at zero."""
+    """Columns of the joints in the robot's convention: half of a pair's torque for each leg, abduction at zero."""
     still = np.zeros(len(q))
     columns: dict[str, np.ndarray] = {}
     for leg in robot.joints:
@@ -142,5 +142,5 @@ def joint_columns(
 
 
 def positive_zero(values: np.ndarray) -> np.ndarray:
-    """The same values with −0 turned to 0, which reads better in a file."""
+    """The same values with −0 replaced by 0, which is easier to read in a file."""
     return values + 0.0

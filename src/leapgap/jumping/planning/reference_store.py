@@ -1,4 +1,4 @@
-"""References by target: from a folder of planned ones, or planned on the spot; and for which robot."""
+"""References by target: read from a folder where they are there, else planned."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from leapgap.robot.model import Robot
 PUBLISHED_SCHEDULE = ContactSchedule()
 
 
-def planned_robot(planar: str, robot: Robot) -> PlanarRobot:
+def select_planar_robot(planar: str, robot: Robot) -> PlanarRobot:
     """``published``: the planar robot of the published references; ``own``: the planar form of ``robot``."""
     if planar == "published":
         return PlanarRobot()
@@ -26,16 +26,16 @@ def planned_robot(planar: str, robot: Robot) -> PlanarRobot:
 def reference_to(
     target: Target, folder: Path, planar: PlanarRobot, schedule: ContactSchedule = PUBLISHED_SCHEDULE
 ) -> Log:
-    """The reference to a target: its file in ``folder`` where there is one of this schedule, else planned now."""
+    """The reference to a target: its file in ``folder`` if that has this schedule, else a new plan."""
     path = folder / f"{name_of(target)}.parquet"
     if path.is_file():
         found = read_log(path)
         if found.info.schedule == schedule:
             return found
-    return planned(target, planar, schedule)
+    return plan_reference(target, planar, schedule)
 
 
-def planned(target: Target, planar: PlanarRobot, schedule: ContactSchedule = PUBLISHED_SCHEDULE) -> Log:
-    """The reference to a target for a planar robot, planned now."""
+def plan_reference(target: Target, planar: PlanarRobot, schedule: ContactSchedule = PUBLISHED_SCHEDULE) -> Log:
+    """Plan the reference to a target for a planar robot."""
     (solution,) = solve_all([Problem(target, Grid(schedule), planar)])
     return to_jump(solution, Gains())

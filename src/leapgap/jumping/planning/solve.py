@@ -1,4 +1,4 @@
-"""Solve planned jumps with IPOPT: a problem goes in, a solution that judges itself comes out."""
+"""Plan jumps with IPOPT: from a problem to a solution that holds its own constraint violations."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -53,7 +53,7 @@ WARM: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Violation:
-    """The constraint a trajectory breaks most, measured by what matters in each group (``GROUPS``)."""
+    """The constraint that a trajectory violates most, relative to the scale of its group (``GROUPS``)."""
 
     label: Label
     amount: float
@@ -65,30 +65,30 @@ class Violation:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the solver stopped: variables and multipliers, to start a neighbour from."""
+    """Last iterate of the solver: variables and multipliers, used to warm-start a similar problem."""
 
     w: np.ndarray
     multipliers_w: np.ndarray
     multipliers_g: np.ndarray
 
     def with_rows(self, rows: int) -> "Iterate":
-        """For a programme with further constraints, nothing known of them, or without the last ones."""
+        """The iterate for a programme with ``rows`` constraints: new multipliers are zero, surplus ones are removed."""
         kept = self.multipliers_g[:rows]
         return replace(self, multipliers_g=np.pad(kept, (0, rows - len(kept))))
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What came of a problem; cost and violations are evaluated anew, not taken from the solver."""
+    """Result of a problem; cost and violations are computed from the variables, not taken from the solver."""
 
     problem: Problem
     trajectory: Trajectory
     cost: float
     max_violation: float
-    """Of any constraint or bound, each in its SI unit."""
+    """Largest violation of any constraint or bound, each in its SI unit."""
     worst: Violation
     status: str
-    """As IPOPT says it."""
+    """Return status of IPOPT."""
     solved: bool
     """The solver converged and no constraint is broken by more than ``FEASIBLE``."""
     iterations: int
@@ -105,18 +105,18 @@ class Solution:
 
 @dataclass(frozen=True)
 class Planner:
-    """Plans jumps of one robot, schedule, cost, limits and boxes; what no target changes is built once."""
+    """Plans jumps of one robot, schedule, cost, limits and boxes; everything that targets share is built once."""
 
     grid: Grid
     robot: PlanarRobot
     weights: Weights
     limits: Limits
     boxes: tuple[Box, ...] = ()
-    """What feet in the air keep clear of."""
+    """Boxes that feet in the air keep clear of."""
 
     @cached_property
     def programme(self) -> JumpNlp:
-        """The nonlinear programme of all targets."""
+        """The nonlinear programme, which all targets share."""
         return JumpNlp(self.grid, self.robot, self.weights, self.limits, self.boxes)
 
     @cached_property
@@ -158,7 +158,7 @@ class Planner:
         return self._run(self._cold, problem, self._first_guess, start)
 
     def obstacle(self, problem: Problem) -> Violation:
-        """What stands in the way of a jump: the limit broken most where the motors' limits are lifted."""
+        """The constraint that prevents a jump: the one violated most by a plan without motor limits."""
         self.prepare()
         bounds = self.programme.without_motor_limits(self.programme.w_bounds(problem), self.programme.g_bounds(problem))
         w = self._minimise(self._cold, self._first_guess, *bounds).w
@@ -208,15 +208,15 @@ class Planner:
 
 @lru_cache(maxsize=16)
 def planner(grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits, boxes: tuple[Box, ...] = ()) -> Planner:
-    """The planner of these settings; kept, because building it takes longer than a jump."""
+    """The planner of these settings; it is cached, because building it takes longer than planning a jump."""
     return Planner(grid, robot, weights, limits, boxes)
 
 
 def solve(problem: Problem, near: Solution | None = None) -> Solution:
     """Plan one jump; ``near`` is the solution of a close target with otherwise the same settings.
 
-    Boxes that feet keep clear of make a programme that often leads astray from afar: only a plan that runs into one is
-    made anew with it, from there.
+    From a distant start, a programme with boxes often converges to a poor plan. A jump is therefore planned without
+    boxes first, and again with them from that plan if its feet hit one.
     """
     free = planner_of(problem).solve(problem, near)
     boxes = () if problem.limits.swing_clearance_m is None else terrain(problem.robot, problem.target)
@@ -272,6 +272,6 @@ def nearest(problem: Problem, solutions: Sequence[Solution]) -> Solution | None:
 
 
 def landing_goal(problem: Problem) -> np.ndarray:
-    """Where a plan shall end: x, z, m, and pitch, rad."""
+    """Pose in which a plan ends: x, z, m, and pitch, rad, (3,)."""
     target, aim = problem.target, problem.aim
     return np.array([target.x_m + aim.x_m, target.z_m + aim.z_m, aim.pitch_rad])

@@ -1,4 +1,4 @@
-"""Where each method lands, as one HTML page: errors, forces, joints, pitch, fallbacks."""
+"""Landing experiment as one HTML page: errors, forces, joints, pitch and fallbacks of each method."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ METHODS = {
     "nominal_fixed": ("nominal MPC 25/25, K 10", "#f0a48e"),
     "nominal_fixed_k22": ("nominal MPC 25/25, K 22", "#a3476b"),
 }
-"""Names and colours, in the order of the page."""
+"""Label and colour of each method, in the order of the page."""
 TASKS = {
     "jump_40": "40 cm",
     "jump_50": "50 cm",
@@ -51,32 +51,33 @@ STEPS = {
 }
 BOX = "box_60_20"
 FRICTION, FRICTION_OF_GROUND, LARGEST_N = 0.6, 0.8, 350.0
-"""Cone and limit of the MPC, and what the simulated ground can hold."""
+"""Friction cone of the MPC, friction of the simulated ground, and force limit of the MPC, N."""
 LARGEST_PITCH_DEG = 15.0
 LEAST_PUSH_N = 20.0
 LEAST_SHOWN_CM = 0.05
-"""Smaller errors are drawn at this one: the axis is logarithmic."""
-EVERY_S = 0.005
-"""Curves are means over this long."""
+"""Smaller errors are drawn at this value, because the axis is logarithmic."""
+CURVE_STEP_S = 0.005
+"""Each point of a curve is a mean over this time."""
 Rows = Sequence[Mapping[str, Any]]
 
 
 def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Path) -> str:
-    """The page of the figures (landing.json), a row a jump (landings.csv), and the folder of kept runs."""
+    """The page from the figures (landing.json), one row for each jump (landings.csv), and the folder of cached runs."""
     methods = in_order({row["method"] for row in rows}, METHODS)
-    tried = {(row["hardware"], row["method"]) for row in rows}
+    pairs = {(row["hardware"], row["method"]) for row in rows}
     methods_on = {
-        hardware: [name for name in methods if (hardware, name) in tried]
+        hardware: [name for name in methods if (hardware, name) in pairs]
         for hardware in dict.fromkeys(row["hardware"] for row in rows)
     }
-    robots = sorted(methods_on, key=lambda hardware: -len(methods_on[hardware]))  # what most was tried on comes first
+    # The hardware with most methods comes first.
+    robots = sorted(methods_on, key=lambda hardware: -len(methods_on[hardware]))
     tasks = in_order({row["task"] for row in rows}, TASKS)
     drawn: dict[str, go.Figure] = {}
     for hardware in robots:
         mine, own = [row for row in rows if row["hardware"] == hardware], methods_on[hardware]
         drawn |= {
             f"size_{hardware}": sizes(figures, hardware, own, tasks),
-            f"signed_{hardware}": signed(mine, own, tasks),
+            f"signed_{hardware}": signed_errors(mine, own, tasks),
             f"pitch_{hardware}": pitches(mine, own, tasks),
         }
     if rows:
@@ -107,38 +108,38 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
 
 
 def label(method: str) -> str:
-    """What a method is called."""
+    """Label of a method on the page."""
     return METHODS.get(method, (method.replace("_", " "), ""))[0]
 
 
 def colour(method: str) -> str:
-    """Of its points and lines."""
+    """Colour of a method's points and lines."""
     return METHODS.get(method, ("", "#555555"))[1]
 
 
 def in_order(there: set[str], known: Mapping[str, Any]) -> list[str]:
-    """Known names in their order, then others."""
+    """The names in ``there``: known ones in the order of ``known``, then the others by name."""
     return [name for name in known if name in there] + sorted(there - set(known))
 
 
 def sentence(means: Mapping[str, float], robots: Sequence[str], single: Sequence[str]) -> str:
-    """What came out, for a person."""
+    """Main result in one sentence."""
     targets = f"{len(single)} single target{'s' * (len(single) != 1)}"
     for hardware in robots:
         found = {name: means.get(f"{hardware}/{name}") for name in ("ours", "ours_adapted", "nominal_variable")}
         if found["ours"] is None:
             continue
-        said = f"Ours lands {found['ours']:.1f} cm from {targets} on {hardware} hardware"
+        text = f"Ours lands {found['ours']:.1f} cm from {targets} on {hardware} hardware"
         if found["ours_adapted"] is not None:
-            said += f", {found['ours_adapted']:.1f} cm once adapted to each"
+            text += f", {found['ours_adapted']:.1f} cm once adapted to each"
         if found["nominal_variable"] is not None:
-            said += f"; the nominal MPC {found['nominal_variable']:.1f} cm"
-        return said
+            text += f"; the nominal MPC {found['nominal_variable']:.1f} cm"
+        return text
     return "Where each method lands"
 
 
 def sizes(figures: Mapping[str, Any], hardware: str, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
-    """Mean |error| with its interval, a panel a task, on one logarithmic axis."""
+    """Mean |error| with its interval, one panel for each task, on a shared logarithmic axis."""
     figure = panels(tasks)
     for panel, task in enumerate(tasks):
         for method in reversed(methods):
@@ -149,38 +150,38 @@ def sizes(figures: Mapping[str, Any], hardware: str, methods: Sequence[str], tas
             low, high = figures["abs_error_ci95_cm"][key]
             bars = {"array": [high - mean], "arrayminus": [mean - low], "thickness": 1.5, "width": 3}
             marker = {"color": colour(method), "size": 10}
-            put(figure, panel, x=[mean], y=[label(method)], error_x=bars, marker=marker, mode="markers")
-    return finished(figure, methods, "mean of the errors' size, cm; bars: 95 % interval", log=True)
+            add_points(figure, panel, x=[mean], y=[label(method)], error_x=bars, marker=marker, mode="markers")
+    return style_panels(figure, methods, "mean of the errors' size, cm; bars: 95 % interval", log=True)
 
 
-def signed(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
-    """Every jump's error, a panel a task."""
+def signed_errors(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
+    """Error of every jump, one panel for each task."""
     figure = panels(tasks)
     for panel, task in enumerate(tasks):
         for method in reversed(methods):
             errors = [row["error_cm"] for row in rows if row["task"] == task and row["method"] == method]
             marker = {"color": colour(method), "size": 8, "opacity": 0.75}
-            put(figure, panel, x=errors, y=[label(method)] * len(errors), marker=marker, mode="markers")
+            add_points(figure, panel, x=errors, y=[label(method)] * len(errors), marker=marker, mode="markers")
         figure.add_vline(0, row=panel // 4 + 1, col=panel % 4 + 1, line={"color": "#111827", "width": 1})
-    return finished(figure, methods, "error of each jump, cm; positive: short of the target")
+    return style_panels(figure, methods, "error of each jump, cm; positive: short of the target")
 
 
 def pitches(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
-    """Every jump's pitch at the scheduled landing, a panel a task."""
+    """Pitch of every jump at the scheduled landing, one panel for each task."""
     figure = panels(tasks)
     for panel, task in enumerate(tasks):
         for method in reversed(methods):
-            of = [row["pitch_deg"] for row in rows if row["task"] == task and row["method"] == method]
+            pitch = [row["pitch_deg"] for row in rows if row["task"] == task and row["method"] == method]
             marker = {"color": colour(method), "size": 8, "opacity": 0.75}
-            put(figure, panel, x=of, y=[label(method)] * len(of), marker=marker, mode="markers")
+            add_points(figure, panel, x=pitch, y=[label(method)] * len(pitch), marker=marker, mode="markers")
         for edge in (-LARGEST_PITCH_DEG, LARGEST_PITCH_DEG):
             line = {"color": "#e2542f", "width": 1, "dash": "dot"}
             figure.add_vline(edge, row=panel // 4 + 1, col=panel % 4 + 1, line=line)
-    return finished(figure, methods, "pitch at the landing, degrees, nose-down")
+    return style_panels(figure, methods, "pitch at the landing, degrees, nose-down")
 
 
 def bounds(rows: Rows, methods: Sequence[str]) -> go.Figure:
-    """Size of each jump's error over how often its motors could not deliver what was commanded."""
+    """|Error| of each jump over the share of commands that its motors could not deliver."""
     figure = go.Figure()
     for method in methods:
         mine = [row for row in rows if row["method"] == method]
@@ -201,9 +202,9 @@ def bounds(rows: Rows, methods: Sequence[str]) -> go.Figure:
 
 
 def panels(tasks: Sequence[str]) -> go.Figure:
-    """A panel a task, four in a row, methods on the shared vertical axis."""
+    """An empty figure: one panel for each task, four in a row, methods on the shared vertical axis."""
     rows = -(-len(tasks) // 4)
-    titles = [wrapped(TASKS.get(task, task)) for task in tasks]
+    titles = [wrap_title(TASKS.get(task, task)) for task in tasks]
     return make_subplots(
         rows=rows,
         cols=4,
@@ -214,21 +215,21 @@ def panels(tasks: Sequence[str]) -> go.Figure:
     )
 
 
-def wrapped(text: str, width: int = 26) -> str:
-    """A title in lines."""
+def wrap_title(text: str, width: int = 26) -> str:
+    """A title broken into lines of at most ``width`` characters, where words allow."""
     lines = [""]
     for word in text.split():
         lines = [*lines, word] if len(lines[-1]) + len(word) > width else [*lines[:-1], f"{lines[-1]} {word}".strip()]
     return "<br>".join(lines)
 
 
-def put(figure: go.Figure, panel: int, **style: Any) -> None:
-    """Points in a panel."""
+def add_points(figure: go.Figure, panel: int, **style: Any) -> None:
+    """Add points to a panel."""
     figure.add_trace(go.Scatter(showlegend=False, **style), row=panel // 4 + 1, col=panel % 4 + 1)
 
 
-def finished(figure: go.Figure, methods: Sequence[str], axis: str, log: bool = False) -> go.Figure:
-    """Axes and margins of a figure with panels."""
+def style_panels(figure: go.Figure, methods: Sequence[str], axis: str, log: bool = False) -> go.Figure:
+    """Set axes, size and margins of a figure with panels."""
     rows = len(figure._grid_ref)
     names = [label(method) for method in reversed(methods)]
     figure.update_layout(height=90 + rows * (90 + 24 * len(methods)), margin={"l": 10, "r": 10, "t": 60, "b": 70})
@@ -241,20 +242,20 @@ def finished(figure: go.Figure, methods: Sequence[str], axis: str, log: bool = F
 
 
 def kept_logs(folder: Path, methods: Sequence[str], tasks: Sequence[str]) -> dict[tuple[str, str], Log]:
-    """The logs of each method's first run at each task."""
+    """Logs of each method's first run at each task, where they exist."""
     found = {(task, method): folder / method / f"{task}_0.parquet" for task in tasks for method in methods}
     return {key: read_log(path) for key, path in found.items() if path.is_file()}
 
 
 def forces(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
-    """Vertical forces of the pairs and how much of the cone they use, planned and true; choose task and method."""
+    """Vertical force and force ratio of both pairs, planned and true, with a menu of tasks and methods."""
     titles = [f"{pair} pair: {what}" for what in ("vertical force, N", "|F_x| / F_z") for pair in PAIRS]
     figure = make_subplots(rows=2, cols=2, subplot_titles=titles, horizontal_spacing=0.06, vertical_spacing=0.13)
     owners: list[int] = []
     sources = {"ground_force": ("true ground force", "#2563c9"), "mpc_force": ("planned by the method", "#e2542f")}
     for number, log in enumerate(logs.values()):
         for source, (name, shade) in sources.items():
-            force = averaged(log.pair_force(source), log)
+            force = mean_over_steps(log.pair_force(source), log)
             for pair in range(2):
                 along, up = force[:, 2 * pair], force[:, 2 * pair + 1]
                 ratio = np.where(up > LEAST_PUSH_N, np.abs(along) / np.maximum(up, LEAST_PUSH_N), np.nan)
@@ -280,18 +281,18 @@ def forces(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
             figure.add_hline(edge, row=row, col=pair, line=line, annotation_text=text, annotation_font_size=11)
     figure.update_yaxes(range=[0, 1], row=2)
     figure.update_xaxes(title_text="s", row=2)
-    return chosen(figure, logs, owners, 620)
+    return add_menu(figure, logs, owners, 620)
 
 
 def joints(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
-    """How far joints are from their set points, and torques against their limit; choose the task."""
+    """Tracking error of the joints, and their largest torque beside its limit, with a menu of tasks."""
     titles = ["set point − joint angle, rms of all joints, rad", "largest commanded joint torque, N·m"]
     figure = make_subplots(rows=1, cols=2, subplot_titles=titles, horizontal_spacing=0.07)
     owners, tasks = [], list(dict.fromkeys(task for task, _ in logs))
     for (task, method), log in logs.items():
-        astray = log.per_joint("cmd_pos") - log.per_joint("joint_pos")
-        rms = np.sqrt(averaged(np.mean(astray**2, axis=1)[:, None], log)[:, 0])
-        torque = averaged(np.abs(commanded_torque(log)).max(axis=1)[:, None], log)[:, 0]
+        tracking_error = log.per_joint("cmd_pos") - log.per_joint("joint_pos")
+        rms = np.sqrt(mean_over_steps(np.mean(tracking_error**2, axis=1)[:, None], log)[:, 0])
+        torque = mean_over_steps(np.abs(commanded_torque(log)).max(axis=1)[:, None], log)[:, 0]
         for col, values, digits in ((1, rms, 4), (2, torque, 1)):
             curve = go.Scatter(
                 x=times(log, len(values)),
@@ -307,13 +308,13 @@ def joints(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
     line = {"color": "#111827", "width": 1, "dash": "dot"}
     figure.add_hline(33.5, row=1, col=2, line=line, annotation_text="limit of the motors", annotation_font_size=11)
     figure.update_xaxes(title_text="s")
-    return chosen(figure, tasks, owners, 560)
+    return add_menu(figure, tasks, owners, 560)
 
 
-def chosen(figure: go.Figure, items: Any, owners: Sequence[int], height: int) -> go.Figure:
-    """A figure with a menu: each trace belongs to one of the items."""
+def add_menu(figure: go.Figure, items: Any, owners: Sequence[int], height: int) -> go.Figure:
+    """Add a menu that shows the traces of one item at a time; ``owners`` holds the item of each trace."""
     buttons = [
-        {"label": said(item), "method": "update", "args": [{"visible": [owner == number for owner in owners]}]}
+        {"label": menu_label(item), "method": "update", "args": [{"visible": [owner == number for owner in owners]}]}
         for number, item in enumerate(items)
     ]
     menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 48}}
@@ -326,28 +327,28 @@ def chosen(figure: go.Figure, items: Any, owners: Sequence[int], height: int) ->
     return figure
 
 
-def said(item: Any) -> str:
-    """An item of a menu: a task, or a task and a method."""
+def menu_label(item: Any) -> str:
+    """Label of a menu's item, which is a task, or a task and a method."""
     if isinstance(item, str):
         return TASKS.get(item, item)
     task, method = item
     return f"{TASKS.get(task, task)}: {label(method)}"
 
 
-def averaged(values: np.ndarray, log: Log) -> np.ndarray:
-    """Means of a log's values (rows, n) over ``EVERY_S`` each, (means, n)."""
-    every = log.info.rows(EVERY_S)
+def mean_over_steps(values: np.ndarray, log: Log) -> np.ndarray:
+    """Means of a log's values (rows, n) over ``CURVE_STEP_S`` each, (steps, n)."""
+    every = log.info.rows(CURVE_STEP_S)
     whole = len(values) // every
     return values[: whole * every].reshape(whole, every, -1).mean(axis=1)
 
 
 def times(log: Log, count: int) -> np.ndarray:
-    """Of the means, s."""
-    return np.round((np.arange(count) + 0.5) * log.info.rows(EVERY_S) * log.info.sample_period_s, 4)
+    """Times of ``count`` means over ``CURVE_STEP_S``, s, (count,)."""
+    return np.round((np.arange(count) + 0.5) * log.info.rows(CURVE_STEP_S) * log.info.sample_period_s, 4)
 
 
 def reasons(runs: Path) -> list[tuple[str, str, str, int]]:
-    """Hardware, method, reason and number of the substitutes, of those there were."""
+    """Hardware, method, reason and number of the fallbacks in the cached runs."""
     found: dict[tuple[str, str, str], int] = {}
     for path in sorted(runs.glob("*/*/*.json")):
         robot, method = path.relative_to(runs).parts[:2]

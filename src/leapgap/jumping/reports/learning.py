@@ -1,4 +1,4 @@
-"""What the models learned, as one HTML page: errors, curves, roll-outs, calibration."""
+"""Learned models as one HTML page: errors, learning curves, roll-outs, calibration."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -42,11 +42,11 @@ def html(
     """
 
     drawn = {
-        "errors": errors_by_step(table(predictions / "error_by_step.csv")),
-        "curves": learning_curves(table(curves)),
+        "errors": errors_by_step(read_rows(predictions / "error_by_step.csv")),
+        "curves": learning_curves(read_rows(curves)),
     }
     if figures.get("coverage"):
-        drawn["calibration"] = calibration(table(predictions / "calibration.csv"))
+        drawn["calibration"] = calibration(read_rows(predictions / "calibration.csv"))
     if roll_outs:
         drawn["roll_outs"] = roll_out(roll_outs, about["jumps"])
     names = sorted(figures["cv_mse"], key=lambda name: -figures["cv_mse"][name])
@@ -64,8 +64,8 @@ def html(
     )
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV."""
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file, by the names of its columns."""
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -76,7 +76,7 @@ def colour_of(model: str) -> str:
 
 
 def six_panels(vertical_spacing: float = 0.14) -> go.Figure:
-    """A panel a component."""
+    """An empty figure with one panel for each component of the state."""
     return make_subplots(
         rows=2,
         cols=3,
@@ -89,7 +89,7 @@ def six_panels(vertical_spacing: float = 0.14) -> go.Figure:
 def add(
     figure: go.Figure, panel: int, x: Sequence | np.ndarray, y: Sequence | np.ndarray, name: str, **style: Any
 ) -> None:
-    """A line in a panel; its legend stands once."""
+    """Add a line to a panel; its legend entry appears once."""
     style.setdefault("line", {"color": colour_of(name.split("/")[0]), "width": 2})
     figure.add_trace(
         go.Scatter(
@@ -142,7 +142,7 @@ def learning_curves(rows: Sequence[Mapping[str, str]]) -> go.Figure:
 
 
 def calibration(rows: Sequence[Mapping[str, str]]) -> go.Figure:
-    """How many held-out states lie inside intervals of each nominal level."""
+    """Share of held-out states inside the predicted intervals, over their nominal level."""
     figure = go.Figure()
     figure.add_trace(
         go.Scatter(x=[0, 100], y=[0, 100], name="perfect", line={"color": "#8a93a3", "dash": "dot"}, mode="lines")
@@ -190,5 +190,5 @@ def roll_out(found: Mapping[str, RollOut], jumps: Sequence[str]) -> go.Figure:
 
 
 def above(y: float, x: float = 0.0) -> dict[str, Any]:
-    """A legend over the panels."""
+    """Layout of a horizontal legend above the panels, at figure coordinates (x, y)."""
     return {"orientation": "h", "y": y, "x": x}

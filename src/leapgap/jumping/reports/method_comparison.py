@@ -1,4 +1,4 @@
-"""Several methods at one task, in one scene: the first solid, the others as ghosts, and where each substituted."""
+"""Recordings that compare methods at one task: the first solid, the others as ghosts, with their fallbacks."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,8 +10,8 @@ from leapgap.reports.log_recording import record_jump
 from leapgap.robot.model import Robot
 
 
-def contests(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
-    """By task, the logs that ``stages.land`` kept of these methods' first runs, in the order of the methods."""
+def comparison_logs(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
+    """Logs of these methods' first runs by task, as stage ``land`` keeps them, in the order of the methods."""
     found: dict[str, list[Path]] = {}
     for method in methods:
         for path in sorted((runs / method).glob("*_0.parquet")):
@@ -19,8 +19,8 @@ def contests(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
     return dict(sorted(found.items()))
 
 
-def record_contest(path: Path, task: str, logs: Sequence[Path], robot: Robot) -> None:
-    """Write the methods' runs of a task as one recording; each log has its figures as JSON beside it."""
+def record_comparison(path: Path, task: str, logs: Sequence[Path], robot: Robot) -> None:
+    """Write the methods' runs of a task as one recording; the figures of each log are in a JSON file beside it."""
     runs = {log.parent.name: (read_log(log), read_json(log.with_suffix(".json"))) for log in logs}
     (first, (main, _)), *others = runs.items()
     record_jump(
@@ -30,13 +30,13 @@ def record_contest(path: Path, task: str, logs: Sequence[Path], robot: Robot) ->
         {name: log for name, (log, _) in others},
         title=f"landing {task}",
         label=first,
-        says="  \n".join(told(name, kept) for name, (_, kept) in runs.items()),
+        says="  \n".join(describe_run(name, kept) for name, (_, kept) in runs.items()),
         substitutes={name: kept["substituted"] for name, (_, kept) in runs.items() if kept["substituted"]},
     )
 
 
-def told(method: str, kept: Mapping[str, Any]) -> str:
-    """What came of a method's run, in a line."""
+def describe_run(method: str, kept: Mapping[str, Any]) -> str:
+    """One line on a method's run: its landing errors and its fallbacks."""
     landings = ", ".join(
         f"{one['error_cm']:+.1f} cm{'' if one['success'] else ' (failed)'}" for one in kept["landings"]
     )

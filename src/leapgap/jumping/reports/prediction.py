@@ -1,4 +1,4 @@
-"""What learned and nominal models predict of a jump, beside what it did, as a Rerun recording."""
+"""Predictions of learned and nominal models beside the measured jump, as a Rerun recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,22 +23,22 @@ from leapgap.robot.model import Robot
 TRUTH = "measured"
 COLUMNS = ("model", "window", "step", "time", *(part.key for part in COMPONENTS))
 SHOWN_WINDOW_S = 0.65
-"""The roll-out that is plotted starts about here: rear feet push, flight is still to come."""
+"""Start of the roll-out that is plotted, s: the rear feet push, before the flight."""
 MORE_COLOURS: tuple[Colour, ...] = ((160, 160, 160), (200, 170, 90), (150, 200, 90))
 
 
 @dataclass(frozen=True)
 class ShownPrediction:
-    """One window of one model: what it predicts from the window's first time on."""
+    """Prediction of one model from the start of one window on."""
 
     time: np.ndarray
-    """(steps,) s."""
+    """Times of the steps, s, (steps,)."""
     values: Mapping[str, np.ndarray]
-    """Absolute, by ``Component.key``, (steps,) each."""
+    """Predicted absolute values by ``Component.key``, (steps,) each."""
 
     @property
     def start_s(self) -> float:
-        """When the prediction was made."""
+        """Time at which the prediction starts, s."""
         return float(self.time[0])
 
 
@@ -99,7 +99,7 @@ def record_prediction(
 
 
 def palette(count: int) -> list[Colour]:
-    """As many colours as there are models; they repeat after eight."""
+    """``count`` colours; they repeat where there are more than colours to choose from."""
     every_colour = (*GHOSTS, *MORE_COLOURS)
     return [every_colour[i % len(every_colour)] for i in range(count)]
 
@@ -107,7 +107,7 @@ def palette(count: int) -> list[Colour]:
 def log_predicted_ways(
     to: Recorder, actor: ShownRobot, model: str, roll_outs: Sequence[ShownPrediction], colour: Colour
 ) -> None:
-    """The predicted way of the base at the time it was predicted, at the measured y of that time."""
+    """Log each predicted path of the base at the time of its prediction, with the measured y."""
     entity = f"{WORLD}/predicted/{model}"
     to.static(entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[0.006]))
     aside = actor.jump["base_pos_y"] if "base_pos_y" in actor.jump else np.zeros(len(actor.jump))
@@ -126,7 +126,7 @@ def log_predicted_base(
     colours: Mapping[str, Colour],
     window_start_s: float,
 ) -> None:
-    """The measured components over the whole jump and one roll-out a model."""
+    """Log the measured components over the whole jump, and one roll-out of each model."""
     time = actor.jump.time
     for part in COMPONENTS:
         if part in components(actor.jump):
@@ -144,7 +144,7 @@ def log_predicted_base(
 
 
 def prediction_blueprint(actors: Sequence[ShownRobot]) -> rrb.Blueprint:
-    """Scene on the left, six components on the right, phases below."""
+    """Layout of the recording: scene on the left, six components on the right, phases below."""
     views = [plot(f"base/{part.key}", part.label, legend=part is COMPONENTS[0]) for part in COMPONENTS]
     plots = rrb.Grid(*views, grid_columns=2, name="Base, predicted from one window on")
     notes = rrb.TextDocumentView(origin="notes", name="Notes")

@@ -1,4 +1,4 @@
-"""Recordings of everything the pipeline made: which folders are shown, and as what."""
+"""Recordings of all results of the pipeline: which folders are shown, and in which form."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from pathlib import Path
 from leapgap.atomic_io import read_json, write_text
 from leapgap.errors import InputError
 from leapgap.jumping.reports import references
-from leapgap.jumping.reports.method_comparison import contests, record_contest
+from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
 from leapgap.jumping.reports.prediction import record_prediction
 from leapgap.logs.log import Log, read_log
 from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, record_jump
@@ -28,13 +28,13 @@ class View:
     predictions_simulated: str
     predictions_real: str
     most: int
-    """Recordings of each kind, the first by name."""
+    """Largest number of recordings of each kind; the first by name are taken."""
     most_predictions: int
-    """Jumps with predictions of each kind, the first by name."""
+    """Largest number of jumps with predictions of each kind; the first by name are taken."""
     models: list[str]
     """Models whose predictions are shown; empty: all."""
     landings: str
-    """Runs of one robot, as ``stages.land`` keeps them."""
+    """Folder of the runs of one robot, as stage ``land`` keeps them."""
     landing_methods: list[str]
     """Methods shown in one scene, the first solid, the others as ghosts."""
     out: str | None = None
@@ -45,11 +45,11 @@ class View:
 
 
 def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
-    """Write every recording into ``out``; one line for each kind says what was written or skipped."""
+    """Write every recording into ``out``; yields one line for each kind: what was written or skipped."""
     index = Path(view.references) / "references.json"
     if index.is_file():
         write_text(out / "references.html", references.html(index.parent, robot))
-    yield said("references.html", view.references, int(index.is_file()), 1)
+    yield describe_recordings("references.html", view.references, int(index.is_file()), 1)
     for kind, label, folder, replays in (
         ("reference", "reference", view.references, None),
         ("simulated", "simulated", view.simulated, None),
@@ -67,7 +67,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 title=f"{kind} {jump.name}",
                 label=label,
             )
-        yield said(kind, folder, len(logs), view.most)
+        yield describe_recordings(kind, folder, len(logs), view.most)
     for kind, folder, logs_folder in (
         ("damped", view.replays_damped, view.damped),
         ("real", view.replays_real, view.real),
@@ -84,7 +84,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 title=f"diagnosis of {kind} {jump.name}",
                 says=shown["sentence"],
             )
-        yield said(f"diagnosis_{kind}", folder, int(path.exists()), 1)
+        yield describe_recordings(f"diagnosis_{kind}", folder, int(path.exists()), 1)
     for kind, folder, of_jumps in (
         ("simulated", view.predictions_simulated, view.simulated),
         ("real", view.predictions_real, view.real),
@@ -100,15 +100,15 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 title=f"predictions of {kind} {jump.name}",
                 shown=view.models or None,
             )
-        yield said(f"prediction_{kind}", folder, len(tables), view.most_predictions)
-    found = contests(Path(view.landings), view.landing_methods)
+        yield describe_recordings(f"prediction_{kind}", folder, len(tables), view.most_predictions)
+    found = comparison_logs(Path(view.landings), view.landing_methods)
     for task, logs in islice(found.items(), view.most):
-        record_contest(out / f"landing_{task}.rrd", task, logs, robot)
-    yield said("landing", view.landings, len(found), view.most)
+        record_comparison(out / f"landing_{task}.rrd", task, logs, robot)
+    yield describe_recordings("landing", view.landings, len(found), view.most)
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """Parquet files of a folder by name; none where there is no such folder."""
+    """Parquet files of a folder, sorted by name; none where the folder does not exist."""
     return sorted(folder.glob("*.parquet"))
 
 
@@ -130,8 +130,8 @@ def predicted_jump(predictions: Path, jumps: Path) -> Log:
     return read_log(log)
 
 
-def said(kind: str, folder: str, there: int, most: int) -> str:
-    """One line about a kind of recording."""
+def describe_recordings(kind: str, folder: str, there: int, most: int) -> str:
+    """One line on a kind of recording: how many were written, skipped or left out."""
     if not there:
         return f"{kind}: nothing in {folder}, skipped"
     left = f", {there - most} more not shown" if there > most else ""

@@ -1,4 +1,4 @@
-"""Planned jumps as one HTML page: each in four pictures, with its cost and what holds."""
+"""Planned jumps as one HTML page: each in four pictures, with its cost and its constraint violation."""
 
 import json
 from pathlib import Path

@@ -15,22 +15,22 @@ from leapgap.logs.segments import Target
 
 
 @dataclass(frozen=True)
-class ByAiming(Method):
+class AimingMethod(Method):
     """Plans from the measured stance to the goal that a landing model says will land on the target."""
 
     planner: JumpPlanner | None = None
     landing: LandingModel | None = None
     offset: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """By task: how much farther than predicted its jumps have landed, (3,)."""
-    beyond: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Added to each goal, to try something new, (3,)."""
+    """By name of the task: mean landing − predicted landing of its jumps, (3,), m, m, rad."""
+    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Added to each goal for exploration, (3,), m, m, rad."""
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
-        """A jump that is planned when it is due."""
+        """A jump that is planned after the stance was measured."""
         assert self.planner is not None
         offset = self.offset.get(task.name)
 
         def aim(target: Target, stance_pitch: float) -> np.ndarray:
-            return best_goal(self.landing, target, stance_pitch, offset) + self.beyond
+            return best_goal(self.landing, target, stance_pitch, offset) + self.goal_offset
 
         return GoalDirectedJump(task.target, reference, self.planner, aim, self.robot, self.gains)

@@ -24,7 +24,7 @@ class PlanSource(Enum):
 
 @dataclass(frozen=True)
 class MethodSettings(ABC):
-    """How a method is configured. A subclass in a file of this package is all that a further method takes.
+    """How a method is configured. To add a method, add a subclass in a file of this package.
 
     An entry of ``land.method_settings`` names the class by ``kind`` and gives its fields; a class whose fields all
     have defaults can be asked for by its own name, without an entry.
@@ -33,12 +33,12 @@ class MethodSettings(ABC):
     name: ClassVar[str]
 
     def check(self, name: str, settings: "LandSettings") -> None:
-        """Refuse, with an ``InputError``, what cannot work, before anything is run; ``name`` is the method's."""
+        """Raise an ``InputError`` where the settings cannot work, before anything is run; ``name`` is the method's."""
         del name, settings
 
     @abstractmethod
     def prepare(self, name: str, rig: "Rig") -> Method | None:
-        """The method on one simulated robot, after whatever it has to learn there.
+        """Train the method on one simulated robot, where it needs that, and return it.
 
-        None, and one printed line, where something that it needs is not there: the method is then left out.
+        Where an input is missing, one line is printed and None returned; the method is then left out.
         """

@@ -1,11 +1,11 @@
-"""Joint PD and the torques of the plan: what every other method has to beat."""
+"""Joint PD with the torques of the plan as feed-forward: the baseline of all methods."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JointPd, JumpController
-from leapgap.jumping.experiments.method import Method, shifted
+from leapgap.jumping.experiments.method import Method, shift_target
 from leapgap.jumping.experiments.methods.base import MethodSettings, PlanSource
 from leapgap.jumping.experiments.tasks import JumpTask
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ByJointPd(Method):
+class JointPdMethod(Method):
     """Joint PD and the planned torques, of a plan that goes ``shift_m`` farther than the target."""
 
     shift_m: float = 0.0
 
     def reference(self, task: JumpTask) -> Reference:
         """The plan to the shifted target."""
-        return Reference.of(self.references[shifted(task.target, self.shift_m)], self.robot)
+        return Reference.of(self.references[shift_target(task.target, self.shift_m)], self.robot)
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """Joint PD along the plan, with its torques as feed-forward."""
@@ -37,10 +37,10 @@ class JointPdSettings(MethodSettings):
     plans: PlanSource = PlanSource.own
 
     def check(self, name: str, settings: "LandSettings") -> None:
-        """The plans need their inputs."""
+        """Refuse settings that lack the inputs of these plans."""
         settings.check_plans(self.plans)
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
-        """Nothing has to be learned."""
+        """Joint PD along the plans; it needs no training."""
         plans = rig.plans(self.plans)
-        return None if plans is None else ByJointPd(rig.robot, plans.references)
+        return None if plans is None else JointPdMethod(rig.robot, plans.references)

@@ -1,4 +1,4 @@
-"""Joint PD whose target is shifted by one constant, learned from the mean error: a calibrated offset, and no more."""
+"""Joint PD whose target is shifted by one constant, learned from the mean landing error."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +9,9 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.method import Method, shifted
+from leapgap.jumping.experiments.method import Method, shift_target
 from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.methods.joint_pd import ByJointPd
+from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.logs.log import Log
 from leapgap.logs.segments import Target
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from leapgap.jumping.experiments.rig import Rig
 
 
-SHIFTING = 900
-"""Number of the first run that the shift is learned from: other ground and sensors than in those that count."""
+FIRST_SHIFT_RUN = 900
+"""Number of the first run that the shift is learned from; ground and sensors differ from those of the scored runs."""
 
 
 @dataclass(frozen=True)
@@ -31,29 +31,29 @@ class JointPdShiftedSettings(MethodSettings):
     name = "joint_pd_shifted"
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
-        """Learn the shift."""
+        """Make jumps of the tasks ``land.single``, and learn the shift from them."""
         singles = [task for task in rig.tasks if task.name in rig.settings.single]
         if not singles:
             raise InputError("land.single", "none of the tasks", "one or more to learn a shift on", "name one")
-        return best_shift(rig.bench, singles, rig.tasks, rig.plan)
+        return learn_shift(rig.bench, singles, rig.tasks, rig.plan)
 
 
-def best_shift(
+def learn_shift(
     bench: Bench, learned_on: Sequence[JumpTask], tasks: Sequence[JumpTask], plan: Callable[[Target], Log]
-) -> ByJointPd:
-    """Joint PD with the constant shift of the target that lands best over some tasks: two steps of correction."""
+) -> JointPdMethod:
+    """Joint PD with one shift of all targets, corrected twice by the mean landing error of the tasks ``learned_on``."""
     references = dict(bench.references)
-    method = ByJointPd(bench.robot, references, PhaseGains())
+    method = JointPdMethod(bench.robot, references, PhaseGains())
 
-    def moved(shift_m: float, of: Sequence[JumpTask]) -> ByJointPd:
-        for task in of:
-            goal = shifted(task.target, shift_m)
+    def with_shift(shift_m: float, planned_tasks: Sequence[JumpTask]) -> JointPdMethod:
+        for task in planned_tasks:
+            goal = shift_target(task.target, shift_m)
             if goal not in references:
                 references[goal] = plan(goal)
         return replace(method, references=dict(references), shift_m=shift_m)
 
     for number in range(2):
-        trials = [bench.trial("shifting", method, task, SHIFTING + number) for task in learned_on]
+        trials = [bench.trial("shifting", method, task, FIRST_SHIFT_RUN + number) for task in learned_on]
         errors = [done.landings[0].error_cm / 100 for done in bench.runner.results(trials)]
-        method = moved(round(method.shift_m + float(np.mean(errors)), 3), learned_on)
-    return moved(method.shift_m, tasks)
+        method = with_shift(round(method.shift_m + float(np.mean(errors)), 3), learned_on)
+    return with_shift(method.shift_m, tasks)

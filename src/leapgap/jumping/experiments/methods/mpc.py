@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ByMpc(Method):
+class MpcMethod(Method):
     """The paper's MPC with a prediction model."""
 
     model: PredictionModel | None = None
@@ -34,7 +34,7 @@ class ByMpc(Method):
 
 @dataclass(frozen=True)
 class NominalMpcSettings(MethodSettings):
-    """Predicts with the rigid body of the robot that is planned for."""
+    """The MPC whose prediction model is the rigid body of the robot that the plans are made for."""
 
     name = "nominal_mpc"
 
@@ -43,22 +43,22 @@ class NominalMpcSettings(MethodSettings):
     plans: PlanSource = PlanSource.own
 
     def check(self, name: str, settings: "LandSettings") -> None:
-        """The grid must be known, and the plans need their inputs."""
+        """Refuse an unknown grid, or plans without their inputs."""
         settings.check_plans(self.plans)
         settings.grid(self.grid, name)
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
-        """Nothing has to be learned."""
+        """The MPC with the nominal rigid body; it needs no training."""
         plans = rig.plans(self.plans)
         if plans is None:
             return None
         config = replace(rig.settings.mpc, grid=rig.settings.grid(self.grid, name))
-        return ByMpc(rig.robot, plans.references, model=RigidBodyModel(plans.body), config=config)
+        return MpcMethod(rig.robot, plans.references, model=RigidBodyModel(plans.body), config=config)
 
 
 @dataclass(frozen=True)
 class LearnedMpcSettings(MethodSettings):
-    """Predicts with the model ``land.model`` that was trained on all jumps, for these steps."""
+    """The MPC whose prediction model is ``land.model``, trained on all jumps for these steps."""
 
     name = "learned_mpc"
 
@@ -69,7 +69,7 @@ class LearnedMpcSettings(MethodSettings):
     plans: PlanSource = PlanSource.own
 
     def check(self, name: str, settings: "LandSettings") -> None:
-        """Grid and folder must be known, and the plans need their inputs."""
+        """Refuse an unknown grid or folder, or plans without their inputs."""
         settings.check_plans(self.plans)
         settings.grid(self.grid, name)
         settings.folder(self.models, name)
@@ -86,4 +86,4 @@ class LearnedMpcSettings(MethodSettings):
             return None
         grid = settings.grid(self.grid, name)
         model = load(folder, settings.model, Purpose(grid, settings.schedule, rig.robot.name, rig.robot.sha256))
-        return ByMpc(rig.robot, plans.references, model=model, config=replace(settings.mpc, grid=grid))
+        return MpcMethod(rig.robot, plans.references, model=model, config=replace(settings.mpc, grid=grid))

@@ -1,4 +1,4 @@
-"""Aimed jumps after practice: where the robot lands was learned from its own jumps, and decides where to aim."""
+"""Goal-directed jumps after practice: a landing model of the robot's own jumps chooses the goals."""
 
 import json
 from dataclasses import dataclass, replace
@@ -8,9 +8,9 @@ from leapgap.effects import to_config
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.landing_model import LandingModel
 from leapgap.jumping.experiments.method import Method
-from leapgap.jumping.experiments.methods.aiming import ByAiming
+from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.training_jumps import practised
+from leapgap.jumping.experiments.training_jumps import run_practice
 from leapgap.jumping.models.planar import planar_robot
 
 if TYPE_CHECKING:
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OursSettings(MethodSettings):
-    """Practises as ``land.practice`` says."""
+    """Makes the training jumps of ``land.practice`` first."""
 
     name = "ours"
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
-        """Practise, and learn from it where jumps land."""
+        """Make the training jumps, and fit the planner and the landing model to them."""
         settings = rig.settings
         planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)
-        start = ByAiming(rig.robot, rig.bench.references, planner=planner)
-        learned = practised(rig.bench, start, settings.practice)
-        print(f"{rig.bench.hardware}: found {json.dumps(to_config(learned.found))}", flush=True)
-        return replace(start, planner=learned.planner, landing=LandingModel(learned.tried, settings.practice.aim))
+        start = AimingMethod(rig.robot, rig.bench.references, planner=planner)
+        learned = run_practice(rig.bench, start, settings.practice)
+        print(f"{rig.bench.hardware}: found {json.dumps(to_config(learned.effects))}", flush=True)
+        return replace(start, planner=learned.planner, landing=LandingModel(learned.samples, settings.practice.aim))

@@ -1,4 +1,4 @@
-"""Aimed jumps with an offset for each task on top, learned from a few jumps of that task."""
+"""Goal-directed jumps with one more offset a task, learned from a few jumps of that task."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,9 +8,9 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.landing_model import LandingModel, Tried
+from leapgap.jumping.experiments.landing_model import LandingModel, LandingSamples
 from leapgap.jumping.experiments.method import Method
-from leapgap.jumping.experiments.methods.aiming import ByAiming
+from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.rig import AdaptConfig
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from leapgap.jumping.experiments.rig import Rig
 
 
-ADAPTING = 800
-"""Number of the first run that an offset is learned from: other ground and sensors than in those that count."""
+FIRST_ADAPTATION_RUN = 800
+"""Number of the first run that offsets are learned from; ground and sensors differ from those of the scored runs."""
 
 
 @dataclass(frozen=True)
 class OursAdaptedSettings(MethodSettings):
-    """Adapts another method that aims, as ``land.adapt`` says."""
+    """Adapts another goal-directed method with the settings ``land.adapt``."""
 
     name = "ours_adapted"
 
@@ -33,29 +33,29 @@ class OursAdaptedSettings(MethodSettings):
     """Name of the method that is adapted."""
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
-        """Jump every task a few times."""
+        """Make a few jumps of every task, and learn the offsets from them."""
         aiming = rig.method(self.of)
-        if not isinstance(aiming, ByAiming):
+        if not isinstance(aiming, AimingMethod):
             raise InputError(f"land.method_settings.{name}.of", self.of, "a method that aims", "name ours")
-        return adapted(rig.bench, aiming, rig.tasks, rig.settings.adapt)
+        return adapt_offsets(rig.bench, aiming, rig.tasks, rig.settings.adapt)
 
 
-def adapted(bench: Bench, method: ByAiming, tasks: Sequence[JumpTask], config: AdaptConfig) -> ByAiming:
-    """With an offset for each task, learned from its own first jumps."""
+def adapt_offsets(bench: Bench, method: AimingMethod, tasks: Sequence[JumpTask], config: AdaptConfig) -> AimingMethod:
+    """The method with an offset for each task, updated after each of ``config.jumps`` jumps of that task."""
     assert method.landing is not None
     for number in range(config.jumps):
-        trials = [bench.trial("adapting", method, task, ADAPTING + number) for task in tasks]
+        trials = [bench.trial("adapting", method, task, FIRST_ADAPTATION_RUN + number) for task in tasks]
         offset = dict(method.offset)
         for trial, done in zip(trials, bench.runner.results(trials), strict=True):
-            if len(done.tried):
+            if len(done.samples):
                 before = offset.get(trial.task.name, np.zeros(3))
-                surprise = surprises(method.landing, done.tried).mean(axis=0) - before
-                offset[trial.task.name] = before + config.rate * surprise
+                error = prediction_errors(method.landing, done.samples).mean(axis=0) - before
+                offset[trial.task.name] = before + config.rate * error
         method = replace(method, offset=offset)
     return method
 
 
-def surprises(model: LandingModel, tried: Tried) -> np.ndarray:
-    """How much farther than predicted each jump landed, (n, 3)."""
-    pairs = zip(tried.goal, tried.stance_pitch, tried.landing, strict=True)
+def prediction_errors(model: LandingModel, samples: LandingSamples) -> np.ndarray:
+    """Landing − predicted landing of each jump, (n, 3), m, m, rad."""
+    pairs = zip(samples.goal, samples.stance_pitch, samples.landing, strict=True)
     return np.array([landed - model.landing(goal, stance) for goal, stance, landed in pairs])
