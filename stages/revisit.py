@@ -23,7 +23,7 @@ from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, further_jumps
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
-from leapgap.validation.seal import opened
+from leapgap.validation.seal import open_truth
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
 
@@ -96,7 +96,7 @@ def seen_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen
     found = []
     for path in sorted(Path(settings.verdicts).glob("*/report.json")):
         name = path.parent.name
-        truth, report = opened(Path(settings.truth), Path(settings.logs), name), read_json(path)
+        truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
         if truth["kind"] != "real":
             found.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
     return sorted(found, key=lambda case: case.first.half)  # "reported" before "tuning"

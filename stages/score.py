@@ -19,7 +19,7 @@ from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring
 from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.realised_reduction import realised_closure
-from leapgap.validation.seal import SEALS, opened
+from leapgap.validation.seal import SEALS, open_truth
 from stages.common import output_folder, read_config, run_stage
 
 REPORTED, TUNING, REAL = "reported", "tuning", "real"
@@ -74,7 +74,7 @@ def score(config: DictConfig) -> None:
 
 def opened_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
     """One case, its seal checked, with the closure its answer brings on jumps nobody saw."""
-    truth = opened(Path(settings.truth), Path(settings.logs), name)
+    truth = open_truth(Path(settings.truth), Path(settings.logs), name)
     verdict = Path(settings.verdicts) / name
     report = read_json(verdict / "report.json")
     check_judged_logs(name, truth, report)

@@ -1,4 +1,4 @@
-"""The scores of the blind check: the keys of ``metrics/blind.json`` from outcomes, by plain counting."""
+"""The scores of the blind check: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -17,13 +17,13 @@ def share(of: Iterable[bool]) -> float | None:
 
 
 def median(of: Iterable[float]) -> float | None:
-    """Median; ``None`` where there is nothing."""
+    """Median of the values; ``None`` where there are none."""
     values = list(of)
     return float(np.median(values)) if values else None
 
 
 def mean(of: Iterable[float]) -> float | None:
-    """Mean; ``None`` where there is nothing."""
+    """Mean of the values; ``None`` where there are none."""
     values = list(of)
     return float(np.mean(values)) if values else None
 
@@ -51,7 +51,7 @@ def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.rando
         "where_right_mirrored": share(o.where_mirrored for o in shown),
         "pairs_both_named": share(o.verdict in ("named", "ambiguous") and set(o.true) <= o.answered for o in pairs),
         "parameter_error_median": median(c.error for c in told),
-        "coverage": share(c.covered for c in told),
+        "coverage": share(c.interval_holds_truth for c in told),
         "brier": with_interval(outcomes, brier, draws, rng),
         "calibration_error": with_interval(outcomes, lambda these: calibration_error(these, bins), draws, rng),
         "closure_promise_error": mean(errors),
@@ -101,7 +101,7 @@ def with_interval(
     draws: int,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
-    """A statistic with its 95 % interval over cases drawn again."""
+    """A statistic with its 95 % bootstrap interval over cases."""
     sample = (
         [
             value
