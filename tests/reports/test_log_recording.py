@@ -5,7 +5,7 @@ import rerun as rr
 
 from leapgap.errors import InputError
 from leapgap.reports.log_recording import record_jump
-from leapgap.reports.recorder import every, recording
+from leapgap.reports.recorder import recording, rows_at_period
 from leapgap.robot.model import Robot
 from tests.reports.conftest import CROUCH, make_hop
 from tests.reports.read_back import Recorded
@@ -183,8 +183,8 @@ def test_nothing_half_written_remains_when_a_write_fails(tmp_path, robot, hop, m
 
 
 def test_rows_are_thinned_by_time_and_keep_both_ends():
-    np.testing.assert_array_equal(every(np.arange(12) / 1000, 0.005), [0, 5, 10, 11])
-    np.testing.assert_array_equal(every(np.array([0.0, 0.02, 0.04]), 0.005), [0, 1, 2])
+    np.testing.assert_array_equal(rows_at_period(np.arange(12) / 1000, 0.005), [0, 5, 10, 11])
+    np.testing.assert_array_equal(rows_at_period(np.array([0.0, 0.02, 0.04]), 0.005), [0, 1, 2])
 
 
 def test_recordings_do_not_share_a_blueprint(tmp_path):

@@ -19,9 +19,9 @@ def true_localisation(
 ) -> list[dict[str, Any]]:
     """Phases and channels with their share of the squared difference, largest first, without shares below 0.001.
 
-    ``off`` are rollouts of the noise-free jumps without the effect. They restart every ``horizon_s`` from the noise-free
-    state, as the diagnosis restarts from the log. Only the second half of each piece counts, in units of each channel's
-    noise.
+    ``off`` are rollouts of the noise-free jumps without the effect. They restart every ``horizon_s`` from the
+    noise-free state, as the diagnosis restarts from the log. Only the second half of each piece counts, in units of
+    each channel's noise.
     """
     robot = generator.robot
     channels = scaled_channels(judged.jumps, robot)
