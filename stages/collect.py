@@ -1,4 +1,4 @@
-"""Simulated jumps as jump logs: a controller makes them on hardware with effects that it does not know."""
+"""Simulate jumps and write their logs; the hardware has effects that the controller does not know."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,7 +37,7 @@ from stages.common import output_folder, read_config, read_optional, run_stage
 
 @dataclass(frozen=True)
 class CollectSettings:
-    """Section ``collect``."""
+    """Section ``collect`` of the configuration: robot, hardware, controller and the jumps to make."""
 
     references: str
     robot: str | None
@@ -61,17 +61,17 @@ class CollectSettings:
 
 
 def collect(config: DictConfig) -> None:
-    """Let the chosen hardware make the configured jumps."""
+    """Simulate the configured jumps on the chosen hardware and write their logs."""
     settings = read_config(CollectSettings, config.collect, "collect")
     executor = read_config(Executor, config.executor, "executor")
-    robot, on_top = robot_of(settings, config.robot.model)
-    effects = (*on_top, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
+    robot, corrections = robot_of(settings, config.robot.model)
+    effects = (*corrections, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
     rng = np.random.default_rng(settings.seed)
     targets = targets_of(settings, rng)
     references = {target: reference_to(target, Path(settings.references), planar_robot(robot)) for target in targets}
-    rounded = read_optional(RigidBody, config.robot.get("body"), "robot.body")
+    controller_body = read_optional(RigidBody, config.robot.get("body"), "robot.body")
     body = read_optional(RigidBody, config.collect.body, "collect.body") or planner_body(
-        robot, crouch(references, robot), rounded
+        robot, crouch(references, robot), controller_body
     )
     method = method_of(settings, robot, references, body)
     world = TrialSetup(robot, settings.sensing, course=settings.course, body=body)
@@ -84,9 +84,9 @@ def collect(config: DictConfig) -> None:
             Collection(f"{settings.hardware}_{i:02d}", task, method, effects, world, seed, settings.excitation)
         )
     with whole_folder(output_folder(settings.out)) as folder:
-        for made in executor.map(Collection.made, planned):
-            jump_log.write_log(made.log, folder / f"{made.log.name}.parquet")
-            print(said(made), flush=True)
+        for result in executor.map(Collection.made, planned):
+            jump_log.write_log(result.log, folder / f"{result.log.name}.parquet")
+            print(summary(result), flush=True)
 
 
 def robot_of(settings: CollectSettings, model: str) -> tuple[Robot, tuple[Effect, ...]]:
@@ -97,14 +97,14 @@ def robot_of(settings: CollectSettings, model: str) -> tuple[Robot, tuple[Effect
 
 
 def hidden_effects(variants: dict[str, Any], hardware: str, seed: int) -> tuple[Effect, ...]:
-    """What the named hardware has and its controller does not know."""
+    """Effects of the named hardware, which its controller does not know; drawn values depend on the seed."""
     if hardware not in variants:
         raise InputError("collect.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
     return Variant(**variants[hardware]).drawn(seed)
 
 
 def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Target]:
-    """One target a jump: the one, those listed in turn, or flat ones drawn to the millimetre."""
+    """One target per jump: the single one, the listed ones in turn, or flat ones drawn and controller_body to 1 mm."""
     listed = settings.targets if settings.target is None else [settings.target]
     if listed is None:
         return [Target(round(float(rng.uniform(*settings.distance_m)), 3), 0.0) for _ in range(settings.jumps)]
@@ -113,7 +113,7 @@ def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Targ
 
 
 def method_of(settings: CollectSettings, robot: Robot, references: References, body: RigidBody) -> Method:
-    """The configured controller."""
+    """The control method that ``collect.controller`` names."""
     if settings.controller == "joint_pd":
         return ByJointPd(robot, references, settings.gains)
     if settings.controller == "nominal_mpc":
@@ -121,12 +121,12 @@ def method_of(settings: CollectSettings, robot: Robot, references: References, b
     raise InputError("collect.controller", settings.controller, "joint_pd or nominal_mpc", "choose one")
 
 
-def said(made: Collected) -> str:
-    """One line for a person."""
-    fallbacks = f", {sum(made.fallbacks.values())} fallbacks" if made.fallbacks else ""
+def summary(result: Collected) -> str:
+    """One line about a jump: target, block, landing error, pitch, fallback commands."""
+    fallbacks = f", {sum(result.fallbacks.values())} fallbacks" if result.fallbacks else ""
     return (
-        f"{made.log.name}: {made.log.info.target.x_m:.2f} m from a {100 * made.block_m:.1f} cm block, lands "
-        f"{landing_in_words(made.landing.error_cm)}, pitched {made.landing.pitch_deg:+.0f} degrees{fallbacks}"
+        f"{result.log.name}: {result.log.info.target.x_m:.2f} m from a {100 * result.block_m:.1f} cm block, lands "
+        f"{landing_in_words(result.landing.error_cm)}, pitched {result.landing.pitch_deg:+.0f} degrees{fallbacks}"
     )
 
 

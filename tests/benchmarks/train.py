@@ -30,7 +30,7 @@ from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 from stages.common import read_config
-from stages.params import composed
+from stages.params import compose_params
 
 PUBLISHED_S = 0.90
 """A step of the published script on two server cores (shared/design/learning, as measured there)."""
@@ -108,7 +108,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="of torch for the recipe; models are fitted with one")
     given = parser.parse_args()
     windows = windows_module.read(given.windows)
-    config = read_config(TrainConfig, OmegaConf.create(composed()).train, "train")
+    config = read_config(TrainConfig, OmegaConf.create(compose_params()).train, "train")
     config.trainer["enable_progress_bar"] = False
     torch.set_num_threads(given.threads)
     start, fitting = published_start(windows, config), config.published_recipe.fitting
