@@ -70,7 +70,7 @@ def descent(residual: torch_rollout.ResidualModule, windows: Windows, rate: floa
         yield loss.item()
 
 
-def timed(steps: Iterator[float]) -> tuple[list[float], list[float]]:
+def time_steps(steps: Iterator[float]) -> tuple[list[float], list[float]]:
     """Losses, and seconds of each step."""
     losses, seconds = [], []
     for _ in range(STEPS):
@@ -101,7 +101,7 @@ def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure and write."""
+    """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--windows", type=Path, default=Path("data/windows/real"))
@@ -114,8 +114,8 @@ def main() -> None:
     start, fitting = published_start(windows, config), config.published_recipe.fitting
     recipe = (windows, fitting.learning_rate, fitting.output_penalty)
     vectorised, peer = torch_rollout.ResidualModule(start, 0.0), Looped(start, 0.0)
-    ours, ours_s = timed(descent(vectorised, *recipe))
-    looped, looped_s = timed(descent(peer, *recipe))
+    ours, ours_s = time_steps(descent(vectorised, *recipe))
+    looped, looped_s = time_steps(descent(peer, *recipe))
     apart = max(abs(a - b) / b for a, b in zip(ours, looped, strict=True))
     weights = zip(vectorised.parameters(), peer.parameters(), strict=True)
     weights_apart = max(float((a - b).detach().abs().max()) for a, b in weights)

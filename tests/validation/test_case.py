@@ -42,7 +42,7 @@ def case_of(*acting: Effect) -> Case:
 
 
 @pytest.fixture(scope="module")
-def damped(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
+def damped_case(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
     return withhold(case_of(effects.effect("joint_damping", damping=0.8)), references, robot, world)
 
 
@@ -52,12 +52,17 @@ def plain(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase
 
 
 def test_metadata_and_commands_are_the_same_bytes_whatever_acts(
-    damped: WithheldCase, plain: WithheldCase, references: list[Log], robot: Robot, world: CaseSetup, tmp_path: Path
+    damped_case: WithheldCase,
+    plain: WithheldCase,
+    references: list[Log],
+    robot: Robot,
+    world: CaseSetup,
+    tmp_path: Path,
 ) -> None:
     windy = withhold(case_of(Wind(speed_m_s=9.0)), references, robot, world)
     late = withhold(case_of(effects.effect("sample_period", scale=1.1)), references, robot, world)
     told = []
-    for i, made in enumerate((damped, plain, windy, late)):
+    for i, made in enumerate((damped_case, plain, windy, late)):
         write_case(made, tmp_path / f"logs{i}", tmp_path / f"proof{i}")
         paths = sorted((tmp_path / f"logs{i}").iterdir())
         tables = [pq.read_table(path) for path in paths]
@@ -71,28 +76,30 @@ def test_metadata_and_commands_are_the_same_bytes_whatever_acts(
 
 
 def test_the_same_case_is_the_same_bytes(
-    damped: WithheldCase, references: list[Log], robot: Robot, world: CaseSetup
+    damped_case: WithheldCase, references: list[Log], robot: Robot, world: CaseSetup
 ) -> None:
     again = withhold(case_of(effects.effect("joint_damping", damping=0.8)), references, robot, world)
-    assert again.truth == damped.truth
-    for one, other in zip(again.logs + again.proof, damped.logs + damped.proof, strict=True):
+    assert again.truth == damped_case.truth
+    for one, other in zip(again.logs + again.proof, damped_case.logs + damped_case.proof, strict=True):
         assert all(np.array_equal(one[c], other[c]) for c in other.columns)
 
 
-def test_truth_says_what_acts_and_how_much_it_shows(damped: WithheldCase, plain: WithheldCase) -> None:
-    assert damped.truth["effects"] == [{"name": "joint_damping", "location": "all", "parameters": {"damping": 0.8}}]
-    assert damped.truth["detectable"]
-    assert damped.truth["change"] > 2 * damped.truth["noise_floor"]
-    shares = [place["share"] for place in damped.truth["where"]]
+def test_truth_says_what_acts_and_how_much_it_shows(damped_case: WithheldCase, plain: WithheldCase) -> None:
+    assert damped_case.truth["effects"] == [
+        {"name": "joint_damping", "location": "all", "parameters": {"damping": 0.8}}
+    ]
+    assert damped_case.truth["detectable"]
+    assert damped_case.truth["change"] > 2 * damped_case.truth["noise_floor"]
+    shares = [place["share"] for place in damped_case.truth["where"]]
     assert shares == sorted(shares, reverse=True)
     assert sum(shares) == pytest.approx(1, abs=0.05)
     assert not plain.truth["detectable"]
     assert plain.truth["change"] == 0
 
 
-def test_nuisances_alone_stay_near_the_noise_floor(plain: WithheldCase, damped: WithheldCase) -> None:
+def test_nuisances_alone_stay_near_the_noise_floor(plain: WithheldCase, damped_case: WithheldCase) -> None:
     assert plain.truth["gap_nominal"] < 3 * plain.truth["noise_floor"]
-    assert damped.truth["gap_nominal"] > plain.truth["gap_nominal"]
+    assert damped_case.truth["gap_nominal"] > plain.truth["gap_nominal"]
 
 
 def test_cases_cover_every_effect_and_families_are_split(
@@ -114,7 +121,7 @@ def test_cases_cover_every_effect_and_families_are_split(
             assert effect_from_json(effect_to_json(effect)) == effect
 
 
-def test_no_nameless_effect_is_known_to_the_diagnosis() -> None:
+def test_no_off_table_effect_is_known_to_the_diagnosis() -> None:
     assert len(families()) >= 8
     assert not set(families()) & set(effects.known())
 
@@ -124,7 +131,7 @@ def largest(sizes: dict[str, dict[str, list[float]]], name: str) -> Effect:
 
 
 @pytest.mark.parametrize("name", sorted(families()))
-def test_every_nameless_effect_changes_the_motion(
+def test_every_off_table_effect_changes_the_motion(
     name: str, sizes: dict[str, dict[str, list[float]]], references: list[Log], robot: Robot, plain: WithheldCase
 ) -> None:
     generator = Generator(robot, terrain_slots=1, step_s=0.0005)
@@ -136,7 +143,7 @@ def test_every_nameless_effect_changes_the_motion(
 
 
 @pytest.mark.parametrize("name", sorted(families()))
-def test_a_nameless_effect_at_nothing_changes_nothing(name: str, robot: Robot) -> None:
+def test_an_off_table_effect_at_nothing_changes_nothing(name: str, robot: Robot) -> None:
     if name == "backlash":
         pytest.skip("gears without play are still elastic")
     generator = Generator(robot, step_s=0.0005)

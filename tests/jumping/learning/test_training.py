@@ -115,7 +115,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     best = training.Learner.error_on
     seen = []
 
-    def noted(self, name):
+    def record_error(self, name):
         found = best(self, name)
         if name == training.STOPPING:
             seen.append(found)
@@ -129,7 +129,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
         return step(self, *arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(training.Learner, "error_on", noted)
+        patch.setattr(training.Learner, "error_on", record_error)
         patch.setattr(training.Learner, "training_step", killed)
         with pytest.raises(RuntimeError, match="killed"):
             fit(windows, None, tmp_path / "cut", fitting)
@@ -146,7 +146,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
         fit(windows, None, tmp_path / "bad", replace(fitting, stopping_jumps=6))
 
 
-def corrupted(windows: Windows, jump: str) -> Windows:
+def corrupt_jump(windows: Windows, jump: str) -> Windows:
     mask = windows.jump == windows.jumps.index(jump)
     arrays = {n: getattr(windows, n).copy() for n in ("state", "force", "foot")}
     for array in arrays.values():
@@ -158,7 +158,7 @@ def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path)
     """Its corruption leaves every weight, scale and gain of every model of its fold as it was, bit for bit."""
     small = config()
     model_grid.train(windows, small, tmp_path / "clean")
-    model_grid.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
+    model_grid.train(corrupt_jump(windows, "jump_02"), small, tmp_path / "corrupt")
     for name in RECIPES:
         clean, corrupt = (store.load(tmp_path / kind / "fold_0", name) for kind in ("clean", "corrupt"))
         assert "jump_02" not in clean.trained_on and same(clean.model, corrupt.model), name
