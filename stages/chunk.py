@@ -1,4 +1,4 @@
-"""Cut jump logs into the windows that models are trained and judged on."""
+"""Cut jump logs into the windows that models are trained and evaluated on."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from stages.common import output_folder, read_config, run_stage
 
 @dataclass
 class ChunkSettings:
-    """Section chunk."""
+    """Section ``chunk`` of the configuration: folders, and the time grid of the windows."""
 
     logs: str
     contact_step_s: float
@@ -26,20 +26,24 @@ class ChunkSettings:
 
     @property
     def grid(self) -> TimeGrid:
-        """The steps of the prediction."""
+        """Time grid of a window."""
         return TimeGrid(self.contact_step_s, self.flight_step_s, self.steps)
 
 
 def chunk(config: DictConfig) -> None:
-    """Read a folder of jump logs, write their windows."""
+    """Read a folder of jump logs and write their windows."""
     section = read_config(ChunkSettings, config.chunk, "chunk")
     out = output_folder(section.out)
-    found = window_extraction.cut(
+    extracted = window_extraction.cut(
         jump.read_logs(Path(section.logs)), section.grid, Robot.load(config.robot.model), section.force
     )
     with whole_folder(out) as folder:
-        windows.write(found, folder)
-    print("no logs: no windows" if not len(found) else f"{len(found)} windows of {len(found.jumps)} jumps", "->", out)
+        windows.write(extracted, folder)
+    print(
+        "no logs: no windows" if not len(extracted) else f"{len(extracted)} windows of {len(extracted.jumps)} jumps",
+        "->",
+        out,
+    )
 
 
 if __name__ == "__main__":

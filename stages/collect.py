@@ -64,14 +64,14 @@ def collect(config: DictConfig) -> None:
     """Simulate the configured jumps on the chosen hardware, and write their logs."""
     settings = read_config(CollectSettings, config.collect, "collect")
     executor = read_config(Executor, config.executor, "executor")
-    robot, on_top = robot_of(settings, config.robot.model)
-    effects = (*on_top, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
+    robot, corrections = robot_of(settings, config.robot.model)
+    effects = (*corrections, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
     rng = np.random.default_rng(settings.seed)
     targets = targets_of(settings, rng)
     references = {target: reference_to(target, Path(settings.references), planar_robot(robot)) for target in targets}
-    rounded = read_optional(RigidBody, config.robot.get("body"), "robot.body")
+    controller_body = read_optional(RigidBody, config.robot.get("body"), "robot.body")
     body = read_optional(RigidBody, config.collect.body, "collect.body") or planner_body(
-        robot, crouch(references, robot), rounded
+        robot, crouch(references, robot), controller_body
     )
     method = method_of(settings, robot, references, body)
     world = TrialSetup(robot, settings.sensing, course=settings.course, body=body)

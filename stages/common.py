@@ -28,13 +28,13 @@ T = TypeVar("T")
 
 
 def run_stage(stage: Callable[[DictConfig], Any]) -> None:
-    """Run a stage's function with its configuration; the ``__main__`` of every stage module.
+    """Run a stage's function with its configuration; every stage module calls this as its ``__main__``.
 
-    What the function returns, figures by name, is what a sweep tabulates (``stages.sweep``).
+    The function may return figures by name, which a sweep tabulates (``stages.sweep``).
     """
     name = Path(sys.argv[0]).stem
 
-    def told(config: DictConfig) -> Any:
+    def stage_or_refusal(config: DictConfig) -> Any:
         try:
             return stage(config)
         except InputError as error:
@@ -42,15 +42,15 @@ def run_stage(stage: Callable[[DictConfig], Any]) -> None:
 
     try:
         if "DVC_STAGE" in os.environ:
-            told(params_with_overrides(sys.argv[1:]))
+            stage_or_refusal(params_with_overrides(sys.argv[1:]))
         else:
-            run_with_hydra(told, name)
+            run_with_hydra(stage_or_refusal, name)
     except InputError as error:
         refuse(name, error)
 
 
 def refuse(name: str, error: InputError) -> NoReturn:
-    """End with the message of bad input; ``SystemExit`` passes through Hydra without more words."""
+    """Print the message of bad input and exit with code 2; Hydra adds nothing to a ``SystemExit``."""
     print(f"stages.{name}: {error}", file=sys.stderr)
     raise SystemExit(2) from None
 
@@ -67,7 +67,7 @@ def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
 
 
 def params_with_overrides(arguments: list[str]) -> DictConfig:
-    """``params.yaml`` of the working folder, with ``key=value`` arguments laid over it."""
+    """``params.yaml`` of the working folder, overridden by ``key=value`` arguments."""
     try:
         params = OmegaConf.load(PARAMS)
         OmegaConf.set_struct(params, True)
@@ -77,11 +77,11 @@ def params_with_overrides(arguments: list[str]) -> DictConfig:
 
 
 def config_error(error: Exception) -> InputError:
-    """The same complaint as one line for a person."""
-    found = " ".join(str(error).split()).removesuffix(".")
+    """An error of Hydra or OmegaConf as an ``InputError`` of one line."""
+    message = " ".join(str(error).split()).removesuffix(".")
     return InputError(
         "configuration",
-        found,
+        message,
         "keys, groups and types of conf/",
         "look the key up in conf/, or run with --cfg job to see them all",
     )
@@ -90,8 +90,8 @@ def config_error(error: Exception) -> InputError:
 def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     """Turn a section of the configuration into the dataclass that documents it.
 
-    A mapping of the section (inputs by name, tolerances by effect) stands in place of the dataclass's default, and is
-    not laid over it. A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
+    A mapping of the section (inputs by name, tolerances by effect) replaces the dataclass's default and is not merged
+    with it. A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
     """
     try:
         section = OmegaConf.create(OmegaConf.to_container(section, resolve=True))  # merged, it loses what it refers to
@@ -100,16 +100,16 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
         empty_mappings(schema, section)
         return OmegaConf.to_object(OmegaConf.merge(schema, section))
     except OmegaConfBaseException as error:
-        said = str(error).splitlines()[0].rstrip(".")
+        message = str(error).splitlines()[0].rstrip(".")
         where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
         fields = ", ".join(kind.__dataclass_fields__)  # type: ignore[attr-defined]
-        raise InputError(where, said, f"the keys {fields}", "correct it in conf/ or on the command line") from None
+        raise InputError(where, message, f"the keys {fields}", "correct it in conf/ or on the command line") from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
 
 
 def unlock(node: DictConfig) -> None:
-    """Let values be merged into the schema of frozen dataclasses, nested ones too."""
+    """Make the schema of frozen dataclasses writable, nested ones too, so that values can be merged into it."""
     OmegaConf.set_readonly(node, None)
     for key in node:
         child = node._get_node(key)
@@ -118,12 +118,12 @@ def unlock(node: DictConfig) -> None:
 
 
 def in_use(node: DictConfig) -> bool:
-    """Whether a node has a default."""
+    """Whether a node of a schema has a default value."""
     return not node._is_none() and not node._is_missing()
 
 
 def empty_mappings(schema: DictConfig, section: DictConfig) -> None:
-    """Forget the entries of each mapping that the section has too: OmegaConf would otherwise merge the two."""
+    """Empty each mapping of the schema that the section has too; OmegaConf would otherwise merge the two."""
     for key in schema:
         default, given = schema._get_node(key), section._get_node(key) if key in section else None
         if isinstance(default, DictConfig) and isinstance(given, DictConfig) and in_use(default):
@@ -134,20 +134,20 @@ def empty_mappings(schema: DictConfig, section: DictConfig) -> None:
 
 
 def read_optional(kind: type[T], section: DictConfig | None, key: str) -> T | None:
-    """The same, of a section that may be absent or null: then ``None``."""
+    """Like ``read_config`` for a section that may be absent or null, which gives ``None``."""
     return None if section is None else read_config(kind, section, key)
 
 
 def read_one_of(kinds: Mapping[str, type[T]], section: Mapping[str, Any], key: str) -> dict[str, T]:
-    """Each entry as the dataclass that its ``kind`` names; an unknown kind is an ``InputError``."""
-    found = {}
+    """Read each entry as the dataclass that its ``kind`` names; an unknown kind is an ``InputError``."""
+    entries = {}
     for name, raw in section.items():
         values = dict(raw)
         kind = values.pop("kind", None)
         if kind not in kinds:
             raise InputError(f"{key}.{name}.kind", str(kind), f"one of {', '.join(kinds)}", "choose a known kind")
-        found[name] = read_config(kinds[kind], OmegaConf.create(values), f"{key}.{name}")
-    return found
+        entries[name] = read_config(kinds[kind], OmegaConf.create(values), f"{key}.{name}")
+    return entries
 
 
 def in_sweep() -> bool:
@@ -156,7 +156,7 @@ def in_sweep() -> bool:
 
 
 def output_folder(out: Any) -> Path:
-    """The configured output folder; without one, by hand, Hydra's run folder of this job."""
+    """The configured output folder; by default, outside DVC, a folder in Hydra's run folder of this job."""
     if out is not None:
         return Path(out)
     if "DVC_STAGE" in os.environ:

@@ -1,4 +1,4 @@
-"""Withheld cases diagnosed, each in an empty folder that holds its logs and the robot and nothing else."""
+"""Diagnose the withheld cases, each in a folder that holds only copies of its logs and of the robot."""
 
 import shutil
 import tempfile
@@ -22,18 +22,18 @@ from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
 
 SCRIPT = "plotly.js"
-"""What all reports of a run share, so that a page of thousands of cases stays small."""
+"""Script that all reports of a run share, so that thousands of pages stay small."""
 REAL = "real"
 
 
 @dataclass(frozen=True)
 class DiagnoseWithheldSettings:
-    """Section ``diagnose_withheld``."""
+    """Section ``diagnose_withheld`` of the configuration."""
 
     logs: str
     out: str | None
     settings: dict[str, Any]
-    """Laid over ``diagnose.settings``."""
+    """Overrides of ``diagnose.settings``."""
     only: list[str] = field(default_factory=list)
     """Names of the cases; empty: all."""
     real: bool = False
@@ -41,15 +41,15 @@ class DiagnoseWithheldSettings:
 
 @dataclass(frozen=True)
 class Job:
-    """One diagnosis: a folder of logs, and what they are judged with."""
+    """One diagnosis: a folder of logs, the robot and the settings."""
 
     place: str
-    """Of its verdict in the cache; ends with the name of the case."""
+    """Place of the verdict in the cache; its last part is the name of the case."""
     logs: Path
     robot: Path
     settings: Diagnosing
     threads: int | None = None
-    """Of one diagnosis; None: as many as cores. No part of the key: they change no result."""
+    """Threads of one diagnosis; None: one per core. They change no result, hence are no part of the key."""
 
     @property
     def name(self) -> str:
@@ -63,7 +63,7 @@ class Job:
 
 
 def diagnose_withheld(config: DictConfig) -> None:
-    """Diagnose what is not diagnosed yet; remove verdicts of cases that are no more."""
+    """Diagnose the cases without a valid verdict; remove the verdicts of cases that no longer exist."""
     settings = read_config(DiagnoseWithheldSettings, config.diagnose_withheld, "diagnose_withheld")
     executor = read_config(Executor, config.executor, "executor")
     logs, cache = Path(settings.logs), ResultCache(output_folder(settings.out))
@@ -85,13 +85,13 @@ def diagnose_withheld(config: DictConfig) -> None:
 
 
 def diagnosis_settings(config: DictConfig, overrides: Mapping[str, Any]) -> Diagnosing:
-    """The settings of stage ``diagnose`` with others laid over."""
+    """The settings of stage ``diagnose`` with overrides."""
     merged = OmegaConf.merge(config.diagnose.settings, overrides)
     return read_config(Diagnosing, merged, "diagnose_withheld.settings")
 
 
 def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
-    """Run the jobs without a finished verdict, and say how it goes."""
+    """Run the jobs without a finished verdict and print the progress."""
     for folder in sorted({(cache.folder / job.place).parent for job in jobs}):
         write_text(folder / SCRIPT, plotly.offline.get_plotlyjs())
     todo = [job for job in jobs if cache.get(job.place, job.key) is None]

@@ -1,4 +1,4 @@
-"""Judge the models: on held-out jumps of their windows, or, by hand, the final ones on any jump logs."""
+"""Evaluate the models on held-out jumps, or, with ``evaluate.logs``, the final ones on other jump logs."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from stages.common import output_folder, read_config, run_stage
 
 @dataclass
 class EvaluateSettings:
-    """Section evaluate."""
+    """Section ``evaluate`` of the configuration: models, windows and output files."""
 
     models: str
     windows: str
@@ -37,18 +37,18 @@ def evaluate(config: DictConfig) -> None:
     if section.logs is not None:
         evaluate_logs(Path(section.logs), models, Robot.load(config.robot.model), out)
         return
-    found = windows.read(Path(section.windows))
+    extracted = windows.read(Path(section.windows))
     metrics = Path(section.metrics) if section.metrics else out / "learning.json"
-    if not len(found):
+    if not len(extracted):
         with whole_folder(out) as folder:
             write_json(folder / "note.json", {"note": "no logs: nothing was predicted"})
         print(f"no logs: {metrics} kept" if metrics.exists() else f"no logs: {metrics} says so")
         if not metrics.exists():
             write_json(metrics, {"jumps": 0})
         return
-    folds, sessions = (evaluation.predict_held_out(found, models, prefix) for prefix in ("fold", "session"))
-    figures = evaluation.metrics(folds, sessions, found)
-    roll_outs = None if folds is None else from_650_ms(folds, section)
+    folds, sessions = (evaluation.predict_held_out(extracted, models, prefix) for prefix in ("fold", "session"))
+    figures = evaluation.metrics(folds, sessions, extracted)
+    roll_outs = None if folds is None else compare_time_grids(folds, section)
     if roll_outs is not None:
         figures["landing_rms"] = time_grid_comparison.landing_rms(roll_outs)
     with whole_folder(out) as folder:
@@ -60,11 +60,11 @@ def evaluate(config: DictConfig) -> None:
         else:
             write_json(folder / "note.json", {"note": "one jump: none could be held out"})
     write_json(metrics, figures)
-    print(f"{len(found)} windows of {len(found.jumps)} jumps predicted -> {metrics}, {out}")
+    print(f"{len(extracted)} windows of {len(extracted.jumps)} jumps predicted -> {metrics}, {out}")
 
 
-def from_650_ms(folds: HeldOutPredictions, section: EvaluateSettings) -> dict[str, RollOut] | None:
-    """Roll-outs on variable and on fixed steps, where models of fixed steps are at hand."""
+def compare_time_grids(folds: HeldOutPredictions, section: EvaluateSettings) -> dict[str, RollOut] | None:
+    """Roll-outs from 650 ms on variable and on fixed steps; None without models of fixed steps."""
     if section.fixed_models is None or section.fixed_windows is None:
         return None
     fixed = evaluation.predict_held_out(windows.read(Path(section.fixed_windows)), Path(section.fixed_models), "fold")
@@ -74,23 +74,23 @@ def from_650_ms(folds: HeldOutPredictions, section: EvaluateSettings) -> dict[st
 def report(
     section: EvaluateSettings, figures: dict[str, Any], predictions: Path, roll_outs: dict[str, RollOut] | None
 ) -> str:
-    """The page for a person."""
+    """The report page as HTML text."""
     seconds = read_json(Path(section.timing))["fit_seconds"] if section.timing else {}
     about = read_json(Path(section.windows) / "windows.json")
     return page.html(figures, seconds, about, Path(section.models) / "curves.csv", predictions, roll_outs)
 
 
 def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
-    """The models trained on all jumps, on logs they may never have seen."""
+    """Evaluate the models trained on all jumps on other logs; warn about jumps that they were trained on."""
     name = read_json(models / "splits.json")["all"]["models"][0]
     model = store.load(models / "all", name)
-    found = window_extraction.cut(jump.read_logs(logs), model.purpose.grid, robot)
-    mse = evaluation.errors_on_other_jumps(found, models) if len(found) else {}
-    write_json(out / "learning.json", {"jumps": len(found.jumps), "windows": len(found), "mse": mse})
-    seen = set(found.jumps) & set(model.trained_on)
+    extracted = window_extraction.cut(jump.read_logs(logs), model.purpose.grid, robot)
+    mse = evaluation.errors_on_other_jumps(extracted, models) if len(extracted) else {}
+    write_json(out / "learning.json", {"jumps": len(extracted.jumps), "windows": len(extracted), "mse": mse})
+    seen = set(extracted.jumps) & set(model.trained_on)
     if seen:
         print(f"{len(seen)} of these jumps bear names of jumps the models were trained on: no test of them")
-    print(f"{len(found.jumps)} jumps judged -> {out / 'learning.json'}" if mse else f"no logs in {logs}")
+    print(f"{len(extracted.jumps)} jumps judged -> {out / 'learning.json'}" if mse else f"no logs in {logs}")
 
 
 if __name__ == "__main__":

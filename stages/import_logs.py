@@ -1,4 +1,4 @@
-"""Foreign logs to jump logs."""
+"""Import logs of other formats as jump logs."""
 
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,11 @@ def import_logs(config: DictConfig) -> None:
     layout = log_format(settings.format)
     options: Any = read_config(layout.Options, settings[settings.format], f"import_logs.{settings.format}")
     robot = Robot.load(config.robot.model)
-    found = layout.find(source)
+    paths = layout.find(source)
     with whole_folder(output_folder(settings.out)) as folder:
-        for name, path in found.items():
+        for name, path in paths.items():
             jump_log.write_log(layout.read(path, name, robot, options), folder / f"{name}.parquet")
-    print(f"{len(found)} jumps imported" if found else f"no logs in {source}: no real jumps, which is no error")
+    print(f"{len(paths)} jumps imported" if paths else f"no logs in {source}: no real jumps, which is no error")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Stage ``land``: closed-loop landing experiments of every method on simulated hardware."""
+"""Landing errors of each method in closed-loop experiments on simulated hardware that no controller knows."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +23,7 @@ from stages.common import output_folder, read_config, read_one_of, read_optional
 
 
 def land(config: DictConfig) -> None:
-    """Run the grid of hardware, methods and tasks, and write figures, rows and page. Cached runs are not repeated."""
+    """Run all methods on all hardware and tasks; cached results are reused."""
     settings = read_config(LandSettings, config.land, "land")
     executor = read_config(Executor, config.executor, "executor")
     experiment = LandingExperiment(
@@ -41,20 +41,20 @@ def land(config: DictConfig) -> None:
     cache = ResultCache(out / RUNS)
     scored = experiment.run(TrialRunner(cache, executor.map, print_trial))
     cache.sweep()
-    found = landing_figures(scored, settings.single, settings.seed)
+    figures = landing_figures(scored, settings.single, settings.seed)
     rows = [row for one in scored for row in one.rows()]
     write_rows(rows, out / TABLE)
-    write_text(out / PAGE, page.html(found, rows, settings.single, out / RUNS))
+    write_text(out / PAGE, page.html(figures, rows, settings.single, out / RUNS))
     for path in (out / FIGURES, settings.metrics):
         if path is not None:
-            write_json(Path(path), found)
-    for key, value in found["mean_abs_error_cm"].items():
+            write_json(Path(path), figures)
+    for key, value in figures["mean_abs_error_cm"].items():
         print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
     print(f"look at it: {out / PAGE}")
 
 
 def tasks_of(section: Mapping[str, Any]) -> tuple[list[JumpTask], dict[str, int]]:
-    """Tasks, and the number of runs of each by name; tasks with no run are left out."""
+    """Tasks, and the repeats of each by name; a task with no repeats is left out."""
     tasks, repeats = [], {}
     for name, values in section.items():
         own = OmegaConf.create({"name": name, **values})

@@ -1,4 +1,4 @@
-"""Plan jumps to the configured targets → one reference a target, as jump logs."""
+"""Plan jumps to the configured targets and write one reference per target as a jump log."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from stages.common import output_folder, read_config, run_stage
 
 
 def optimize(config: DictConfig) -> None:
-    """Solve all targets, then write references, index and seconds; metrics where a file is named."""
+    """Solve all targets; write references, index, solution times and, where a file is named, metrics."""
     section = config.optimize
     grid = Grid(read_config(ContactSchedule, section.schedule, "optimize.schedule"))
     weights = read_config(Weights, section.weights, "optimize.weights")
@@ -49,7 +49,7 @@ def optimize(config: DictConfig) -> None:
 
 
 def planar_of(section: DictConfig, model: str) -> PlanarRobot:
-    """Of the published planner, of the robot, or of a corrected one with the effects that a diagnosis found."""
+    """Planar robot of the published planner, of the robot, or of a corrected robot with the effects of a diagnosis."""
     if section.robot is None:
         return select_planar_robot(str(section.planar), Robot.load(model))
     return planar_robot_with(*read_corrected(Path(section.robot)))

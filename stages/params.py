@@ -1,4 +1,4 @@
-"""conf/ composed to params.yaml, the snapshot that DVC reads.
+"""Compose conf/ to params.yaml, the snapshot that DVC reads.
 
 ``conf/`` is the only place to change a setting. ``dvc repro`` does not compose by itself, so this first stage does;
 ``dvc exp run -S`` writes ``params.yaml`` itself, so this stage then leaves it alone.
@@ -24,8 +24,8 @@ HEADER = """\
 """
 
 
-def composed(overrides: list[str] | None = None) -> str:
-    """``conf/`` as one YAML text."""
+def compose_params(overrides: list[str] | None = None) -> str:
+    """Compose ``conf/`` to one YAML text with a header."""
     try:
         with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
             body = OmegaConf.to_yaml(compose("config", overrides or []), sort_keys=False)
@@ -35,12 +35,12 @@ def composed(overrides: list[str] | None = None) -> str:
 
 
 def digest(body: str) -> str:
-    """Of the text below the header; tells a file that was edited from one that is merely old."""
+    """Digest of the text below the header; it distinguishes an edited file from an outdated one."""
     return hashlib.sha256(body.encode()).hexdigest()[:16]
 
 
 def is_as_written(text: str) -> bool:
-    """Whether a params.yaml is as this stage left it."""
+    """Whether the text of a params.yaml is unchanged since this stage wrote it."""
     lines = text.splitlines(keepends=True)
     head = HEADER.count("\n")
     return "".join(lines[:head]) == HEADER.format(digest=digest("".join(lines[head:])))
@@ -59,7 +59,7 @@ def differences(old: Any, new: Any, key: str = "") -> list[str]:
 
 
 def changes(old: str, new: str) -> str:
-    """What differs between two texts of params.yaml, in words."""
+    """Differences between two texts of params.yaml as one line."""
     try:
         before, after = (OmegaConf.to_container(OmegaConf.create(text)) for text in (old, new))
     except (YAMLError, OmegaConfBaseException):
@@ -68,8 +68,8 @@ def changes(old: str, new: str) -> str:
 
 
 def params() -> None:
-    """Write ``params.yaml`` anew, unless an experiment set it or somebody edited it by hand."""
-    text = composed()
+    """Write ``params.yaml``; keep that of an experiment, and refuse one that was edited by hand."""
+    text = compose_params()
     if "DVC_EXP_NAME" in os.environ:
         print("params.yaml is the experiment's own: kept")
         return

@@ -1,6 +1,6 @@
-"""What needs truth and verdict both: a known effect struck from the hypotheses, and further jumps made.
+"""Diagnose cases again with knowledge of their truth: with the true effect ablated, and with further jumps.
 
-Nothing here leads to a first verdict.
+The first verdicts stay as they are.
 """
 
 import shutil
@@ -24,17 +24,17 @@ from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, further_jumps
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
 from leapgap.validation.scoring import is_missed
-from leapgap.validation.seal import opened
+from leapgap.validation.seal import open_truth
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
 
 RUNNABLE = ("target", "targets", "jumps", "block_height_m")
-"""Settings of ``collect`` that a case's own robot can follow."""
+"""Settings of ``collect`` that the generator can follow for the robot of a case."""
 
 
 @dataclass(frozen=True)
 class RevisitSettings:
-    """Section ``revisit``."""
+    """Section ``revisit`` of the configuration; numbers of cases, where −1 means all."""
 
     logs: str
     truth: str
@@ -51,7 +51,7 @@ class RevisitSettings:
 
 @dataclass(frozen=True)
 class Seen:
-    """A case whose first verdict stands."""
+    """A case with its truth, its report and the outcome of its first verdict."""
 
     name: str
     truth: Mapping[str, Any]
@@ -60,51 +60,52 @@ class Seen:
 
 
 def revisit(config: DictConfig) -> None:
-    """Choose the cases, diagnose them anew, and write what came of it."""
+    """Choose the cases, diagnose them again, and write the results."""
     settings = read_config(RevisitSettings, config.revisit, "revisit")
     executor = read_config(Executor, config.executor, "executor")
     cache = ResultCache(output_folder(settings.out))
     robot = Robot.load(config.robot.model)
-    cases = seen_cases(settings, robot.topology.sides)
+    cases = read_cases(settings, robot.topology.sides)
     base = diagnosis_settings(config, config.diagnose_withheld.settings)
-    struck = struck_cases(cases, settings.struck)
+    ablated = ablation_cases(cases, settings.struck)
     jobs = [
         Job(f"struck/{case.name}", Path(settings.logs) / case.name, robot.path, without(base, case.first.true[0]))
-        for case in struck
+        for case in ablated
     ]
     run_jobs(jobs, cache, executor)
     folder = cache.folder / "struck"
-    write_json(cache.folder / "struck.json", {case.name: second_look(case, folder) for case in struck})
-    asked = [(case, proposed(case)) for case in asking_cases(cases, settings.experiments)]
+    write_json(cache.folder / "struck.json", {case.name: ablation_result(case, folder) for case in ablated})
+    experiments = [(case, proposed_experiment(case)) for case in experiment_cases(cases, settings.experiments)]
     missed = [(case, settings.further) for case in missed_cases(cases, settings.missed)]
-    for kind, chosen in (("experiments", asked), ("missed", missed)):
-        made = [(case, lines) for case, lines in chosen if can_be_made(case, lines)]
+    for kind, chosen in (("experiments", experiments), ("missed", missed)):
+        feasible = [(case, lines) for case, lines in chosen if is_feasible(case, lines)]
         logs = [
             make_experiment(f"{kind}_logs/{case.name}", case, lines, config, settings, robot, cache)
-            for case, lines in made
+            for case, lines in feasible
         ]
         jobs = [
-            Job(f"{kind}/{case.name}", folder, robot.path, base) for (case, _), folder in zip(made, logs, strict=True)
+            Job(f"{kind}/{case.name}", folder, robot.path, base)
+            for (case, _), folder in zip(feasible, logs, strict=True)
         ]
         run_jobs(jobs, cache, executor)
-        found = {case.name: with_further(case, lines, cache.folder / kind) for case, lines in made}
-        write_json(cache.folder / f"{kind}.json", found)
+        results = {case.name: extension_result(case, lines, cache.folder / kind) for case, lines in feasible}
+        write_json(cache.folder / f"{kind}.json", results)
     cache.sweep()
 
 
-def seen_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen]:
-    """Cases with a verdict, their truths opened and their seals checked; those of the reported half first."""
-    found = []
+def read_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen]:
+    """Read the cases with a verdict and check their seals; those of the reported half come first."""
+    cases = []
     for path in sorted(Path(settings.verdicts).glob("*/report.json")):
         name = path.parent.name
-        truth, report = opened(Path(settings.truth), Path(settings.logs), name), read_json(path)
+        truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
         if truth["kind"] != "real":
-            found.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
-    return sorted(found, key=lambda case: case.first.half)  # "reported" before "tuning"
+            cases.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
+    return sorted(cases, key=lambda case: case.first.half)  # "reported" before "tuning"
 
 
-def struck_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Detectable single effects that were found: one case for each effect, at most ``number`` (−1: all)."""
+def ablation_cases(cases: list[Seen], number: int) -> list[Seen]:
+    """Cases of detectable single effects that were named first: one per effect, at most ``number`` (−1: all)."""
     chosen: dict[str, Seen] = {}
     for case in cases:
         first = case.first
@@ -114,7 +115,7 @@ def struck_cases(cases: list[Seen], number: int) -> list[Seen]:
 
 
 def at_most(number: int, cases: list[Seen]) -> list[Seen]:
-    """The first so many; all, where the number is −1."""
+    """The first ``number`` cases; all of them where it is −1."""
     return cases if number < 0 else cases[:number]
 
 
@@ -124,8 +125,12 @@ def without(settings: Diagnosing, effect: str) -> Diagnosing:
     return replace(settings, effects=[name for name in names if name != effect])
 
 
-def second_look(case: Seen, folder: Path) -> dict[str, Any]:
-    """What was said without the effect: honest is ``unknown``, or a cause that the first report called confusable."""
+def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
+    """Result of a diagnosis without the true effect.
+
+    It is honest where the verdict is ``unknown`` or the answer holds only causes that the first report called
+    confusable with the true effect, and the localisation is right.
+    """
     report = read_json(folder / case.name / "report.json")
     again = outcome(case.name, case.truth, report, None, case.first.sides)
     effect = case.first.true[0]
@@ -135,20 +140,20 @@ def second_look(case: Seen, folder: Path) -> dict[str, Any]:
         for other in (cause["effect"], *cause["confusable_with"])
         if effect in (cause["effect"], *cause["confusable_with"])
     }
-    told = again.verdict in ("unknown", "none") or again.answered <= confusable
+    accepted = again.verdict in ("unknown", "none") or again.answered <= confusable
     return {
         "effect": effect,
         "half": case.first.half,
         "verdict": again.verdict,
         "answer": [list(names) for names in again.answer],
         "where_right": again.where_right,
-        "honest": told and again.verdict != "none" and again.where_right,
-        "honest_mirrored": told and again.verdict != "none" and again.where_mirrored,
+        "honest": accepted and again.verdict != "none" and again.where_right,
+        "honest_mirrored": accepted and again.verdict != "none" and again.where_mirrored,
     }
 
 
-def asking_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Ambiguous verdicts on detectable table effects that propose jumps to make."""
+def experiment_cases(cases: list[Seen], number: int) -> list[Seen]:
+    """Cases of detectable effects of the table with an ambiguous verdict that proposes further jumps."""
     asking = [
         case
         for case in cases
@@ -160,8 +165,8 @@ def asking_cases(cases: list[Seen], number: int) -> list[Seen]:
     return at_most(number, asking)
 
 
-def proposed(case: Seen) -> list[str]:
-    """What a report asks to do next, as settings of ``collect``."""
+def proposed_experiment(case: Seen) -> list[str]:
+    """The next experiment that a report proposes, as settings of ``collect``."""
     return [str(line) for line in case.report["next_experiment"]["collect"]]
 
 
@@ -170,8 +175,8 @@ def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
     return at_most(number, [case for case in cases if is_missed(case.first)])
 
 
-def can_be_made(case: Seen, overrides: list[str]) -> bool:
-    """Whether a case's own robot can make the jumps that are asked for."""
+def is_feasible(case: Seen, overrides: list[str]) -> bool:
+    """Whether the generator can make the proposed jumps with the robot of the case."""
     keys = [line.split("=", 1)[0].removeprefix("collect.") for line in overrides]
     if set(keys) <= set(RUNNABLE):
         return True
@@ -188,15 +193,17 @@ def make_experiment(
     robot: Robot,
     cache: ResultCache,
 ) -> Path:
-    """The folder of the case's logs with further jumps beside them."""
+    """Generate further jumps of a case; return the folder of them and of the case's logs."""
     own = {"target": None, "targets": config.withhold.targets, "jumps": None}
     own |= {"block_height_m": config.withhold.world.block_height_m}
-    asked = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
-    targets = read_targets(asked.targets if asked.target is None else [asked.target], f"experiment of {case.name}")
-    count = int(asked.jumps or len(targets))
+    experiment = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
+    targets = read_targets(
+        experiment.targets if experiment.target is None else [experiment.target], f"experiment of {case.name}"
+    )
+    count = int(experiment.jumps or len(targets))
     planned, planar = Path(settings.references), select_planar_robot(settings.planar, robot)
     references = [reference_to(targets[i % len(targets)], planned, planar) for i in range(count)]
-    low, high = asked.block_height_m
+    low, high = experiment.block_height_m
     inputs = (
         case.truth,
         references,
@@ -214,8 +221,11 @@ def make_experiment(
     return cache.folder / place
 
 
-def with_further(case: Seen, overrides: list[str], folder: Path) -> dict[str, Any]:
-    """What old and new jumps together are said to be, and whether all that acted, and that alone, is named."""
+def extension_result(case: Seen, overrides: list[str], folder: Path) -> dict[str, Any]:
+    """Result of a diagnosis of the first and the further jumps together.
+
+    ``resolved``: exactly the true effects are named. ``found``: the answer contains all of them.
+    """
     again = outcome(case.name, case.truth, read_json(folder / case.name / "report.json"), None)
     return {
         "half": case.first.half,

@@ -1,4 +1,4 @@
-"""Truths unsealed and verdicts scored: metrics, and a page for a person."""
+"""Open the truths, score the verdicts, and write metrics and a page."""
 
 import os
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring
 from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.realised_reduction import realised_closure
-from leapgap.validation.seal import SEALS, opened
+from leapgap.validation.seal import SEALS, open_truth
 from stages.common import output_folder, read_config, run_stage
 
 REPORTED, TUNING, REAL = "reported", "tuning", "real"
@@ -27,7 +27,7 @@ REPORTED, TUNING, REAL = "reported", "tuning", "real"
 
 @dataclass(frozen=True)
 class ScoreSettings:
-    """Section ``score``."""
+    """Section ``score`` of the configuration."""
 
     logs: str
     truth: str
@@ -42,19 +42,19 @@ class ScoreSettings:
 
 
 def score(config: DictConfig) -> None:
-    """Open every truth whose case has a verdict, and count."""
+    """Open every truth whose case has a verdict, and write the scores."""
     settings = read_config(ScoreSettings, config.score, "score")
     robot = Robot.load(config.robot.model)
     cases = sorted(read_json(Path(settings.logs) / SEALS))
-    judged = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
-    if not judged:
+    diagnosed = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
+    if not diagnosed:
         raise InputError(settings.verdicts, "no report of a withheld case", "<case>/report.json", "diagnose them first")
-    for name in sorted(set(cases) - set(judged)):
+    for name in sorted(set(cases) - set(diagnosed)):
         print(f"{name}: not diagnosed, not scored")
-    outcomes = [opened_outcome(name, settings, robot) for name in judged]
+    outcomes = [open_outcome(name, settings, robot) for name in diagnosed]
     revisits = read_revisits(settings.revisits)
     halves = {
-        half: scored_half([o for o in outcomes if o.half == half], half, revisits, settings)
+        half: score_half([o for o in outcomes if o.half == half], half, revisits, settings)
         for half in (REPORTED, TUNING)
     }
     real = [o for o in outcomes if o.half == REAL]
@@ -68,41 +68,41 @@ def score(config: DictConfig) -> None:
     if settings.real_metrics and real:
         write_json(Path(settings.real_metrics), round_floats(real_metrics(real[0])))
     for o in outcomes:
-        print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {conclusion(o)}")
+        print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {verdict_text(o)}")
     print(f"page: {out / 'index.html'}")
 
 
-def opened_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
-    """One case, its seal checked, with the closure its answer brings on jumps nobody saw."""
-    truth = opened(Path(settings.truth), Path(settings.logs), name)
+def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
+    """Outcome of one case: its seal is checked, and the realised closure measured on the jumps kept with the truth."""
+    truth = open_truth(Path(settings.truth), Path(settings.logs), name)
     verdict = Path(settings.verdicts) / name
     report = read_json(verdict / "report.json")
     check_judged_logs(name, truth, report)
-    closes = None
+    realised = None
     if report["closure_of_answer"]:
         _, correction = read_corrected(verdict / "corrected")
         proof = jump_log.read_logs(Path(settings.truth) / name)
-        closes = realised_closure(proof, robot, correction, report, settings.seed)
-    return outcome(name, truth, report, closes, robot.topology.sides)
+        realised = realised_closure(proof, robot, correction, report, settings.seed)
+    return outcome(name, truth, report, realised, robot.topology.sides)
 
 
 def check_judged_logs(name: str, truth: Mapping[str, Any], report: Mapping[str, Any]) -> None:
-    """Refuse a report that was made of other logs than those sealed."""
+    """Raise an ``InputError`` for a report on logs other than the sealed ones."""
     expected = {file.removesuffix(".parquet"): digest for file, digest in truth["logs"].items()}
     if report["provenance"]["logs"] != expected:
         raise InputError(f"report of {name}", "logs other than those sealed", "just those", "diagnose the case anew")
 
 
 def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:
-    """Struck hypotheses, next experiments, and missed cases with further jumps; empty where nothing was revisited."""
+    """Results of stage ``revisit`` by kind: ablated effects, next experiments, missed cases; empty without a folder."""
     kinds = ("struck", "experiments", "missed")
     return {kind: {} if folder is None else read_json(Path(folder) / f"{kind}.json") for kind in kinds}
 
 
-def scored_half(
+def score_half(
     outcomes: list[CaseOutcome], half: str, revisits: Mapping[str, Mapping[str, Any]], settings: ScoreSettings
 ) -> dict[str, Any]:
-    """All figures of one half."""
+    """All scores of one half."""
     rng = np.random.default_rng(settings.seed)
     own = {kind: {n: e for n, e in entries.items() if e["half"] == half} for kind, entries in revisits.items()}
     return {
@@ -119,7 +119,7 @@ def scored_half(
 
 
 def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The reported half at the top, the half that thresholds may have been tuned on below it."""
+    """Scores as metrics: the reported half at the top level, the tuning half under its own key."""
     flat: dict[str, dict[str, Any]] = {}
     for half in (REPORTED, TUNING):
         flat[half] = {}
@@ -132,7 +132,7 @@ def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def real_metrics(o: CaseOutcome) -> dict[str, Any]:
-    """What was named on some real jumps, and what it closes on the others."""
+    """Verdict on the real jumps, with promised and realised closure."""
     return {
         "verdict": o.verdict,
         "answer": " + ".join(" or ".join(names) for names in o.answer),
@@ -141,8 +141,8 @@ def real_metrics(o: CaseOutcome) -> dict[str, Any]:
     }
 
 
-def conclusion(o: CaseOutcome) -> str:
-    """A verdict in words."""
+def verdict_text(o: CaseOutcome) -> str:
+    """Verdict and answer of a case as text."""
     return o.verdict + (": " + " + ".join(" or ".join(names) for names in o.answer) if o.answer else "")
 
 
@@ -153,7 +153,7 @@ def page(
     settings: ScoreSettings,
     out: Path,
 ) -> str:
-    """The page, with links to the reports relative to where it will lie."""
+    """The page as HTML text, with links to the reports relative to ``out``."""
     at = os.path.relpath(settings.verdicts, out)
     rows = [
         {
@@ -163,7 +163,7 @@ def page(
             "where_right": o.where_right,
             "where_mirrored": o.where_mirrored,
             "counted_against": scoring.counted_against(o),
-            "said": conclusion(o),
+            "said": verdict_text(o),
             "report": f"{at}/{o.case}/report.html",
         }
         for o in outcomes

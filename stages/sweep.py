@@ -1,4 +1,4 @@
-"""Every Hydra multirun ends with one table: what was varied, and the figures that the stage returned."""
+"""A Hydra callback that ends every multirun with one table of the varied settings and the returned figures."""
 
 import csv
 from pathlib import Path
@@ -18,13 +18,13 @@ class Table(Callback):
         self.rows: list[dict[str, Any]] = []
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **kwargs: Any) -> None:
-        """One row a job that returned figures."""
+        """Add one row for a job that returned figures."""
         if job_return.status == JobStatus.COMPLETED and isinstance(job_return.return_value, dict):
             varied = dict(override.split("=", 1) for override in job_return.overrides or [])
             self.rows.append(varied | job_return.return_value)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Write and show the table."""
+        """Write and print the table."""
         if not self.rows:
             return
         columns = list(dict.fromkeys(name for row in self.rows for name in row))

@@ -1,4 +1,4 @@
-"""Fit every model of the base on every split of the jumps; what is there already is kept."""
+"""Fit every model of the base on every split of the jumps; models that are already fitted are kept."""
 
 import time
 from pathlib import Path
@@ -17,13 +17,13 @@ def train(config: DictConfig) -> dict[str, float] | None:
     """
     section = read_config(TrainConfig, config.train, "train")
     out = output_folder(section.out)
-    found, began = windows.read(Path(section.windows)), time.monotonic()
-    fitted = model_grid.train(found, section, out, progress=lambda text: print(text, flush=True))
-    if not len(found):
+    data, start = windows.read(Path(section.windows)), time.monotonic()
+    fitted = model_grid.train(data, section, out, progress=lambda text: print(text, flush=True))
+    if not len(data):
         print(f"no logs: nothing trained -> {out}")
         return None
-    print(f"{len(fitted)} models fitted in {time.monotonic() - began:.0f} s, the others kept -> {out}")
-    folds = evaluation.predict_held_out(found, out, "fold") if in_sweep() else None
+    print(f"{len(fitted)} models fitted in {time.monotonic() - start:.0f} s, the others kept -> {out}")
+    folds = evaluation.predict_held_out(data, out, "fold") if in_sweep() else None
     return None if folds is None else evaluation.cv_figures(folds)
 
 

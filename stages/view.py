@@ -1,4 +1,4 @@
-"""Stage view: everything the pipeline made as Rerun recordings, ``rerun <out>/*.rrd``."""
+"""Write the results of the pipeline as Rerun recordings; ``rerun <out>/*.rrd`` shows them."""
 
 from omegaconf import DictConfig
 
@@ -9,7 +9,7 @@ from stages.common import output_folder, read_config, run_stage
 
 
 def view(config: DictConfig) -> None:
-    """Show references, jumps with their simulated ghosts, and predictions; empty folders are skipped."""
+    """Record references, jumps with their simulated ghosts, and predictions; empty folders are skipped."""
     chosen = read_config(View, config.view, "view")
     out = output_folder(chosen.out)
     with whole_folder(out) as beside:

@@ -1,4 +1,4 @@
-"""Cases whose cause is withheld: logs for the diagnosis, sealed truths for the score."""
+"""Generate cases whose cause is withheld: logs for the diagnosis, sealed truths for the score."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -20,12 +20,12 @@ from leapgap.validation.seal import SEALS, seal
 from stages.common import output_folder, read_config, run_stage
 
 REAL = "real"
-"""Name of the case of real jumps; that they are real is no secret, their columns differ."""
+"""Name of the case of real jumps; it may be known, since their columns differ anyway."""
 
 
 @dataclass(frozen=True)
 class WithholdSettings:
-    """Section ``withhold``."""
+    """Section ``withhold`` of the configuration."""
 
     logs: str | None
     truth: str | None
@@ -40,7 +40,7 @@ class WithholdSettings:
 
 
 def withhold_all(config: DictConfig) -> None:
-    """Draw the cases, make their jumps, seal their truths."""
+    """Draw the cases, generate their jumps, and seal their truths."""
     settings = read_config(WithholdSettings, config.withhold, "withhold")
     section = config.withhold
     world = read_config(CaseSetup, section.world, "withhold.world")
@@ -60,7 +60,7 @@ def withhold_all(config: DictConfig) -> None:
         real = jump_log.read_logs(Path(settings.real)) if settings.real else []
         if len(real) > 1:
             truth = write_case(real_case(real, len(real)), logs / REAL, truths / REAL)
-            seals[REAL] = sealed(truth, truths, REAL)
+            seals[REAL] = write_truth(truth, truths, REAL)
         write_json(logs / SEALS, seals)
     print(f"{len(names)} cases{' and the real jumps' if REAL in seals else ''} withheld; seals: {logs_out / SEALS}")
 
@@ -74,13 +74,13 @@ def references_of(settings: WithholdSettings, robot: Robot) -> list[Log]:
 def make_case(
     named: tuple[str, Case], references: list[Log], robot: Robot, world: CaseSetup, logs: Path, truths: Path
 ) -> tuple[str, str]:
-    """Write one case's two sides; its name and seal."""
+    """Write the logs and the truth of one case; return its name and seal."""
     name, case = named
     truth = write_case(withhold(case, references, robot, world), logs / name, truths / name)
-    return name, sealed(truth, truths, name)
+    return name, write_truth(truth, truths, name)
 
 
-def sealed(truth: dict[str, Any], truths: Path, name: str) -> str:
+def write_truth(truth: dict[str, Any], truths: Path, name: str) -> str:
     """Write a truth and return its seal."""
     write_json(truths / f"{name}.json", truth)
     return seal(truth)

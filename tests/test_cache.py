@@ -40,10 +40,10 @@ class Other:
 
 
 def adder(weight: np.ndarray) -> Callable[[float], np.ndarray]:
-    def added(x: float) -> np.ndarray:
+    def add(x: float) -> np.ndarray:
         return weight + x
 
-    return added
+    return add
 
 
 def test_what_holds_the_same_has_the_same_digest(robot: Robot) -> None:
@@ -107,12 +107,12 @@ NO_PART_OF_RESULTS = {f"src/leapgap/{n}.py" for n in ("cache", "content_hash", "
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
     """Makes copies of the library, and lets keys be those of the latest one."""
 
-    def copied(name: str) -> Path:
+    def copy_library(name: str) -> Path:
         folder = tmp_path / name / "leapgap"
         shutil.copytree(PACKAGE, folder)
         return folder
 
-    return copied
+    return copy_library
 
 
 def key_in(folder: Path, monkeypatch: pytest.MonkeyPatch, make: Callable) -> str:
@@ -206,7 +206,7 @@ def test_imports_of_every_form_are_followed(tmp_path: Path) -> None:
     assert set(tree.libraries("p.a")) == {"numpy"}
 
 
-def stored(cache: ResultCache, place: str, key: str = KEY, **texts: str) -> None:
+def store_result(cache: ResultCache, place: str, key: str = KEY, **texts: str) -> None:
     with cache.store(place, key) as folder:
         for ending, text in texts.items():
             (folder / f"{Path(place).name}.{ending}").write_text(text)
@@ -219,10 +219,10 @@ def names(folder: Path) -> set[str]:
 def test_a_result_is_there_for_its_key_only(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path)
     assert cache.get("x/one", KEY) is None
-    stored(cache, "x/one", json="1", csv="2")
+    store_result(cache, "x/one", json="1", csv="2")
     assert cache.get("x/one", KEY) == tmp_path / "x/one"
     assert cache.get("x/one", "b" * 64) is None
-    stored(cache, "x/one", "b" * 64, json="3")
+    store_result(cache, "x/one", "b" * 64, json="3")
     assert names(tmp_path) == {"x/one.json", "x/one.key"}  # what the other key had besides is gone
     (tmp_path / "x/one.json").unlink()
     assert cache.get("x/one", "b" * 64) is None
@@ -257,7 +257,7 @@ def test_scratch_outlives_a_kill_and_goes_with_its_key(tmp_path: Path) -> None:
 def test_only_what_a_record_names_is_removed(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path)
     for place in ("x/one", "x/two", "y/three"):
-        stored(cache, place, json="1")
+        store_result(cache, place, json="1")
     with cache.store("z", KEY) as folder:
         (folder / "z").mkdir()
         (folder / "z/report.json").write_text("1")
@@ -277,7 +277,7 @@ def test_only_what_a_record_names_is_removed(tmp_path: Path) -> None:
 def test_a_record_cannot_name_a_file_outside(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     cache = ResultCache(tmp_path / "out")
-    stored(cache, "one", json="1")
+    store_result(cache, "one", json="1")
     record = json.loads((tmp_path / "out/one.key").read_text())
     (tmp_path / "out/one.key").write_text(json.dumps(record | {"files": ["../mine.txt"]}))
     ResultCache(tmp_path / "out").sweep()
@@ -321,6 +321,6 @@ def test_former_results_are_replaced_and_swept_and_their_likes_are_not(tmp_path:
         (tmp_path / name).write_text(json.dumps(value))
     cache = ResultCache(tmp_path)
     assert cache.get("worn/ours/jump_0", KEY) is None
-    stored(cache, "worn/ours/jump_0", json="new")
+    store_result(cache, "worn/ours/jump_0", json="new")
     cache.sweep()
     assert names(tmp_path) == {*LIKE_FORMER, "worn/ours/jump_0.json", "worn/ours/jump_0.key"}

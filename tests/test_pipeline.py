@@ -17,7 +17,7 @@ pytestmark = pytest.mark.pipeline
 
 
 @pytest.fixture(scope="module")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Project:
+def simulated_project(tmp_path_factory: pytest.TempPathFactory) -> Project:
     """A project without a log of a real robot, run once."""
     project = Project(tmp_path_factory.mktemp("simulated"))
     project.said = project.dvc("repro")  # type: ignore[attr-defined]
@@ -25,39 +25,39 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Project:
     return project
 
 
-def test_without_real_logs_everything_runs_and_says_so(simulated: Project) -> None:
-    said = simulated.said  # type: ignore[attr-defined]
+def test_without_real_logs_everything_runs_and_says_so(simulated_project: Project) -> None:
+    said = simulated_project.said  # type: ignore[attr-defined]
     assert "no logs in data/raw" in said
-    assert (simulated.folder / "data/reports/damped/report.html").exists()
-    assert not (simulated.folder / "data/reports/real/report.html").exists()
-    assert list((simulated.folder / "data/views").glob("simulated_*.rrd"))
-    assert list((simulated.folder / "data/views").glob("reference_*.rrd"))
-    where = simulated.run(sys.executable, "-m", "leapgap.reports.print_results")
+    assert (simulated_project.folder / "data/reports/damped/report.html").exists()
+    assert not (simulated_project.folder / "data/reports/real/report.html").exists()
+    assert list((simulated_project.folder / "data/views").glob("simulated_*.rrd"))
+    assert list((simulated_project.folder / "data/views").glob("reference_*.rrd"))
+    where = simulated_project.run(sys.executable, "-m", "leapgap.reports.print_results")
     assert "data/reports/damped/report.html" in where
     assert "no logs of a real robot" in where
 
 
-def test_committed_figures_of_real_jumps_are_kept_where_there_are_no_logs(simulated: Project) -> None:
+def test_committed_figures_of_real_jumps_are_kept_where_there_are_no_logs(simulated_project: Project) -> None:
     for name in ("learning", "diagnosis"):
         committed = ROOT / "metrics" / "real" / f"{name}.json"
         if committed.exists():
-            assert (simulated.folder / committed.relative_to(ROOT)).read_text() == committed.read_text()
+            assert (simulated_project.folder / committed.relative_to(ROOT)).read_text() == committed.read_text()
 
 
-def test_second_run_does_nothing(simulated: Project) -> None:
-    assert ran(simulated.dvc("repro")) == set()
+def test_second_run_does_nothing(simulated_project: Project) -> None:
+    assert ran(simulated_project.dvc("repro")) == set()
 
 
-def test_the_simulated_diagnosis_names_what_was_injected(simulated: Project) -> None:
-    report = read_json(simulated.folder / "data/reports/damped/report.json")
+def test_the_simulated_diagnosis_names_what_was_injected(simulated_project: Project) -> None:
+    report = read_json(simulated_project.folder / "data/reports/damped/report.json")
     assert report["answer"] == [["joint_damping"]]
 
 
-def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated: Project) -> None:
-    simulated.change("conf/view/default.yaml", "most_predictions: 4", "most_predictions: 3")
-    assert ran(simulated.dvc("repro")) == {"params", "view"}
-    simulated.change("conf/collect/default.yaml", "seed: 1", "seed: 2")
-    assert ran(simulated.dvc("repro")) == {
+def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated_project: Project) -> None:
+    simulated_project.change("conf/view/default.yaml", "most_predictions: 4", "most_predictions: 3")
+    assert ran(simulated_project.dvc("repro")) == {"params", "view"}
+    simulated_project.change("conf/collect/default.yaml", "seed: 1", "seed: 2")
+    assert ran(simulated_project.dvc("repro")) == {
         "params",
         "collect@simulated",
         "collect@damped",
@@ -81,34 +81,34 @@ def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated:
     }
 
 
-def test_metrics_params_and_plots_tell_the_difference(simulated: Project) -> None:
+def test_metrics_params_and_plots_tell_the_difference(simulated_project: Project) -> None:
     """After the changed seed above, against the commit before it."""
-    assert "gap_nominal" in simulated.dvc("metrics", "diff")
-    assert "collect.seed" in simulated.dvc("params", "diff")
-    assert "metrics/damped/diagnosis.json" in simulated.dvc("metrics", "show")
-    simulated.dvc("plots", "show", "-o", "plots_page")
-    page = (simulated.folder / "plots_page" / "index.html").read_text()
+    assert "gap_nominal" in simulated_project.dvc("metrics", "diff")
+    assert "collect.seed" in simulated_project.dvc("params", "diff")
+    assert "metrics/damped/diagnosis.json" in simulated_project.dvc("metrics", "show")
+    simulated_project.dvc("plots", "show", "-o", "plots_page")
+    page = (simulated_project.folder / "plots_page" / "index.html").read_text()
     assert "train_loss" in page
-    simulated.git("checkout", "-q", ".")
+    simulated_project.git("checkout", "-q", ".")
 
 
-def test_edits_of_params_by_hand_are_not_lost(simulated: Project) -> None:
-    simulated.change("params.yaml", "seed: 1", "seed: 7")
-    said = simulated.dvc("repro", code=None)
+def test_edits_of_params_by_hand_are_not_lost(simulated_project: Project) -> None:
+    simulated_project.change("params.yaml", "seed: 1", "seed: 7")
+    said = simulated_project.dvc("repro", code=None)
     assert "seed: 7 in params.yaml, 1 in conf/" in said
-    assert "seed: 7" in (simulated.folder / "params.yaml").read_text()
-    simulated.git("checkout", "-q", "params.yaml")
+    assert "seed: 7" in (simulated_project.folder / "params.yaml").read_text()
+    simulated_project.git("checkout", "-q", "params.yaml")
 
 
-def test_an_experiment_sets_params_itself(simulated: Project) -> None:
-    said = simulated.dvc("exp", "run", "-S", "view.most=1", "view")
+def test_an_experiment_sets_params_itself(simulated_project: Project) -> None:
+    said = simulated_project.dvc("exp", "run", "-S", "view.most=1", "view")
     assert "view" in ran(said)
-    assert "most: 1" in (simulated.folder / "params.yaml").read_text()
-    simulated.git("checkout", "-q", ".")
-    simulated.dvc("checkout", code=None)
+    assert "most: 1" in (simulated_project.folder / "params.yaml").read_text()
+    simulated_project.git("checkout", "-q", ".")
+    simulated_project.dvc("checkout", code=None)
 
 
-def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, tmp_path: Path) -> None:
+def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated_project: Project, tmp_path: Path) -> None:
     """As far as the diagnosis; landings and the blind check, which keep what they have, have tests of their own."""
     goals = ("evaluate@simulated", "diagnose@damped")
     project = Project(tmp_path / "killed")
@@ -133,7 +133,7 @@ def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated: Project, 
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     project.dvc("repro", *goals)
-    outputs, expected = project.outputs(), simulated.outputs()
+    outputs, expected = project.outputs(), simulated_project.outputs()
     assert outputs["data/models/simulated"]
     assert outputs == {path: expected[path] for path in outputs}
     leftover = [path.name for path in (project.folder / "data").rglob(".*.partial")]

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from stages.params import composed, differences, is_as_written
+from stages.params import compose_params, differences, is_as_written
 from tests.code import ROOT, closure, dependency
 
 
@@ -46,11 +46,11 @@ def test_rule_of_one_word(name: str) -> None:
 
 def test_params_yaml_equals_the_composed_configuration() -> None:
     text = (ROOT / "params.yaml").read_text(encoding="utf-8")
-    assert text == composed(), "run `dvc repro params` and commit params.yaml"
+    assert text == compose_params(), "run `dvc repro params` and commit params.yaml"
 
 
 def test_params_knows_an_edit_by_hand_from_an_old_file() -> None:
-    old = composed(["chunk.steps=9"])
+    old = compose_params(["chunk.steps=9"])
     assert is_as_written(old)
     assert not is_as_written(old.replace("steps: 9", "steps: 8"))
     found = differences({"a": {"b": 1, "c": 2}}, {"a": {"b": 3, "c": 2}})
@@ -59,4 +59,4 @@ def test_params_knows_an_edit_by_hand_from_an_old_file() -> None:
 
 def test_every_size_composes() -> None:
     for path in (ROOT / "conf" / "size").glob("*.yaml"):
-        assert composed([f"size={path.stem}"])
+        assert compose_params([f"size={path.stem}"])

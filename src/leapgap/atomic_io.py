@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: everything is written beside its place, then renamed."""
+"""Atomic writing: files and folders are written under a temporary name beside their place and then renamed."""
 
 import hashlib
 import json
@@ -11,7 +11,7 @@ from leapgap.errors import InputError
 
 
 def partial(path: Path) -> Path:
-    """Where something is written before it takes its place; a fixed name, so that a killed run leaves no pile."""
+    """Temporary path beside ``path``; its name is fixed, so that killed runs leave at most one file or folder."""
     return path.with_name(f".{path.name}.partial")
 
 
@@ -43,13 +43,13 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
+    """Write a UTF-8 text file atomically."""
     with whole_file(path) as beside:
         beside.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write JSON with a final newline; keys keep their order, NaN and infinity are refused."""
+    """Write JSON with a final newline; keys keep their order, NaN and infinity raise ``ValueError``."""
     write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
@@ -60,9 +60,9 @@ def read_json(path: Path) -> Mapping:
     except FileNotFoundError:
         raise InputError(path, "no such file", "a JSON file", "run the stage that writes it") from None
     except ValueError as error:
-        raise InputError(path, f"no valid JSON ({error})", "a JSON file", "write it anew") from None
+        raise InputError(path, f"no valid JSON ({error})", "a JSON file", "write it again") from None
     if not isinstance(value, Mapping):
-        raise InputError(path, type(value).__name__, "a JSON object", "write it anew")
+        raise InputError(path, type(value).__name__, "a JSON object", "write it again")
     return value
 
 

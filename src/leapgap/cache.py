@@ -1,8 +1,8 @@
-"""One store of results: each is known by a hash of its inputs, its settings and its code, and is made only once.
+"""Cache of results, each identified by a hash of its inputs, its settings and its code.
 
 A result is one or more files, or a folder, at a *place* below the cache's folder: ``worn/joint_pd/jump_60_0`` may be
 ``jump_60_0.json`` with ``jump_60_0.parquet`` in the folder ``worn/joint_pd``. Beside them lies ``jump_60_0.key``, the
-record: the key, and the names of the files. Only what a record names is ever removed.
+record: the key, and the names of the files. Only files that a record names are removed.
 """
 
 import json
@@ -24,14 +24,14 @@ MARKER = "leapgap_result"
 """Key of a record by which the cache recognises its own."""
 FORMAT_VERSION = 1
 UNFINISHED = "unfinished"
-"""Name of the record in the folder of a result that is being made."""
+"""Stem of the record in the folder of a result that is being computed."""
 
 
 def result_key(make: Callable[..., Any], inputs: Any) -> str:
-    """Hash of everything a result depends on: its inputs, and the code that makes it of them.
+    """Hash of everything a result depends on: its inputs, and the code that computes it.
 
-    The code is what the module of ``make`` comes to import, and what the modules of all classes among the inputs do.
-    Nothing lists it by hand, so nothing can be forgotten. Choose ``make`` from a module that imports little else.
+    The code is the import closure of the module of ``make`` and of the modules of all classes among the inputs. No list
+    is written by hand, so no file can be forgotten. Choose ``make`` from a module that imports little else.
     """
     modules = {make.__module__, *modules_within(inputs)}
     ours = sorted(name for name in modules if name in library(PACKAGE).modules)
@@ -39,7 +39,7 @@ def result_key(make: Callable[..., Any], inputs: Any) -> str:
 
 
 def foreign_code(module: str) -> str:
-    """The content of a module that is neither of this library nor of an installed one; nothing for those."""
+    """SHA-256 of a module of neither this nor an installed library; empty for modules of those."""
     first = module.split(".")[0]
     path = getattr(sys.modules.get(module), "__file__", None)
     known = first in sys.stdlib_module_names or first in distributions() or first == PACKAGE.name
@@ -48,18 +48,18 @@ def foreign_code(module: str) -> str:
 
 @dataclass(frozen=True)
 class ResultCache:
-    """A folder of results. Places use ``/``; their last part has no dot, so that no two share a file."""
+    """A folder of results. Places use ``/``; their last part contains no dot, so that results share no files."""
 
     folder: Path
-    asked: dict[str, str | None] = field(default_factory=dict)
-    """Keys by place of what this run asks for; ``sweep`` removes all other results."""
+    used_keys: dict[str, str | None] = field(default_factory=dict)
+    """Place → key of the results that this run uses; ``sweep`` removes all others."""
 
     def expect(self, place: str, key: str | None = None) -> None:
-        """Keep what is at a place when sweeping; without a key whatever it was made from."""
-        self.asked[place] = key
+        """Keep the result at a place when sweeping; without a key, whatever its key is."""
+        self.used_keys[place] = key
 
     def get(self, place: str, key: str) -> Path | None:
-        """Where the result of this key is, without the endings of its files; None where it has to be made."""
+        """Path of the result with this key, without the endings of its files; None where it must be computed."""
         self.expect(place, key)
         record = read_record(self._record(place))
         if record is None or record["key"] != key:
@@ -77,18 +77,18 @@ class ResultCache:
         self.expect(place, key)
         target = self.folder / place
         staging = self._unfinished(place, key)
-        made = staging / "result"
-        shutil.rmtree(made, ignore_errors=True)
-        made.mkdir()
+        staged = staging / "result"
+        shutil.rmtree(staged, ignore_errors=True)
+        staged.mkdir()
         try:
-            yield made
+            yield staged
         except BaseException:
-            shutil.rmtree(made)
+            shutil.rmtree(staged)
             if [path.suffix for path in staging.iterdir()] == [RECORD]:  # no scratch to go on from
                 shutil.rmtree(staging)
                 remove_empty(staging.parent, self.folder)
             raise
-        files = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
+        files = sorted(path.relative_to(staged).as_posix() for path in staged.rglob("*") if path.is_file())
         wrong = [name for name in files if name.split("/")[0].split(".")[0] != target.name]
         if wrong:
             raise ValueError(f"{target}: {', '.join(wrong)} in its result; names begin with {target.name}")
@@ -100,29 +100,29 @@ class ResultCache:
         remove_files([target.parent / name for name in sorted(old - set(files))], target.parent)
         for name in files:
             (target.parent / name).parent.mkdir(parents=True, exist_ok=True)
-            (made / name).replace(target.parent / name)
+            (staged / name).replace(target.parent / name)
         self._write_record(place, key, files)
         shutil.rmtree(staging)
 
     def scratch(self, place: str, key: str) -> Path:
-        """A folder for what a killed run goes on from, such as checkpoints; gone when the result is stored."""
+        """Folder for checkpoints that a killed run resumes from; it is removed when the result is stored."""
         return self._unfinished(place, key) / "scratch"
 
     def sweep(self) -> None:
-        """Remove the results, finished or not, that were not asked for; nothing that no record names."""
+        """Remove the results, finished or not, that this run did not use; files that no record names stay."""
         for path in sorted(self.folder.rglob(f"*{RECORD}")):
             record = read_record(path)
             if record is None:
                 continue
             if path.stem == UNFINISHED:
-                if self.asked.get(record["place"]) != record["key"]:
+                if self.used_keys.get(record["place"]) != record["key"]:
                     shutil.rmtree(path.parent)
                     remove_empty(path.parent.parent, self.folder)
-            elif self._place(path) not in self.asked:
+            elif self._place(path) not in self.used_keys:
                 remove_files([path.parent / name for name in record["files"]] + [path], self.folder)
         former = [
             path
-            for place in sorted(former_places(self.folder) - set(self.asked))
+            for place in sorted(former_places(self.folder) - set(self.used_keys))
             if not (self.folder / f"{place}{RECORD}").is_file()
             for path in former_files(self.folder / place)
         ]
@@ -141,7 +141,7 @@ class ResultCache:
         write_json(self._record(place), {MARKER: FORMAT_VERSION, "key": key, "files": files})
 
     def _unfinished(self, place: str, key: str) -> Path:
-        """The folder in which a result is made, with its own record."""
+        """The folder in which a result is computed, with its own record."""
         target = self.folder / place
         folder = target.with_name(f".{target.name}-{key[:12]}")
         record = folder / f"{UNFINISHED}{RECORD}"
@@ -151,7 +151,7 @@ class ResultCache:
 
 
 def read_record(path: Path) -> Mapping[str, Any] | None:
-    """A record of the cache; None where there is none, or somebody else's file of that name."""
+    """Read a record of the cache; None where the file is absent or no record."""
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -160,7 +160,7 @@ def read_record(path: Path) -> Mapping[str, Any] | None:
 
 
 def remove_files(files: list[Path], top: Path) -> None:
-    """Remove files that are there, then the folders below ``top`` that became empty by it."""
+    """Remove those of the files that exist, then the folders below ``top`` that became empty."""
     for path in files:
         if path.is_file() and path.resolve().is_relative_to(top.resolve()):
             path.unlink()
@@ -168,7 +168,7 @@ def remove_files(files: list[Path], top: Path) -> None:
 
 
 def remove_empty(folder: Path, top: Path) -> None:
-    """Remove a folder below ``top`` and those around it as far as they are empty."""
+    """Remove a folder below ``top`` and its parents as far as they are empty."""
     while folder != top and folder.is_relative_to(top) and not any(folder.iterdir()):
         folder.rmdir()
         folder = folder.parent

@@ -1,4 +1,4 @@
-"""Hashes of contents: equal content gives equal digests in every process, any difference another one."""
+"""Digests of values by content: equal content gives equal digests in every process."""
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,24 +13,24 @@ from leapgap.atomic_io import sha256
 
 
 def file_digests(folder: Path, pattern: str = "*.parquet") -> dict[str, str]:
-    """SHA-256 of each file of a folder that fits a pattern, by name."""
+    """File name → SHA-256 of the files of a folder that match a pattern."""
     return {path.name: sha256(path) for path in sorted(folder.glob(pattern))}
 
 
 def digest(value: Any) -> str:
-    """SHA-256 of what a value holds: numbers, texts, arrays, mappings, sequences, dataclasses and closures of them.
+    """SHA-256 of the content of a value: numbers, texts, arrays, mappings, sequences, dataclasses and closures of them.
 
-    Equal content gives equal digests across processes; object identity does not matter. A value with a ``sha256`` of
-    its own (a robot: of its model file) counts as that. Any other kind of value is a ``TypeError``.
+    Equal content gives equal digests across processes; object identity does not matter. A value with an
+    attribute ``sha256`` (a robot: of its model file) is hashed by that. Any other kind of value is a ``TypeError``.
     """
-    found = hashlib.sha256()
+    hashed = hashlib.sha256()
     for part in content(value):
-        found.update(part)
-    return found.hexdigest()
+        hashed.update(part)
+    return hashed.hexdigest()
 
 
 def content(value: Any) -> Iterator[bytes]:
-    """The bytes that ``digest`` hashes; every part begins with its kind and length, so that none runs into the next."""
+    """The bytes that ``digest`` hashes; each part begins with its kind and length, so that parts cannot be confused."""
     if value is None or isinstance(value, bool | int | float | str | np.generic):
         plain = value.item() if isinstance(value, np.generic) else value
         yield f"{type(plain).__name__} {plain!r};".encode()
@@ -67,7 +67,7 @@ def defined_by(value: Any) -> Any:
 
 
 def parts_of(value: Any) -> dict[str, Any]:
-    """Fields of a dataclass, what a function closes over, or the attributes of another object."""
+    """Fields of a dataclass, closure variables of a function, or attributes of another object, by name."""
     if isinstance(value, FunctionType):
         cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
         return {name: cell.cell_contents for name, cell in cells}
@@ -77,7 +77,7 @@ def parts_of(value: Any) -> dict[str, Any]:
 
 
 def modules_within(value: Any) -> set[str]:
-    """Modules that define the classes and functions in a value: their code decides what the value does."""
+    """Names of the modules that define the classes and functions in a value: their code is part of its content."""
     if value is None or isinstance(value, bool | int | float | str | np.generic | np.ndarray):
         return set()
     if isinstance(value, Mapping) and not hasattr(value, "__dict__"):

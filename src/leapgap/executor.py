@@ -1,4 +1,4 @@
-"""Where independent cases run: here one by one, in processes of this machine, or on a Ray cluster."""
+"""Execution of independent cases: in this process, in parallel processes, or on a Ray cluster."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Executor:
-    """Configuration group ``executor``."""
+    """How and where independent cases run; configuration group ``executor``."""
 
     kind: str
-    """local, joblib or ray."""
+    """One of local, joblib and ray."""
     workers: int
-    """Processes; of no meaning to local."""
+    """Number of processes; unused by local."""
     address: str | None = None
-    """Of the Ray cluster; null: one on this machine."""
+    """Address of the Ray cluster; None starts one on this machine."""
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """Results in the order of the items; each is independent, so the kind changes no result."""
+        """Results in the order of the items; items are independent, so that the kind changes no result."""
         if self.kind == "local":
             yield from map(function, items)
         elif self.kind == "joblib":

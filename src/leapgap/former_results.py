@@ -1,6 +1,6 @@
-"""Results as versions up to 0.1 kept them: with their key inside, or in ``key.json``, and without a list of files.
+"""Cached results of versions up to 0.1, which kept the key inside the result or in ``key.json``.
 
-They are found again here so that they can be replaced and swept; none of them is read.
+They are located here so that they can be replaced and swept; their content is not used.
 """
 
 import json
@@ -25,17 +25,17 @@ def former_places(folder: Path) -> set[str]:
 
 
 def former_files(target: Path) -> list[Path]:
-    """The files of a former result at a path; none where there is nothing, or nothing that is surely one."""
+    """The files of a former result at a path; empty where there is none, or where that is not certain."""
     if target.is_dir():
         return verdict_files(target) or further_logs(target)
-    about = with_key(target.with_name(f"{target.name}.json"))
-    if about.keys() >= TRIAL or about.keys() == {"key", "value"}:
+    record = read_keyed(target.with_name(f"{target.name}.json"))
+    if record.keys() >= TRIAL or record.keys() == {"key", "value"}:
         endings = [".json", ".parquet"]
     elif any(target.parent.glob("*.key")):
-        return []  # models of today hold their keys too
-    elif about.keys() >= MODEL:
+        return []  # models of this version hold their keys too
+    elif record.keys() >= MODEL:
         endings = [".json", ".npz", ".onnx", ".curve.json"]
-    elif target.name in SPREADS and any(with_key(path).keys() >= MODEL for path in target.parent.glob("*.json")):
+    elif target.name in SPREADS and any(read_keyed(path).keys() >= MODEL for path in target.parent.glob("*.json")):
         endings = [".npz"]
     else:
         return []
@@ -43,23 +43,23 @@ def former_files(target: Path) -> list[Path]:
 
 
 def verdict_files(folder: Path) -> list[Path]:
-    """Of a diagnosis of a withheld case: a folder with ``key.json``."""
-    if with_key(folder / "key.json").keys() != {"key"}:
+    """Files of a former diagnosis of a withheld case: a folder with ``key.json``."""
+    if read_keyed(folder / "key.json").keys() != {"key"}:
         return []
     named = [folder / name for name in ("key.json", "report.json", "report.html", "corrected/effects.json")]
     return [path for path in [*named, *folder.glob("corrected/*.xml")] if path.is_file()]
 
 
 def further_logs(folder: Path) -> list[Path]:
-    """Of jumps made for a case: ``<kind>_logs/<case>`` beside the former verdict ``<kind>/<case>``."""
+    """Further jumps of a case: ``<kind>_logs/<case>`` beside the former verdict ``<kind>/<case>``."""
     kind = folder.parent.name.removesuffix("_logs")
     if kind == folder.parent.name or not verdict_files(folder.parent.parent / kind / folder.name):
         return []
     return sorted(folder.glob("*.parquet"))
 
 
-def with_key(path: Path) -> Mapping[str, Any]:
-    """A JSON object that holds a key as former results did; empty where it is anything else."""
+def read_keyed(path: Path) -> Mapping[str, Any]:
+    """Read a JSON object that holds a key as former results did; empty for any other file."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Which files a module's behaviour depends on, read from the import statements without running anything."""
+"""Import closures: the files that a module depends on, read from import statements without running them."""
 
 import ast
 import hashlib
@@ -16,7 +16,7 @@ DATA = (".xml", ".html")
 """Endings of the files beside modules that modules read."""
 
 LOADER = "classes_by_name"
-"""The function of ours that imports all modules of a package; whoever calls it loads its own package."""
+"""Name of the function that imports all modules of a package; its callers depend on all modules of that package."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class SourceTree:
         return {}
 
     def imports(self, module: str) -> frozenset[str]:
-        """Names a module imports, anywhere in its file: modules of this tree in full, others by their first part.
+        """Names that a module imports anywhere in its file: modules of this tree in full, others by their first part.
 
         The packages around an imported module count, since importing it runs them. The outermost package counts only
         where something of its own is imported: it may offer every other package without depending on them.
@@ -59,7 +59,7 @@ class SourceTree:
 
     def _names(self, module: str) -> Iterator[str]:
         """Dotted names in the import statements of a module."""
-        for node in executed(self._syntax(module)):
+        for node in executed_nodes(self._syntax(module)):
             if isinstance(node, ast.Import):
                 yield from (alias.name for alias in node.names)
             elif isinstance(node, ast.ImportFrom):
@@ -68,11 +68,11 @@ class SourceTree:
                 yield from members
                 if "." in base or not all(member in self.modules for member in members):
                     yield base
-            elif isinstance(node, ast.Call) and called(node) == "import_module" and is_text(node.args):
+            elif isinstance(node, ast.Call) and call_name(node) == "import_module" and is_text(node.args):
                 yield node.args[0].value  # type: ignore[attr-defined]
 
     def _base(self, module: str, node: ast.ImportFrom) -> str:
-        """What ``from … import`` names before the word import, with leading dots resolved."""
+        """The module of a ``from … import`` statement, with leading dots resolved."""
         if node.level == 0:
             return node.module or ""
         is_package = self.modules[module].name == "__init__.py"
@@ -84,18 +84,18 @@ class SourceTree:
         """All modules of a package that finds them by their file names (pkgutil, or a computed ``import_module``)."""
         tree = self._syntax(module)
         if any(isinstance(node, ast.FunctionDef) and node.name == LOADER for node in tree.body):
-            return set()  # it loads the packages of those who call it
+            return set()  # it loads packages of its callers
         own = module if self.modules[module].name == "__init__.py" else module.rpartition(".")[0]
         packages = {own} if "pkgutil" in set(self._names(module)) else set()
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and called(node) == LOADER:
+            if isinstance(node, ast.Call) and call_name(node) == LOADER:
                 packages.add(self._named(module, node.args[0]) or own)
-            elif isinstance(node, ast.Call) and called(node) == "import_module" and not is_text(node.args):
+            elif isinstance(node, ast.Call) and call_name(node) == "import_module" and not is_text(node.args):
                 packages.add(own)
         return {name for name in self.modules for package in packages if name.startswith(f"{package}.")} - {module}
 
     def _named(self, module: str, argument: ast.expr) -> str | None:
-        """The package of ours that an argument names, where it is one that the module imported by ``from``."""
+        """The package of this tree that an argument names, where the module imports it by ``from``; else None."""
         if not isinstance(argument, ast.Name):
             return None
         return next((n for n in self._names(module) if n.rpartition(".")[2] == argument.id and n in self.modules), None)
@@ -104,17 +104,17 @@ class SourceTree:
         return ast.parse(self.modules[module].read_text(encoding="utf-8"))
 
     def closure(self, *roots: str) -> set[str]:
-        """All modules of this tree that some modules come to import, themselves included."""
+        """All modules of this tree that the root modules import, directly or indirectly, and the roots."""
         seen: set[str] = set()
-        waiting = set(roots)
-        while waiting:
-            module = waiting.pop()
+        queue = set(roots)
+        while queue:
+            module = queue.pop()
             seen.add(module)
-            waiting |= {name for name in self.imports(module) if name in self.modules} - seen
+            queue |= {name for name in self.imports(module) if name in self.modules} - seen
         return seen
 
     def data_files(self, module: str) -> list[Path]:
-        """Files beside a module whose names stand in its text, such as the template of a page."""
+        """Data files beside a module that its string literals name, such as the template of a page."""
         texts = {
             node.value
             for node in ast.walk(self._syntax(module))
@@ -151,8 +151,8 @@ def inner_packages(name: str) -> set[str]:
     return {".".join(parts[:i]) for i in range(2, len(parts))}
 
 
-def called(node: ast.Call) -> str:
-    """The last name of what is called: ``import_module`` of ``importlib.import_module(…)``."""
+def call_name(node: ast.Call) -> str:
+    """Last name of the called function: ``import_module`` of ``importlib.import_module(…)``."""
     return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
 
 
@@ -184,13 +184,13 @@ def code_hash(*roots: str) -> str:
     return hash_of(PACKAGE, tuple(sorted(set(roots))))
 
 
-def executed(tree: ast.AST) -> Iterator[ast.AST]:
-    """The nodes of a module but for what stands under ``if TYPE_CHECKING``, which never runs."""
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
+def executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of a module without those under ``if TYPE_CHECKING``, which never run."""
+    queue = [tree]
+    while queue:
+        node = queue.pop()
         yield node
         children = list(ast.iter_child_nodes(node))
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             children = list(node.orelse)
-        waiting += children
+        queue += children

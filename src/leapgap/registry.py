@@ -1,4 +1,4 @@
-"""Classes of one kind by name: those in the files of a package of ours, and those that other packages offer."""
+"""Registries of classes by name: those in the files of one package, and those that other packages offer."""
 
 import pkgutil
 from importlib import import_module
@@ -14,8 +14,8 @@ Kind = TypeVar("Kind")
 def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[str, type[Kind]]:
     """Subclasses of ``base`` by their ``name``, in alphabetical order.
 
-    Every file of ``package`` is looked at, so that adding one is adding a file. Other installed packages offer theirs
-    under the entry point group ``group``; one that cannot be loaded is an ``InputError`` that names it.
+    Every file of ``package`` is imported, so that a new class needs only a new file. Other installed packages offer
+    classes under the entry point group ``group``; one that cannot be loaded is an ``InputError`` that names it.
     """
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f"{package.__name__}.{module.name}")

@@ -50,7 +50,7 @@ def logs(folder: str, number: int) -> list[Log]:
     return [Log(f"{jump.name}_{i}", jump.columns, jump.info) for i, (_, jump) in enumerate(repeated)]
 
 
-def timed(jumps: list[Log], robot: Robot, settings: Settings) -> tuple[float, int]:
+def time_diagnosis(jumps: list[Log], robot: Robot, settings: Settings) -> tuple[float, int]:
     """Seconds of one diagnosis, and simulated steps."""
     Counting.steps = 0
     began = time.perf_counter()
@@ -69,7 +69,7 @@ def raw_limit(jumps: list[Log], robot: Robot) -> float:
 
 
 def main() -> None:
-    """Measure and write."""
+    """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -81,8 +81,8 @@ def main() -> None:
     real = "data/jumps/real" if any(Path("data/jumps/real").glob("*.parquet")) else "data/jumps/damped"
     sixteen, four = logs(real, 16), logs("data/jumps/damped", 4)
     limit = raw_limit(sixteen, robot)
-    seconds_16, steps_16 = timed(sixteen, robot, settings)
-    seconds_4, steps_4 = timed(four, robot, settings)
+    seconds_16, steps_16 = time_diagnosis(sixteen, robot, settings)
+    seconds_4, steps_4 = time_diagnosis(four, robot, settings)
     found = {
         "seconds_16_jumps": seconds_16,
         "seconds_blind_case": seconds_4,

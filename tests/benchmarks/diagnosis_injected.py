@@ -61,7 +61,7 @@ DETECTABLE = 5.0
 
 @dataclass(frozen=True)
 class Case:
-    """One robot."""
+    """A simulated robot with the effects that are injected into it."""
 
     kind: str
     effects: tuple[Effect, ...]
@@ -69,35 +69,35 @@ class Case:
 
     @property
     def label(self) -> str:
-        """``single joint_damping 0.4``."""
+        """Name of the case in the output, such as ``single joint_damping 0.4``."""
         parts = (f"{e.name} at {e.location} {first_value(e):g}" for e in self.effects)
         return f"{self.kind} {' + '.join(parts)}".strip()
 
 
 def first_value(effect: Effect) -> float:
-    """Of its first parameter."""
+    """Value of the first parameter of an effect."""
     return next(iter(effect.values.values()))
 
 
-def made(name: str, value: float, location: str = "all") -> Effect:
-    """An effect by its first parameter."""
+def effect_of_size(name: str, value: float, location: str = "all") -> Effect:
+    """An effect with a given value of its first parameter."""
     return effects.effect(name, location, **{next(iter(effects.known()[name].declarations())): value})
 
 
 def cases() -> list[Case]:
-    """All of them."""
+    """All cases of the benchmark; the seed of a case is its position."""
     found: list[tuple[str, tuple[Effect, ...]]] = []
     for name, kind in effects.known().items():
-        found.append(("moderate", (made(name, kind.parameters(Robot.load())[0].moderate),)))
-        found.append(("large", (made(name, LARGE[name]),)))
-    found += [("placed", (made(name, value, location),)) for name, location, value in PLACED]
-    found += [("pair", tuple(made(*one) for one in pair)) for pair in PAIRS]
+        found.append(("moderate", (effect_of_size(name, kind.parameters(Robot.load())[0].moderate),)))
+        found.append(("large", (effect_of_size(name, LARGE[name]),)))
+    found += [("placed", (effect_of_size(name, value, location),)) for name, location, value in PLACED]
+    found += [("pair", tuple(effect_of_size(*one) for one in pair)) for pair in PAIRS]
     found += [("none", ())] * NONE
     return [Case(kind, own, seed) for seed, (kind, own) in enumerate(found)]
 
 
 def jumps_of(case: Case, robot: Robot) -> list[Log]:
-    """Those to diagnose, then those to prove the answer on."""
+    """Jumps of a case: those to diagnose, then those to measure the realised closure on."""
     rng = np.random.default_rng(case.seed)
     references = [read_log(REFERENCES / f"h00_d{d}.parquet") for d in DISTANCES]
     plans = [
@@ -108,10 +108,10 @@ def jumps_of(case: Case, robot: Robot) -> list[Log]:
     return run_open_loop(plans, robot, case.effects, SensorNoise(), Course(), rng)
 
 
-def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Settings) -> float | None:
+def realised_closure(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Settings) -> float | None:
     """Closure of the answer on jumps that the diagnosis never saw; their own clock where a value differs by log.
 
-    None where the effect changes these jumps by less than twice the noise floor: a share of nothing is no figure.
+    None where the effect changes these jumps by less than twice the noise floor.
     """
     judged, replayer = JudgedLogs.of(proof, robot), Replayer(robot, threads=1)
     clock = clock_of(run_checks(judged.logs, robot, settings.check_thresholds), judged, robot)
@@ -164,13 +164,13 @@ def judge(case: Case) -> dict[str, Any]:
         ],
         "told": told,
         "promised": promised.value if promised else None,
-        "realised": realised(found, logs[len(DISTANCES) :], robot, settings) if promised else None,
+        "realised": realised_closure(found, logs[len(DISTANCES) :], robot, settings) if promised else None,
         "cpu_s": seconds,
     }
 
 
 def share(values: list[bool]) -> float | None:
-    """Of true ones."""
+    """Share of true values; None where there are none."""
     return float(np.mean(values)) if values else None
 
 

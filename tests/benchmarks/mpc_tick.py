@@ -216,7 +216,7 @@ def estimates(jump: Log, robot: Robot) -> list[StateEstimate]:
     return [StateEstimate(0.025 * i, *(part[row] for part in measured), touching) for i, row in enumerate(rows)]
 
 
-def recorded(robot: Robot) -> tuple[str, list[tuple[Reference, list[StateEstimate]]]]:
+def recorded_jumps(robot: Robot) -> tuple[str, list[tuple[Reference, list[StateEstimate]]]]:
     """Jumps with a reference to their target: real ones, where there are some, else simulated ones."""
     references = {
         (j.info.target.x_m, j.info.target.z_m): Reference.of(j, robot)
@@ -236,13 +236,13 @@ def recorded(robot: Robot) -> tuple[str, list[tuple[Reference, list[StateEstimat
 
 
 @dataclass
-class Timed:
-    """Of one version."""
+class Timings:
+    """Times and errors of one version of the controller."""
 
     microseconds: list[float] = field(default_factory=list)
-    """By the clock on the wall, a tick each."""
+    """Wall-clock time of each tick."""
     cpu_microseconds: list[float] = field(default_factory=list)
-    """Of this thread alone: what other programmes on the machine took is not in it."""
+    """CPU time of this thread in each tick, without other processes."""
     qp_microseconds: list[float] = field(default_factory=list)
     error_n: float = 0.0
 
@@ -261,7 +261,7 @@ class Timed:
         return {**{k: round(float(v), 1) for k, v in found.items()}, "force_error_n": float(f"{self.error_n:.2g}")}
 
 
-def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[StateEstimate]]], robot: Robot) -> dict[str, Timed]:
+def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[StateEstimate]]], robot: Robot) -> dict[str, Timings]:
     """All versions at all recorded states, taking turns jump by jump."""
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
     kinds = {
@@ -270,7 +270,7 @@ def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[StateEstimate]]], 
         "daqp_small_networks": (small, "daqp"),
     }
     plain_kinds = {"torch_osqp": weights, "torch_osqp_small_networks": small}
-    timed = {name: Timed() for name in (*plain_kinds, *kinds)}
+    timed = {name: Timings() for name in (*plain_kinds, *kinds)}
     for reference, told in jumps * ROUNDS:
         warm, ours = (
             {
@@ -284,8 +284,8 @@ def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[StateEstimate]]], 
         gc.disable()
         plans = {}
         for name, mpc in ours.items():
-            followed(warm[name], told, Timed())
-            plans[name] = followed(mpc, told, timed[name])
+            follow_jump(warm[name], told, Timings())
+            plans[name] = follow_jump(mpc, told, timed[name])
         forces = {name: [] for name in plain}  # type: dict[str, list[np.ndarray]]
         for name, version in plain.items():
             for estimate in told:
@@ -298,7 +298,7 @@ def measure(grid: TimeGrid, jumps: list[tuple[Reference, list[StateEstimate]]], 
     return timed
 
 
-def followed(mpc: JumpMpc, told: list[StateEstimate], timed: Timed) -> list[ForcePlan]:
+def follow_jump(mpc: JumpMpc, told: list[StateEstimate], timed: Timings) -> list[ForcePlan]:
     """The plans of one jump, timed; a fallback would be no measurement."""
     plans = []
     for estimate in told:
@@ -311,7 +311,7 @@ def followed(mpc: JumpMpc, told: list[StateEstimate], timed: Timed) -> list[Forc
     return plans
 
 
-def judge(plans: dict[str, list[ForcePlan]], forces: dict[str, list[np.ndarray]], timed: dict[str, Timed]) -> None:
+def judge(plans: dict[str, list[ForcePlan]], forces: dict[str, list[np.ndarray]], timed: dict[str, Timings]) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
     for name, of_jump in plans.items():
         for i, plan in enumerate(of_jump):
@@ -327,13 +327,13 @@ def judge(plans: dict[str, list[ForcePlan]], forces: dict[str, list[np.ndarray]]
 
 
 def main() -> None:
-    """Measure and write."""
+    """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
     file = parser.parse_args().json
     torch.set_num_threads(1)
     robot = Robot.load()
-    source, jumps = recorded(robot)
+    source, jumps = recorded_jumps(robot)
     results = {name: measure(grid, jumps, robot) for name, grid in GRIDS.items()}
     of_ours = {k: results[k]["daqp"].row() for k in GRIDS}
     ratio = {k: round(of_ours[k]["median"] / results[k]["torch_osqp"].row()["median"], 3) for k in GRIDS}

@@ -61,7 +61,7 @@ def plain_seconds(targets: list[Target]) -> list[float]:
 
 
 def main() -> None:
-    """Measure and write."""
+    """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
     file = parser.parse_args().json

@@ -46,7 +46,7 @@ def raw_steps(replayer: Replayer, trial: Rollout, rows: int) -> float:
 
 
 def main() -> None:
-    """Measure and write."""
+    """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", type=Path)
     os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[0]})

@@ -30,7 +30,7 @@ from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 from stages.common import read_config
-from stages.params import composed
+from stages.params import compose_params
 
 PUBLISHED_S = 0.90
 """A step of the published script on two server cores (shared/design/learning, as measured there)."""
@@ -70,7 +70,7 @@ def descent(residual: torch_rollout.ResidualModule, windows: Windows, rate: floa
         yield loss.item()
 
 
-def timed(steps: Iterator[float]) -> tuple[list[float], list[float]]:
+def time_steps(steps: Iterator[float]) -> tuple[list[float], list[float]]:
     """Losses, and seconds of each step."""
     losses, seconds = [], []
     for _ in range(STEPS):
@@ -101,21 +101,21 @@ def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure and write."""
+    """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--windows", type=Path, default=Path("data/windows/real"))
     parser.add_argument("--threads", type=int, default=1, help="of torch for the recipe; models are fitted with one")
     given = parser.parse_args()
     windows = windows_module.read(given.windows)
-    config = read_config(TrainConfig, OmegaConf.create(composed()).train, "train")
+    config = read_config(TrainConfig, OmegaConf.create(compose_params()).train, "train")
     config.trainer["enable_progress_bar"] = False
     torch.set_num_threads(given.threads)
     start, fitting = published_start(windows, config), config.published_recipe.fitting
     recipe = (windows, fitting.learning_rate, fitting.output_penalty)
     vectorised, peer = torch_rollout.ResidualModule(start, 0.0), Looped(start, 0.0)
-    ours, ours_s = timed(descent(vectorised, *recipe))
-    looped, looped_s = timed(descent(peer, *recipe))
+    ours, ours_s = time_steps(descent(vectorised, *recipe))
+    looped, looped_s = time_steps(descent(peer, *recipe))
     apart = max(abs(a - b) / b for a, b in zip(ours, looped, strict=True))
     weights = zip(vectorised.parameters(), peer.parameters(), strict=True)
     weights_apart = max(float((a - b).detach().abs().max()) for a, b in weights)

@@ -32,12 +32,12 @@ FEW = Settings(
 
 
 @pytest.fixture(scope="module")
-def diagnosed(robot: Robot, reference: Log):
-    def of(*found: effects.Effect) -> Diagnosis:
+def diagnose_effects(robot: Robot, reference: Log):
+    def run(*found: effects.Effect) -> Diagnosis:
         jumps = hardware(robot, reference, *found, noise=SensorNoise(), jumps=4)
         return diagnose(jumps, robot, FEW)
 
-    return of
+    return run
 
 
 @pytest.mark.parametrize(
@@ -48,8 +48,8 @@ def diagnosed(robot: Robot, reference: Log):
         ("sample_period", {"scale": 1.07}),
     ],
 )
-def test_diagnosis_names_the_effect_we_injected(diagnosed, name: str, values: dict[str, float]) -> None:
-    report = diagnosed(effects.effect(name, **values)).report
+def test_diagnosis_names_the_effect_we_injected(diagnose_effects, name: str, values: dict[str, float]) -> None:
+    report = diagnose_effects(effects.effect(name, **values)).report
     assert report.verdict == "named"
     assert report.answer[0] == (name,)
     assert report.causes[0].effect == name
@@ -60,8 +60,8 @@ def test_diagnosis_names_the_effect_we_injected(diagnosed, name: str, values: di
     assert name in report.sentence
 
 
-def test_diagnosis_of_the_nominal_robot_is_none(diagnosed) -> None:
-    report = diagnosed().report
+def test_diagnosis_of_the_nominal_robot_is_none(diagnose_effects) -> None:
+    report = diagnose_effects().report
     assert report.verdict == "none"
     assert report.answer == ()
     assert report.closure_of_answer is None
@@ -74,8 +74,8 @@ def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robo
     assert report.closure_of_answer is None or report.closure_of_answer.value < 0.6
 
 
-def test_report_holds_the_contract_and_repeats(diagnosed) -> None:
-    found = diagnosed(effects.effect("joint_damping", damping=0.4))
+def test_report_holds_the_contract_and_repeats(diagnose_effects) -> None:
+    found = diagnose_effects(effects.effect("joint_damping", damping=0.4))
     text = json.dumps(found.report.to_json(), allow_nan=False)
     report = json.loads(text)
     assert set(report) >= {
@@ -105,12 +105,12 @@ def test_report_holds_the_contract_and_repeats(diagnosed) -> None:
     assert found.correction[0].name == "joint_damping"
     for off in report["landing_misplaced_m"].values():
         assert abs(off["corrected"]) < 0.4 * abs(off["nominal"])
-    again = diagnosed(effects.effect("joint_damping", damping=0.4))
+    again = diagnose_effects(effects.effect("joint_damping", damping=0.4))
     assert json.dumps(again.report.to_json(), allow_nan=False) == text
 
 
-def test_page_is_self_contained_and_says_the_sentence(diagnosed, robot: Robot, reference: Log) -> None:
-    found = diagnosed(effects.effect("joint_damping", damping=0.4))
+def test_page_is_self_contained_and_says_the_sentence(diagnose_effects, robot: Robot, reference: Log) -> None:
+    found = diagnose_effects(effects.effect("joint_damping", damping=0.4))
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
     ghosts = {jump.name: jump for jump in jumps}
     page = html(found.report, jumps, robot, ghosts, ghosts)
@@ -120,9 +120,9 @@ def test_page_is_self_contained_and_says_the_sentence(diagnosed, robot: Robot, r
     assert page == html(found.report, jumps, robot, ghosts, ghosts)
 
 
-def test_a_library_call_knows_what_it_was_made_of(diagnosed, robot: Robot, reference: Log) -> None:
+def test_a_library_call_knows_what_it_was_made_of(diagnose_effects, robot: Robot, reference: Log) -> None:
     """Nobody says where the logs came from: their content stands for their files, and all else is known."""
-    report = diagnosed(effects.effect("joint_damping", damping=0.4)).report.to_json()
+    report = diagnose_effects(effects.effect("joint_damping", damping=0.4)).report.to_json()
     jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
     provenance = report["provenance"]
     assert set(provenance) == {"logs", "robot", "config", "versions"}

@@ -20,7 +20,7 @@ SLOW = effects.effect("sample_period", scale=1.07)
 JUMPS = 4
 
 
-def decide(robot: Robot, reference: Log, *further: Effect) -> Conclusion:
+def conclude_on_slow_clock(robot: Robot, reference: Log, *further: Effect) -> Conclusion:
     """Four jumps by a slow clock, which checks took for half as slow again."""
     judged = JudgedLogs.of(hardware(robot, reference, SLOW, *further, jumps=JUMPS), robot)
     clock = {jump.name: (1.105,) for jump in judged.logs}
@@ -35,7 +35,7 @@ def decide(robot: Robot, reference: Log, *further: Effect) -> Conclusion:
 
 
 def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: Log) -> None:
-    conclusion = decide(robot, reference, effects.effect("com_offset", x_m=0.03, z_m=0.03))
+    conclusion = conclude_on_slow_clock(robot, reference, effects.effect("com_offset", x_m=0.03, z_m=0.03))
     assert (conclusion.verdict, conclusion.answer) == ("named", (("sample_period",), ("com_offset",)))
     (share,), offset = conclusion.steps[-1].split()
     assert share == pytest.approx(0.07 / 0.105, abs=0.1)
@@ -44,7 +44,7 @@ def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: 
 
 
 def test_nothing_is_added_to_a_clock_that_explains_all(robot: Robot, reference: Log) -> None:
-    conclusion = decide(robot, reference)
+    conclusion = conclude_on_slow_clock(robot, reference)
     assert conclusion.answer == (("sample_period",),)
     assert conclusion.steps[0].numbers == pytest.approx([0.07 / 0.105], abs=0.1)
 

@@ -18,12 +18,12 @@ from tests.diagnosis.test_gap import hardware
 
 
 @pytest.fixture(scope="module")
-def damped(robot: Robot, reference: Log) -> list[Log]:
+def damped_logs(robot: Robot, reference: Log) -> list[Log]:
     return hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=3)
 
 
 def test_no_whole_jump_is_replayed_twice_with_the_same_effects(
-    robot: Robot, damped: list[Log], monkeypatch: pytest.MonkeyPatch
+    robot: Robot, damped_logs: list[Log], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From the log's first row, at the nominal step: each set of effects once, the nominal robot among them."""
     asked: Counter[tuple[str, tuple[object, ...]]] = Counter()
@@ -36,9 +36,9 @@ def test_no_whole_jump_is_replayed_twice_with_the_same_effects(
         return original(self, trials, rows)  # type: ignore[return-value]
 
     monkeypatch.setattr(Replayer, "true_motions", counting)
-    found = diagnose(damped, robot, FEW)
+    found = diagnose(damped_logs, robot, FEW)
     assert found.report.answer
-    assert asked[damped[0].name, ()] == 1
+    assert asked[damped_logs[0].name, ()] == 1
     assert set(asked.values()) == {1}
 
 
@@ -51,10 +51,10 @@ def test_a_profile_of_the_judged_rows_goes_on_with_its_last_value() -> None:
     assert found.change_rows(np.ones(1000))[:700] != pytest.approx(judged, abs=0.02)  # what stretching would do
 
 
-def test_replays_of_all_rows_begin_as_those_of_the_judged_rows(robot: Robot, damped: list[Log]) -> None:
-    judged, replayer = JudgedLogs.of(damped, robot), Replayer(robot)
+def test_replays_of_all_rows_begin_as_those_of_the_judged_rows(robot: Robot, damped_logs: list[Log]) -> None:
+    judged, replayer = JudgedLogs.of(damped_logs, robot), Replayer(robot)
     effect = SamplePeriod(scale=1.05, profile=(0.95, 1.1, 0.98))
-    for jump, cut in zip(damped, judged.logs, strict=True):
+    for jump, cut in zip(damped_logs, judged.logs, strict=True):
         (whole,) = replayer.motions([Rollout(jump, (effect.extend_to(len(cut), len(jump)),))])
         (part,) = replayer.motions([Rollout(cut, (effect,))])
         assert np.array_equal(whole.qpos[: len(cut)], part.qpos)

@@ -37,7 +37,7 @@ def fit(names: tuple[str, ...], heldout: list[float], chi2: float = 1.0) -> Fit:
     return Fit(hypotheses, number, np.eye(1), number[None], number, np.zeros((1, 1, 1)), 0.0, np.full(4, chi2), losses)
 
 
-def found(*rivals: Fit, nominal: float = 100.0, chi2: float = 5.0) -> SearchResult:
+def search_result(*rivals: Fit, nominal: float = 100.0, chi2: float = 5.0) -> SearchResult:
     alone = fit((), [nominal] * 4, chi2)
     return SearchResult(alone, rivals[0] if rivals else alone, (rivals,) if rivals else (), np.arange(4), 360, ())
 
@@ -46,7 +46,7 @@ DRAWS = np.random.default_rng(0).integers(0, 4, size=(400, 4))
 
 
 def test_a_cause_that_is_best_on_every_log_is_named() -> None:
-    search = found(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
+    search = search_result(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
     shares = best_set_shares(search, DRAWS)
     answer = answer_of(search, shares, DecisionThresholds())
     assert answer == (("payload",),)
@@ -55,13 +55,13 @@ def test_a_cause_that_is_best_on_every_log_is_named() -> None:
 
 
 def test_a_log_without_a_piece_can_be_drawn_again() -> None:
-    search = found(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
+    search = search_result(fit(("payload",), [1.0, 2, 1, 2]), fit(("leg_mass",), [9.0, 9, 9, 9]))
     draws = np.array([[4, 0, 1, 2, 3], [4, 4, 4, 4, 0]])
     assert best_set_shares(search, draws).tolist() == [1.0, 0.0]
 
 
 def test_a_rival_that_is_better_on_some_logs_is_told() -> None:
-    search = found(fit(("payload",), [1.0, 9, 1, 8]), fit(("leg_mass",), [9.0, 1, 9, 1]))
+    search = search_result(fit(("payload",), [1.0, 9, 1, 8]), fit(("leg_mass",), [9.0, 1, 9, 1]))
     answer = answer_of(search, best_set_shares(search, DRAWS), DecisionThresholds())
     assert answer == (("payload", "leg_mass"),)
     assert verdict_of(search, answer, 5.0, 0.9, DecisionThresholds()) == "ambiguous"
@@ -85,26 +85,26 @@ def test_a_further_cause_that_worsens_whole_jumps_is_not_believed() -> None:
     cut = drop_contradicted_causes(search, [0.9, 0.6], DecisionThresholds())
     assert cut.selected is one
     assert cut.rivals == (one,)
-    assert drop_contradicted_causes(found(), [], DecisionThresholds()).selected.hypotheses == ()
+    assert drop_contradicted_causes(search_result(), [], DecisionThresholds()).selected.hypotheses == ()
 
 
 def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:
     answer, doubts = (("payload",),), DecisionThresholds()
-    weak = found(fit(("payload",), [80.0] * 4, chi2=3.0))
+    weak = search_result(fit(("payload",), [80.0] * 4, chi2=3.0))
     assert verdict_of(weak, answer, 5.0, 0.5, doubts) == "unknown"
     assert verdict_of(weak, answer, 5.0, 0.9, doubts) == "named"
-    strong = found(fit(("payload",), [1.0] * 4, chi2=3.0))
+    strong = search_result(fit(("payload",), [1.0] * 4, chi2=3.0))
     assert verdict_of(strong, answer, 5.0, 0.5, doubts) == "named"
     assert verdict_of(strong, answer, 5.0, 0.1, doubts) == "unknown"
     # Whole jumps without a gap to close, or with a little one, leave it to short replays; not if they contradict.
-    complete = found(fit(("payload",), [1.0] * 4, chi2=1.02))
+    complete = search_result(fit(("payload",), [1.0] * 4, chi2=1.02))
     assert verdict_of(complete, answer, 5.0, None, doubts) == "named"
     assert verdict_of(complete, answer, 5.0, 0.1, doubts) == "named"
     assert verdict_of(complete, answer, 5.0, -0.5, doubts) == "unknown"
     assert verdict_of(strong, answer, 5.0, None, doubts) == "unknown"
-    assert verdict_of(found(chi2=1.02), (), 2.0, None, doubts) == "none"
-    assert verdict_of(found(chi2=1.02), (), 5.0, None, doubts) == "unknown"  # slow to act: whole jumps show it
-    assert verdict_of(found(chi2=3.0), (), 2.0, None, doubts) == "unknown"
+    assert verdict_of(search_result(chi2=1.02), (), 2.0, None, doubts) == "none"
+    assert verdict_of(search_result(chi2=1.02), (), 5.0, None, doubts) == "unknown"  # slow to act: whole jumps show it
+    assert verdict_of(search_result(chi2=3.0), (), 2.0, None, doubts) == "unknown"
 
 
 def test_broyden_learns_the_slope_along_a_move() -> None:

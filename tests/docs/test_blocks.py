@@ -41,7 +41,7 @@ pip install something
 """
 
 
-def fenced(language: str, code: str) -> str:
+def code_block(language: str, code: str) -> str:
     return f"```{language}\n{code}\n```\n"
 
 
@@ -62,37 +62,37 @@ def test_blocks_share_names_and_folder_and_the_marked_one_stays_out(tmp_path: Pa
 
 
 def test_a_python_block_that_fails_is_named_by_page_and_line(tmp_path: Path) -> None:
-    page = "text\n\n" + fenced("python", "a = 1\n\nassert a == 2, 'unequal'")
+    page = "text\n\n" + code_block("python", "a = 1\n\nassert a == 2, 'unequal'")
     with pytest.raises(BlockError, match=r"(?s)page\.md:3: python block failed.*line 6.*unequal"):
         run_page("page.md", page, tmp_path, dict(os.environ))
 
 
 def test_names_of_one_page_do_not_reach_another(tmp_path: Path) -> None:
-    run_page("one.md", fenced("python", "left_over = 1"), tmp_path, dict(os.environ))
+    run_page("one.md", code_block("python", "left_over = 1"), tmp_path, dict(os.environ))
     with pytest.raises(BlockError, match="NameError"):
-        run_page("two.md", fenced("python", "left_over"), tmp_path, dict(os.environ))
+        run_page("two.md", code_block("python", "left_over"), tmp_path, dict(os.environ))
 
 
 @pytest.mark.parametrize("code", ["false\ntrue", "false | cat", "echo $unset_name_of_a_variable"])
 def test_a_shell_block_fails_with_any_of_its_commands(code: str, tmp_path: Path) -> None:
     with pytest.raises(BlockError, match=r"page\.md:1: shell block ended with code \d+"):
-        run_page("page.md", fenced("sh", code), tmp_path, dict(os.environ))
+        run_page("page.md", code_block("sh", code), tmp_path, dict(os.environ))
 
 
 @pytest.mark.parametrize("language", ["", "bash", "sh"])
 def test_a_command_without_a_language_runs_too(language: str, tmp_path: Path) -> None:
     with pytest.raises(BlockError, match="no_such_file"):
-        run_page("page.md", fenced(language, "python no_such_file.py"), tmp_path, dict(os.environ))
+        run_page("page.md", code_block(language, "python no_such_file.py"), tmp_path, dict(os.environ))
 
 
 @pytest.mark.parametrize(
     ("page", "message"),
     [
-        ("<!-- not run: -->\n" + fenced("sh", "true"), "page.md:1: 'not run' says no reason"),
-        ("<!-- not run: why -->\ntext\n" + fenced("sh", "true"), "page.md:1: 'not run' stands before no block"),
+        ("<!-- not run: -->\n" + code_block("sh", "true"), "page.md:1: 'not run' says no reason"),
+        ("<!-- not run: why -->\ntext\n" + code_block("sh", "true"), "page.md:1: 'not run' stands before no block"),
         ("<!-- not run: why -->\n", "page.md:1: 'not run' stands before no block"),
         (
-            "<!-- not run: why -->\n" + fenced("json", "{}"),
+            "<!-- not run: why -->\n" + code_block("json", "{}"),
             "page.md:2: marked 'not run', but no block of Python or shell",
         ),
         ("```python\na = 1\n", "page.md:1: fence is not closed"),

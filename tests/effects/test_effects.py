@@ -38,10 +38,10 @@ AT_JOINTS = [name for name, kind in effects.known().items() if kind.places == "j
 def replay(robot: Robot, reference: Log):
     replayer, jump = Replayer(robot), reference.first_rows(900)
 
-    def of(*found: effects.Effect) -> Motion:
+    def run(*found: effects.Effect) -> Motion:
         return replayer.motions([Rollout(jump, found)])[0]
 
-    return of
+    return run
 
 
 def test_effects_are_those_of_the_table_with_its_units_and_sizes(robot: Robot) -> None:

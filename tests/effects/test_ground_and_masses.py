@@ -17,7 +17,9 @@ from tests.conftest import standing
 G = 9.81
 
 
-def settled(robot: Robot, jump: Log, *found: effects.Effect, lift_m: float = 0.0) -> tuple[mujoco.MjData, Motion]:
+def simulate_standing(
+    robot: Robot, jump: Log, *found: effects.Effect, lift_m: float = 0.0
+) -> tuple[mujoco.MjData, Motion]:
     """The robot after it has stood for the length of the jump: solved contacts, and its motion."""
     replayer, trial = Replayer(robot), Rollout(jump, found)
     start = replayer.first_state(trial)
@@ -48,7 +50,7 @@ def test_feet_slide_at_the_cone_of_their_friction(robot: Robot, mu: float) -> No
     """Thrown forward over the floor, each foot's tangential force is mu times its normal force."""
     jump = standing(robot, 20)
     thrown = Log("thrown", dict(jump.columns) | {"base_linvel_x": np.full(20, 1.0)}, jump.info)
-    data, _ = settled(robot, thrown, effects.effect("foot_friction", mu=mu))
+    data, _ = simulate_standing(robot, thrown, effects.effect("foot_friction", mu=mu))
     force = foot_forces(robot, data)
     bearing = force[:, 2] > 5
     assert bearing.sum() >= 2
@@ -61,7 +63,7 @@ def test_friction_and_compliance_hold_at_the_named_feet_only(robot: Robot) -> No
         effects.effect("foot_friction", location="RR", mu=0.3),
         effects.effect("foot_compliance", location="front", time_constant_s=0.06),
     )
-    data, _ = settled(robot, standing(robot, 100), *found)
+    data, _ = simulate_standing(robot, standing(robot, 100), *found)
     by_foot = {data.model.geom(int(max(c.geom))).name: c for c in data.contact}
     assert {foot: c.friction[0] for foot, c in by_foot.items()} == {"FR": 0.8, "FL": 0.8, "RR": 0.3, "RL": 0.8}
     assert {foot: c.solref[0] for foot, c in by_foot.items()} == {"FR": 0.06, "FL": 0.06, "RR": 0.02, "RL": 0.02}
@@ -71,7 +73,9 @@ def test_a_soft_foot_sinks_by_the_square_of_its_time_constant(robot: Robot) -> N
     """MuJoCo's contact is a spring of stiffness ∝ 1/T²: at rest under the same load depth grows with T²."""
     depth = {}
     for constant in (0.02, 0.04):
-        data, _ = settled(robot, standing(robot, 1500), effects.effect("foot_compliance", time_constant_s=constant))
+        data, _ = simulate_standing(
+            robot, standing(robot, 1500), effects.effect("foot_compliance", time_constant_s=constant)
+        )
         depth[constant] = -np.mean([c.dist for c in data.contact])
     assert depth[0.04] / depth[0.02] == pytest.approx(4, rel=0.15)
 
@@ -83,7 +87,7 @@ def test_named_feet_stand_higher_by_the_height_and_the_others_as_before(robot: R
     on_block = replace(jump, info=replace(jump.info, terrain=(block,)))
     for stated, top in ((jump, 0.0), (on_block, 0.02)):
         raised = effects.effect("ground_height", location="front", height_m=0.03)
-        data, _ = settled(robot, stated, raised, lift_m=top + 0.03)
+        data, _ = simulate_standing(robot, stated, raised, lift_m=top + 0.03)
         heights: dict[str, list[float]] = {}
         for contact in data.contact:
             name = next(n for n in (data.model.geom(g).name for g in contact.geom) if n in robot.feet)
@@ -97,7 +101,7 @@ def test_named_feet_stand_higher_by_the_height_and_the_others_as_before(robot: R
 
 def test_a_hole_under_one_foot_is_no_hole_for_the_others(robot: Robot) -> None:
     hole = effects.effect("ground_height", location="RL", height_m=-0.05)
-    data, _ = settled(robot, standing(robot, 1000), hole)
+    data, _ = simulate_standing(robot, standing(robot, 1000), hole)
     soles = data.geom_xpos[[data.model.geom(f).id for f in robot.feet], 2] - robot.foot_radius
     assert soles[[1, 2]] == pytest.approx(0, abs=3e-3)  # it stands on this diagonal and leans into the hole
     assert soles[3] < -0.01
@@ -107,7 +111,7 @@ def test_a_hole_under_one_foot_is_no_hole_for_the_others(robot: Robot) -> None:
 def test_on_a_slope_the_floor_pushes_back_along_its_normal(robot: Robot, pitch: float) -> None:
     """Positive falls away forward. At rest friction is the weight's share along the slope, and vertical is vertical."""
     slope = effects.effect("ground_slope", pitch_rad=pitch)
-    data, motion = settled(robot, standing(robot, 1500), slope, lift_m=0.02)
+    data, motion = simulate_standing(robot, standing(robot, 1500), slope, lift_m=0.02)
     heights = {data.model.geom(int(max(c.geom))).name: c.pos[2] for c in data.contact}
     positions = {data.model.geom(int(max(c.geom))).name: c.pos[0] for c in data.contact}
     assert set(heights) == set(robot.feet)
@@ -203,7 +207,7 @@ def test_a_shifted_centre_of_mass_shifts_the_load_between_the_feet(robot: Robot)
     jump = standing(robot, 1500)
     front, span = {}, None
     for shift in (0.0, 0.03):
-        data, _ = settled(robot, jump, effects.effect("com_offset", x_m=shift))
+        data, _ = simulate_standing(robot, jump, effects.effect("com_offset", x_m=shift))
         force = foot_forces(robot, data)
         front[shift] = force[:2, 2].sum()
         feet = {data.model.geom(int(max(c.geom))).name: c.pos[0] for c in data.contact}

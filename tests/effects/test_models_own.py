@@ -18,7 +18,7 @@ FOOT = 'condim="3" friction="0.8 0.02 0.01"\n            priority="1" solref="0.
 JOINTS = '<joint damping="0.01" frictionloss="0.2" armature="0.01"/>'
 
 
-def changed(folder: Path, *changes: tuple[str, str]) -> Robot:
+def modified_a1(folder: Path, *changes: tuple[str, str]) -> Robot:
     """The A1 with numbers of its file changed."""
     text = DEFAULT_MODEL.read_text()
     for before, after in changes:
@@ -31,7 +31,7 @@ def changed(folder: Path, *changes: tuple[str, str]) -> Robot:
 
 def with_feet(folder: Path, friction: float = 0.8, solref: str = "0.02 1", priority: int = 1) -> Robot:
     foot = FOOT.replace('"0.8 ', f'"{friction} ').replace("0.02 1", solref)
-    return changed(folder, (FOOT, foot.replace('priority="1"', f'priority="{priority}"')))
+    return modified_a1(folder, (FOOT, foot.replace('priority="1"', f'priority="{priority}"')))
 
 
 def with_feet_of(folder: Path, **friction: float) -> Robot:
@@ -40,7 +40,7 @@ def with_feet_of(folder: Path, **friction: float) -> Robot:
         (f'<geom name="{foot}" class="foot"', f'<geom name="{foot}" class="foot" friction="{mu} 0.02 0.01"')
         for foot, mu in friction.items()
     ]
-    return changed(folder, *own)
+    return modified_a1(folder, *own)
 
 
 def slide(robot: Robot, *found: effects.Effect) -> Motion:
@@ -187,7 +187,7 @@ def test_the_models_own_can_be_taken_away(tmp_path: Path, name: str, parameter: 
 
 def test_a_joint_that_has_less_than_is_taken_from_all_ends_at_zero(tmp_path: Path) -> None:
     """Damping 0.2 and 0.3, 0.25 taken from both."""
-    robot = changed(tmp_path, (JOINTS, JOINTS.replace("0.01", "0.2", 1)))
+    robot = modified_a1(tmp_path, (JOINTS, JOINTS.replace("0.01", "0.2", 1)))
     jump = standing(robot, 5)
     weak = effects.effect("joint_damping", "calf", damping=0.1)
     less = effects.effect("joint_damping", damping=-0.25)
@@ -213,7 +213,7 @@ def test_a_voltage_that_limits_nothing_is_computed_from_the_robot(tmp_path: Path
     """Next whole volt above R τ + q̇ at the largest torque and speed: 0.34602 · 33.5 + 21 = 32.6."""
     kind = effects.known()["torque_speed_limit"]
     assert kind.parameters(Robot.load())[0].nominal == 33.0
-    strong = changed(tmp_path, ("-33.5 33.5", "-80 80"))
+    strong = modified_a1(tmp_path, ("-33.5 33.5", "-80 80"))
     assert kind.parameters(strong)[0].nominal == 49.0  # 48.7
     slow = Robot.load(DEFAULT_MODEL, MotorConstants(resistance=0.1, top_speed_rad_s=4.0))
     assert kind.parameters(slow)[0].nominal == 8.0  # 7.35
@@ -250,7 +250,7 @@ def test_an_effect_left_to_the_models_own_survives_configuration_and_digest() ->
 
 def test_ranges_grow_with_a_heavy_robot(tmp_path: Path) -> None:
     """As much may be added as the model has; a fifth of it is noticed."""
-    heavy = changed(tmp_path, (JOINTS, '<joint damping="10" frictionloss="20" armature="1"/>'))
+    heavy = modified_a1(tmp_path, (JOINTS, '<joint damping="10" frictionloss="20" armature="1"/>'))
     for name, own in (("joint_damping", 10.0), ("joint_friction", 20.0), ("armature", 1.0)):
         (about,) = effects.known()[name].parameters(heavy)
         assert (about.lower, about.upper, about.moderate, about.scale) == (-own, own, own / 5, own)

@@ -5,7 +5,7 @@ import rerun as rr
 
 from leapgap.errors import InputError
 from leapgap.reports.log_recording import record_jump
-from leapgap.reports.recorder import every, recording
+from leapgap.reports.recorder import recording, rows_at_period
 from leapgap.robot.model import Robot
 from tests.reports.conftest import CROUCH, make_hop
 from tests.reports.read_back import Recorded
@@ -19,7 +19,7 @@ ARM = """<mujoco model="arm"><worldbody><body name="upper"><joint name="a_should
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory, robot, hop, ghost):
+def hop_recording(tmp_path_factory, robot, hop, ghost):
     path = tmp_path_factory.mktemp("view") / "hop.rrd"
     record_jump(path, hop, robot, {"nominal simulation": ghost}, title="hop")
     return Recorded(path)
@@ -38,21 +38,21 @@ def kinematics(robot, jump, time_s):
 
 @pytest.mark.parametrize("body", ["trunk", "FR_hip", "RL_calf"])
 @pytest.mark.parametrize("who", ["measured", "nominal_simulation"])
-def test_bodies_stand_where_mujoco_puts_them(recorded, robot, hop, ghost, body, who):
+def test_bodies_stand_where_mujoco_puts_them(hop_recording, robot, hop, ghost, body, who):
     data = kinematics(robot, hop if who == "measured" else ghost, AT_S)
     entity = f"/world/{who}/{body}"
-    translation = recorded.at(entity, "Transform3D:translation", AT_S)[0]
-    x, y, z, w = recorded.at(entity, "Transform3D:quaternion", AT_S)[0]
+    translation = hop_recording.at(entity, "Transform3D:translation", AT_S)[0]
+    x, y, z, w = hop_recording.at(entity, "Transform3D:quaternion", AT_S)[0]
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, np.array([w, x, y, z], dtype=float))
     np.testing.assert_allclose(translation, data.body(body).xpos, atol=1e-6)
     np.testing.assert_allclose(rotation, data.body(body).xmat, atol=1e-6)
 
 
-def test_capsules_span_what_mujocos_do(recorded, robot, hop):
+def test_capsules_span_what_mujocos_do(hop_recording, robot, hop):
     data = kinematics(robot, hop, AT_S)
     entity = "/world/measured/FL_thigh"
-    shape = recorded.static[entity]
+    shape = hop_recording.static[entity]
     x, y, z, w = shape["Capsules3D:quaternions"][0]
     axis = np.empty(3)
     mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), np.array([w, x, y, z], dtype=float))
@@ -64,24 +64,24 @@ def test_capsules_span_what_mujocos_do(recorded, robot, hop):
     np.testing.assert_allclose(placed, [geom.xpos - half, geom.xpos + half], atol=1e-6)
 
 
-def test_ghosts_are_translucent_and_the_main_robot_is_not(recorded):
+def test_ghosts_are_translucent_and_the_main_robot_is_not(hop_recording):
     for who, opaque in (("measured", True), ("nominal_simulation", False)):
-        alpha = recorded.static[f"/world/{who}/trunk"]["Boxes3D:colors"][0] & 0xFF
+        alpha = hop_recording.static[f"/world/{who}/trunk"]["Boxes3D:colors"][0] & 0xFF
         assert (alpha == 255) is opaque
 
 
-def test_a_ghost_that_ends_early_vanishes_after_its_last_row(recorded, ghost):
-    scale = recorded.moving["/world/nominal_simulation/trunk"]["Transform3D:scale"]
+def test_a_ghost_that_ends_early_vanishes_after_its_last_row(hop_recording, ghost):
+    scale = hop_recording.moving["/world/nominal_simulation/trunk"]["Transform3D:scale"]
     shrunk = [(t, s[0][0]) for t, s in zip(*scale, strict=True) if s]
     assert shrunk == [(pytest.approx(ghost.time[-1] + 0.001), pytest.approx(0, abs=1e-4))]
-    assert "Transform3D:scale" not in recorded.moving["/world/measured/trunk"]
+    assert "Transform3D:scale" not in hop_recording.moving["/world/measured/trunk"]
 
 
-def test_plots_show_the_columns_of_both_robots(recorded, hop, ghost):
-    seconds, curves = recorded.moving["/base/z"]["Scalars:scalars"]
+def test_plots_show_the_columns_of_both_robots(hop_recording, hop, ghost):
+    seconds, curves = hop_recording.moving["/base/z"]["Scalars:scalars"]
     rows = np.round(seconds * 1000).astype(int)
     assert seconds[-1] == pytest.approx(hop.time[-1])
-    assert recorded.static["/base/z"]["SeriesLines:names"] == ["measured", "nominal simulation"]
+    assert hop_recording.static["/base/z"]["SeriesLines:names"] == ["measured", "nominal simulation"]
     both = np.array(curves, dtype=float)
     np.testing.assert_allclose(both[:, 0], hop["base_pos_z"][rows], rtol=1e-6)
     has = rows < len(ghost)
@@ -89,50 +89,50 @@ def test_plots_show_the_columns_of_both_robots(recorded, hop, ghost):
     assert np.isnan(both[~has, 1]).all()
 
 
-def test_residual_is_simulation_minus_measured(recorded, hop, ghost):
+def test_residual_is_simulation_minus_measured(hop_recording, hop, ghost):
     row = round(AT_S * 1000)
     expected = ghost["base_pos_x"][row] - hop["base_pos_x"][row]
     assert expected < 0
-    assert recorded.at("/residual/x", "Scalars:scalars", AT_S)[0] == pytest.approx(expected, rel=1e-5)
+    assert hop_recording.at("/residual/x", "Scalars:scalars", AT_S)[0] == pytest.approx(expected, rel=1e-5)
 
 
-def test_torque_is_feed_forward_and_joint_pd(recorded, hop):
+def test_torque_is_feed_forward_and_joint_pd(hop_recording, hop):
     row, joint = 550, "RL_calf"  # after the gains changed from 100 to 50
     by_hand = (
         hop[f"cmd_tau/{joint}"][row]
         + 50.0 * (CROUCH[2] - hop[f"joint_pos/{joint}"][row])
         - 2.0 * hop[f"joint_vel/{joint}"][row]
     )
-    shown = recorded.at(f"/joints/RL/{joint}/torque", "Scalars:scalars", 0.55)[0]
+    shown = hop_recording.at(f"/joints/RL/{joint}/torque", "Scalars:scalars", 0.55)[0]
     assert shown == pytest.approx(by_hand, rel=1e-5)
 
 
-def test_phases_and_gain_change_are_marked(recorded):
-    seconds, states = recorded.moving["/phases/planned"]["StateChange:state"]
+def test_phases_and_gain_change_are_marked(hop_recording):
+    seconds, states = hop_recording.moving["/phases/planned"]["StateChange:state"]
     np.testing.assert_allclose(seconds, [0.0, 0.1, 0.2])
     assert [state[0] for state in states] == ["all feet", "rear feet", "flight"]
-    seconds, states = recorded.moving["/phases/switch_front"]["StateChange:state"]
+    seconds, states = hop_recording.moving["/phases/switch_front"]["StateChange:state"]
     np.testing.assert_allclose(seconds, [0.0, 0.2])
     assert [state[0] for state in states] == ["contact", "air"]
-    seconds, texts = recorded.moving["/events"]["TextLog:text"]
+    seconds, texts = hop_recording.moving["/events"]["TextLog:text"]
     assert dict(zip([t[0] for t in texts], seconds, strict=True))["joint gains change"] == pytest.approx(0.5)
 
 
-def test_forces_are_arrows_at_the_feet_while_they_push(recorded, robot, hop):
+def test_forces_are_arrows_at_the_feet_while_they_push(hop_recording, robot, hop):
     entity = "/world/measured/mpc_force"
-    vectors = recorded.at(entity, "Arrows3D:vectors", 0.05)
+    vectors = hop_recording.at(entity, "Arrows3D:vectors", 0.05)
     np.testing.assert_allclose(vectors, [[0.005, 0, 0.06], [0.007, 0, 0.08]], atol=1e-6)  # 1 N is 1 mm
     data = kinematics(robot, hop, 0.05)
     rear = (data.geom("RR").xpos + data.geom("RL").xpos) / 2
-    np.testing.assert_allclose(recorded.at(entity, "Arrows3D:origins", 0.05)[1], rear, atol=1e-6)
-    assert len(recorded.at(entity, "Arrows3D:vectors", 0.15)) == 1  # rear contact: front feet do not push
-    assert len(recorded.at(entity, "Arrows3D:vectors", AT_S)) == 0
+    np.testing.assert_allclose(hop_recording.at(entity, "Arrows3D:origins", 0.05)[1], rear, atol=1e-6)
+    assert len(hop_recording.at(entity, "Arrows3D:vectors", 0.15)) == 1  # rear contact: front feet do not push
+    assert len(hop_recording.at(entity, "Arrows3D:vectors", AT_S)) == 0
 
 
-def test_opens_on_a_blueprint_with_its_views(recorded):
-    (blueprint,) = recorded.reader.blueprints()
+def test_opens_on_a_blueprint_with_its_views(hop_recording):
+    (blueprint,) = hop_recording.reader.blueprints()
     words = set()
-    for chunk in recorded.reader.stream(store=blueprint):
+    for chunk in hop_recording.reader.stream(store=blueprint):
         batch = chunk.to_record_batch()
         for name in batch.schema.names:
             if name.endswith(":display_name"):
@@ -143,12 +143,12 @@ def test_opens_on_a_blueprint_with_its_views(recorded):
 def test_a_log_without_base_is_shown_at_rest_and_says_so(tmp_path, robot, base_columns):
     path = tmp_path / "legs.rrd"
     record_jump(path, make_hop(robot, without=base_columns), robot)
-    recorded = Recorded(path)
+    hop_recording = Recorded(path)
     rest = robot.model.key("crouch").qpos[:3]
-    shown = recorded.at("/world/measured/trunk", "Transform3D:translation", AT_S)
+    shown = hop_recording.at("/world/measured/trunk", "Transform3D:translation", AT_S)
     np.testing.assert_allclose(shown[0], rest, atol=1e-6)
-    assert "rest pose: base position; base orientation" in recorded.static["/notes"]["TextDocument:text"][0]
-    assert "/base/x" not in recorded.moving
+    assert "rest pose: base position; base orientation" in hop_recording.static["/notes"]["TextDocument:text"][0]
+    assert "/base/x" not in hop_recording.moving
 
 
 def test_a_fixed_base_robot_is_shown(tmp_path):
@@ -156,11 +156,11 @@ def test_a_fixed_base_robot_is_shown(tmp_path):
     arm = Robot.load(tmp_path / "arm.xml")
     jump = make_hop(arm, without=("base_", "mpc_force"))
     record_jump(tmp_path / "arm.rrd", jump, arm)
-    recorded = Recorded(tmp_path / "arm.rrd")
+    hop_recording = Recorded(tmp_path / "arm.rrd")
     angle = jump["joint_pos/a_shoulder"][350]
-    elbow = recorded.at("/world/measured/lower", "Transform3D:translation", AT_S)[0]
+    elbow = hop_recording.at("/world/measured/lower", "Transform3D:translation", AT_S)[0]
     np.testing.assert_allclose(elbow, [0.3 * np.cos(angle), 0, -0.3 * np.sin(angle)], atol=1e-6)
-    assert "rest pose" not in recorded.static["/notes"]["TextDocument:text"][0]
+    assert "rest pose" not in hop_recording.static["/notes"]["TextDocument:text"][0]
 
 
 def test_a_log_of_another_robot_is_refused(tmp_path, hop):
@@ -183,8 +183,8 @@ def test_nothing_half_written_remains_when_a_write_fails(tmp_path, robot, hop, m
 
 
 def test_rows_are_thinned_by_time_and_keep_both_ends():
-    np.testing.assert_array_equal(every(np.arange(12) / 1000, 0.005), [0, 5, 10, 11])
-    np.testing.assert_array_equal(every(np.array([0.0, 0.02, 0.04]), 0.005), [0, 1, 2])
+    np.testing.assert_array_equal(rows_at_period(np.arange(12) / 1000, 0.005), [0, 5, 10, 11])
+    np.testing.assert_array_equal(rows_at_period(np.array([0.0, 0.02, 0.04]), 0.005), [0, 1, 2])
 
 
 def test_recordings_do_not_share_a_blueprint(tmp_path):

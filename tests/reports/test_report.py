@@ -1,5 +1,7 @@
 """The page of a diagnosis: what its map calls the legs of a robot, and how its curves are drawn."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -74,3 +76,12 @@ def test_curves_have_a_point_every_4_ms_or_every_row(robot: Robot, rate_hz: int)
     report = SimpleNamespace(median_log=jump.name, answer=())
     figure = overlay(report, [jump], {jump.name: jump}, {})  # type: ignore[arg-type]
     assert all(np.diff(curve.x) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9) for curve in figure.data)
+
+
+@pytest.mark.parametrize("module", ["report", "page"])
+def test_pages_import_plotly_and_jinja_only_when_one_is_written(module: str) -> None:
+    code = (
+        f"import sys, leapgap.reports.{module}; print([m for m in ('plotly', 'jinja2', 'rerun') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"

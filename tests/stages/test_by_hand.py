@@ -27,7 +27,7 @@ def stage(name: str, *arguments: str, cwd: Path = ROOT) -> subprocess.CompletedP
     )
 
 
-def refused(result: subprocess.CompletedProcess, *parts: str) -> None:
+def assert_refused(result: subprocess.CompletedProcess, *parts: str) -> None:
     """Exit code 2 and one message without a traceback."""
     assert result.returncode == 2, result.stderr
     assert "Traceback" not in result.stderr
@@ -89,7 +89,7 @@ def test_no_logs_is_a_stated_result(tmp_path: Path) -> None:
 def test_bad_input_is_told_in_one_message(logs: Path, tmp_path: Path, arguments: tuple, parts: tuple) -> None:
     name = arguments[0]
     filled = [argument.replace("{logs}", str(logs)) for argument in arguments[1:]]
-    refused(stage(name, *filled, f"{name}.out={tmp_path / 'out'}"), *parts)
+    assert_refused(stage(name, *filled, f"{name}.out={tmp_path / 'out'}"), *parts)
     assert not (tmp_path / "out").exists()
 
 
@@ -103,7 +103,7 @@ def test_bad_input_is_told_in_one_message(logs: Path, tmp_path: Path, arguments:
 def test_a_damaged_log_stops_every_stage_that_reads_it(logs: Path, tmp_path: Path, harm, part: str) -> None:
     harm(logs / "jump_1.parquet")
     for name in ("chunk", "diagnose"):
-        refused(stage(name, f"{name}.logs={logs}", f"{name}.out={tmp_path / name}"), "jump_1.parquet", part)
+        assert_refused(stage(name, f"{name}.logs={logs}", f"{name}.out={tmp_path / name}"), "jump_1.parquet", part)
         assert not (tmp_path / name).exists()
 
 
@@ -114,7 +114,7 @@ def test_a_damaged_raw_jump_leaves_the_imported_ones_as_they_were(tmp_path: Path
     assert stage(*arguments).returncode == 0
     before = (out / "jump_03.parquet").read_bytes()
     (tmp_path / "raw" / "3" / "torque.txt").unlink()
-    refused(stage(*arguments), "torque.txt: found no such file")
+    assert_refused(stage(*arguments), "torque.txt: found no such file")
     assert [path.name for path in out.iterdir()] == ["jump_03.parquet"]
     assert (out / "jump_03.parquet").read_bytes() == before
 
@@ -163,5 +163,5 @@ def test_a_corrected_robot_can_be_planned_for_unless_plans_cannot_express_it(tmp
         costs.append(json.loads((tmp_path / name / "references.json").read_text())[0]["cost"])
     assert costs[1] > costs[0] + 1
     result = stage("optimize", f"optimize.robot={tmp_path / 'late'}", f"optimize.out={tmp_path / 'none'}")
-    refused(result, "command_delay at all", "joint_damping")
+    assert_refused(result, "command_delay at all", "joint_damping")
     assert not (tmp_path / "none").exists()

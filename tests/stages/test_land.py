@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from leapgap.atomic_io import read_json
-from tests.stages.test_by_hand import refused, stage
+from tests.stages.test_by_hand import assert_refused, stage
 
 SMALL = (
     "size=tiny",
@@ -22,7 +22,7 @@ def files(out: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def landed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def landing_results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("landed") / "out"
     result = stage("land", *SMALL, f"land.out={out}", "executor=joblib")
     assert result.returncode == 0, result.stderr
@@ -30,43 +30,45 @@ def landed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_figures_table_page_and_logs_say_the_same(landed: Path) -> None:
-    found = read_json(landed / "landing.json")
+def test_figures_table_page_and_logs_say_the_same(landing_results: Path) -> None:
+    found = read_json(landing_results / "landing.json")
     assert set(found["error_cm"]) == {
         f"worn/{method}/{task}" for method in ("joint_pd", "nominal_variable") for task in ("jump_50", "continuous_60")
     }
-    with (landed / "landings.csv").open() as file:
+    with (landing_results / "landings.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 6  # one, and two in a row, a method
     (row,) = [row for row in rows if row["task"] == "jump_50" and row["method"] == "joint_pd"]
     assert float(row["error_cm"]) == found["error_cm"]["worn/joint_pd/jump_50"]
-    page = (landed / "report.html").read_text()
+    page = (landing_results / "report.html").read_text()
     assert "joint PD, 50 cm" in page
     assert f"{float(row['error_cm']):+.2f}" in page
     assert "https://" not in page.split("</script>", 1)[1]  # nothing is fetched from anywhere
-    assert (landed / "runs/worn/joint_pd/jump_50_0.parquet").is_file()
+    assert (landing_results / "runs/worn/joint_pd/jump_50_0.parquet").is_file()
 
 
-def test_a_second_run_goes_on_from_what_is_kept_and_writes_the_same_bytes(landed: Path) -> None:
-    before = files(landed)
-    (landed / "runs/worn/nominal_variable/jump_50_0.json").unlink()
-    old = landed / "runs/old_hardware/joint_pd"
+def test_a_second_run_goes_on_from_what_is_kept_and_writes_the_same_bytes(landing_results: Path) -> None:
+    before = files(landing_results)
+    (landing_results / "runs/worn/nominal_variable/jump_50_0.json").unlink()
+    old = landing_results / "runs/old_hardware/joint_pd"
     old.mkdir(parents=True)
     for ending in ("json", "key"):
-        shutil.copyfile(landed / f"runs/worn/joint_pd/jump_50_0.{ending}", old / f"jump_50_0.{ending}")
-    (landed / "runs/notes.txt").write_text("not written by the stage")
-    result = stage("land", *SMALL, f"land.out={landed}", "executor=local")
+        shutil.copyfile(landing_results / f"runs/worn/joint_pd/jump_50_0.{ending}", old / f"jump_50_0.{ending}")
+    (landing_results / "runs/notes.txt").write_text("not written by the stage")
+    result = stage("land", *SMALL, f"land.out={landing_results}", "executor=local")
     assert result.returncode == 0, result.stderr
     assert [line for line in result.stdout.splitlines() if line.startswith("worn/") and " over " not in line] == [
         line for line in result.stdout.splitlines() if line.startswith("worn/nominal_variable/jump_50_0")
     ]
-    assert (landed / "runs/notes.txt").read_text() == "not written by the stage"
-    (landed / "runs/notes.txt").unlink()
-    assert files(landed) == before
-    assert not (landed / "runs/old_hardware").exists()
+    assert (landing_results / "runs/notes.txt").read_text() == "not written by the stage"
+    (landing_results / "runs/notes.txt").unlink()
+    assert files(landing_results) == before
+    assert not (landing_results / "runs/old_hardware").exists()
 
 
 def test_unknown_hardware_and_methods_are_refused(tmp_path: Path) -> None:
-    refused(stage("land", *SMALL, f"land.out={tmp_path / 'a'}", "land.hardware=[rusty]"), "land.hardware", "rusty")
-    refused(stage("land", *SMALL, f"land.out={tmp_path / 'b'}", "land.methods=[magic]"), "land.methods", "magic")
+    assert_refused(
+        stage("land", *SMALL, f"land.out={tmp_path / 'a'}", "land.hardware=[rusty]"), "land.hardware", "rusty"
+    )
+    assert_refused(stage("land", *SMALL, f"land.out={tmp_path / 'b'}", "land.methods=[magic]"), "land.methods", "magic")
     assert not (tmp_path / "a" / "landing.json").exists()

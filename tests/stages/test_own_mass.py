@@ -15,7 +15,7 @@ GRAVITY = 9.81
 A1_KG = 12.453
 
 
-def doubled(match: re.Match) -> str:
+def double_numbers(match: re.Match) -> str:
     return f'{match[1]}="{" ".join(repr(2 * float(number)) for number in match[2].split())}"'
 
 
@@ -24,7 +24,7 @@ def heavy(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
     """The A1 with every mass and every inertia twice as large."""
     text = robot.path.read_text()
     path = tmp_path_factory.mktemp("heavy") / "heavy.xml"
-    path.write_text(re.sub(r'\b(mass|fullinertia|diaginertia)="([^"]*)"', doubled, text))
+    path.write_text(re.sub(r'\b(mass|fullinertia|diaginertia)="([^"]*)"', double_numbers, text))
     mass = Robot.load(path).model.body_mass.sum()
     assert mass == pytest.approx(2 * robot.model.body_mass.sum())
     assert mass == pytest.approx(2 * A1_KG, abs=0.01)

@@ -13,7 +13,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import lift_out_of_ground
 from leapgap.simulation.replay import Replayer, Rollout
-from leapgap.validation.case import CaseSetup, Withheld, described, restored, withhold, write_case
+from leapgap.validation.case import CaseSetup, WithheldCase, effect_from_json, effect_to_json, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance, NuisanceSizes
 from leapgap.validation.off_table import families
@@ -42,22 +42,27 @@ def case_of(*acting: Effect) -> Case:
 
 
 @pytest.fixture(scope="module")
-def damped(references: list[Log], robot: Robot, world: CaseSetup) -> Withheld:
+def damped_case(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
     return withhold(case_of(effects.effect("joint_damping", damping=0.8)), references, robot, world)
 
 
 @pytest.fixture(scope="module")
-def plain(references: list[Log], robot: Robot, world: CaseSetup) -> Withheld:
+def plain(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
     return withhold(Case("reported", "none", (), seed=5), references, robot, world)
 
 
 def test_metadata_and_commands_are_the_same_bytes_whatever_acts(
-    damped: Withheld, plain: Withheld, references: list[Log], robot: Robot, world: CaseSetup, tmp_path: Path
+    damped_case: WithheldCase,
+    plain: WithheldCase,
+    references: list[Log],
+    robot: Robot,
+    world: CaseSetup,
+    tmp_path: Path,
 ) -> None:
     windy = withhold(case_of(Wind(speed_m_s=9.0)), references, robot, world)
     late = withhold(case_of(effects.effect("sample_period", scale=1.1)), references, robot, world)
     told = []
-    for i, made in enumerate((damped, plain, windy, late)):
+    for i, made in enumerate((damped_case, plain, windy, late)):
         write_case(made, tmp_path / f"logs{i}", tmp_path / f"proof{i}")
         paths = sorted((tmp_path / f"logs{i}").iterdir())
         tables = [pq.read_table(path) for path in paths]
@@ -71,28 +76,30 @@ def test_metadata_and_commands_are_the_same_bytes_whatever_acts(
 
 
 def test_the_same_case_is_the_same_bytes(
-    damped: Withheld, references: list[Log], robot: Robot, world: CaseSetup
+    damped_case: WithheldCase, references: list[Log], robot: Robot, world: CaseSetup
 ) -> None:
     again = withhold(case_of(effects.effect("joint_damping", damping=0.8)), references, robot, world)
-    assert again.truth == damped.truth
-    for one, other in zip(again.logs + again.proof, damped.logs + damped.proof, strict=True):
+    assert again.truth == damped_case.truth
+    for one, other in zip(again.logs + again.proof, damped_case.logs + damped_case.proof, strict=True):
         assert all(np.array_equal(one[c], other[c]) for c in other.columns)
 
 
-def test_truth_says_what_acts_and_how_much_it_shows(damped: Withheld, plain: Withheld) -> None:
-    assert damped.truth["effects"] == [{"name": "joint_damping", "location": "all", "parameters": {"damping": 0.8}}]
-    assert damped.truth["detectable"]
-    assert damped.truth["change"] > 2 * damped.truth["noise_floor"]
-    shares = [place["share"] for place in damped.truth["where"]]
+def test_truth_says_what_acts_and_how_much_it_shows(damped_case: WithheldCase, plain: WithheldCase) -> None:
+    assert damped_case.truth["effects"] == [
+        {"name": "joint_damping", "location": "all", "parameters": {"damping": 0.8}}
+    ]
+    assert damped_case.truth["detectable"]
+    assert damped_case.truth["change"] > 2 * damped_case.truth["noise_floor"]
+    shares = [place["share"] for place in damped_case.truth["where"]]
     assert shares == sorted(shares, reverse=True)
     assert sum(shares) == pytest.approx(1, abs=0.05)
     assert not plain.truth["detectable"]
     assert plain.truth["change"] == 0
 
 
-def test_nuisances_alone_stay_near_the_noise_floor(plain: Withheld, damped: Withheld) -> None:
+def test_nuisances_alone_stay_near_the_noise_floor(plain: WithheldCase, damped_case: WithheldCase) -> None:
     assert plain.truth["gap_nominal"] < 3 * plain.truth["noise_floor"]
-    assert damped.truth["gap_nominal"] > plain.truth["gap_nominal"]
+    assert damped_case.truth["gap_nominal"] > plain.truth["gap_nominal"]
 
 
 def test_cases_cover_every_effect_and_families_are_split(
@@ -111,10 +118,10 @@ def test_cases_cover_every_effect_and_families_are_split(
             for p in effect.parameters(robot, effect.location):
                 assert p.lower <= getattr(effect, p.name) <= p.upper
                 assert getattr(effect, p.name) != p.nominal
-            assert restored(described(effect)) == effect
+            assert effect_from_json(effect_to_json(effect)) == effect
 
 
-def test_no_nameless_effect_is_known_to_the_diagnosis() -> None:
+def test_no_off_table_effect_is_known_to_the_diagnosis() -> None:
     assert len(families()) >= 8
     assert not set(families()) & set(effects.known())
 
@@ -124,8 +131,8 @@ def largest(sizes: dict[str, dict[str, list[float]]], name: str) -> Effect:
 
 
 @pytest.mark.parametrize("name", sorted(families()))
-def test_every_nameless_effect_changes_the_motion(
-    name: str, sizes: dict[str, dict[str, list[float]]], references: list[Log], robot: Robot, plain: Withheld
+def test_every_off_table_effect_changes_the_motion(
+    name: str, sizes: dict[str, dict[str, list[float]]], references: list[Log], robot: Robot, plain: WithheldCase
 ) -> None:
     generator = Generator(robot, terrain_slots=1, step_s=0.0005)
     jump = plain.logs[0].first_rows(1100)
@@ -138,7 +145,7 @@ def test_every_nameless_effect_changes_the_motion(
 
 
 @pytest.mark.parametrize("name", sorted(families()))
-def test_a_nameless_effect_at_nothing_changes_nothing(name: str, robot: Robot) -> None:
+def test_an_off_table_effect_at_nothing_changes_nothing(name: str, robot: Robot) -> None:
     if name == "backlash":
         pytest.skip("gears without play are still elastic")
     generator = Generator(robot, step_s=0.0005)
@@ -147,7 +154,7 @@ def test_a_nameless_effect_at_nothing_changes_nothing(name: str, robot: Robot) -
     assert np.abs(on.qpos - off.qpos).max() < 1e-12
 
 
-def test_generator_is_another_simulation_that_agrees_to_first_order(robot: Robot, plain: Withheld) -> None:
+def test_generator_is_another_simulation_that_agrees_to_first_order(robot: Robot, plain: WithheldCase) -> None:
     jump = plain.logs[0].first_rows(700)
     (fine,) = Generator(robot, terrain_slots=1).motions([Rollout(jump)])
     (coarse,) = Replayer(robot).motions([Rollout(jump)])

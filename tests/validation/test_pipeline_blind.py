@@ -20,7 +20,7 @@ from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, withhold, write_case
 from leapgap.validation.case_draw import Case
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
-from stages.params import composed
+from stages.params import compose_params
 from tests.code import ROOT, closure
 from tests.test_pipeline_files import stages
 
@@ -105,7 +105,7 @@ def case(tmp_path_factory: pytest.TempPathFactory, references: list[Log], robot:
 
 
 def job_of(case: Path) -> Job:
-    settings = diagnosis_settings(OmegaConf.create(composed()), FAST)
+    settings = diagnosis_settings(OmegaConf.create(compose_params()), FAST)
     return Job("case_000", case / "logs/case_000", ROOT / "src/leapgap/robot/a1.xml", settings)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.robot.model import Robot
 from leapgap.validation import scoring
-from leapgap.validation.outcome import CaseOutcome, mirrored, outcome
+from leapgap.validation.outcome import CaseOutcome, merge_sides, outcome
 
 
 def report(verdict: str, answer: list[list[str]], probability: float = 0.9, **changed: Any) -> dict[str, Any]:
@@ -124,8 +124,8 @@ def test_detection_limit_lies_between_missed_and_found() -> None:
 
 def test_left_and_right_legs_are_one_place_when_mirrored(robot: Robot) -> None:
     sides = robot.topology.sides
-    assert mirrored(("flight", "joint_vel/FL_calf"), sides) == ("flight", "joint_vel/FR_calf")
-    assert mirrored(("flight", "joint_vel/RR_calf"), sides) == ("flight", "joint_vel/RR_calf")
+    assert merge_sides(("flight", "joint_vel/FL_calf"), sides) == ("flight", "joint_vel/FR_calf")
+    assert merge_sides(("flight", "joint_vel/RR_calf"), sides) == ("flight", "joint_vel/RR_calf")
 
 
 def test_confusion_puts_what_was_said_first_beside_the_truth(outcomes: list[CaseOutcome]) -> None:

@@ -7,11 +7,11 @@ import pytest
 
 from leapgap.atomic_io import sha256, write_json
 from leapgap.errors import InputError
-from leapgap.validation.seal import SEALS, opened, seal
+from leapgap.validation.seal import SEALS, open_truth, seal
 
 
 @pytest.fixture
-def sealed(tmp_path: Path) -> Path:
+def sealed_folder(tmp_path: Path) -> Path:
     for folder in ("logs/case_000", "truth/case_000"):
         (tmp_path / folder).mkdir(parents=True)
         (tmp_path / folder / "jump_0.parquet").write_bytes(b"jump")
@@ -27,22 +27,22 @@ def sealed(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_an_untouched_truth_opens(sealed: Path) -> None:
-    assert opened(sealed / "truth", sealed / "logs", "case_000")["effects"][0]["name"] == "payload"
+def test_an_untouched_truth_opens(sealed_folder: Path) -> None:
+    assert open_truth(sealed_folder / "truth", sealed_folder / "logs", "case_000")["effects"][0]["name"] == "payload"
 
 
-def test_a_changed_truth_is_refused(sealed: Path) -> None:
-    path = sealed / "truth/case_000.json"
+def test_a_changed_truth_is_refused(sealed_folder: Path) -> None:
+    path = sealed_folder / "truth/case_000.json"
     path.write_text(path.read_text().replace("1.0", "1.5"))
     with pytest.raises(InputError, match="changed after it was sealed"):
-        opened(sealed / "truth", sealed / "logs", "case_000")
+        open_truth(sealed_folder / "truth", sealed_folder / "logs", "case_000")
 
 
 @pytest.mark.parametrize("side", ["logs", "truth"])
-def test_a_changed_jump_is_refused(sealed: Path, side: str) -> None:
-    (sealed / side / "case_000" / "jump_0.parquet").write_bytes(b"another")
+def test_a_changed_jump_is_refused(sealed_folder: Path, side: str) -> None:
+    (sealed_folder / side / "case_000" / "jump_0.parquet").write_bytes(b"another")
     with pytest.raises(InputError, match=r"jump_0\.parquet"):
-        opened(sealed / "truth", sealed / "logs", "case_000")
+        open_truth(sealed_folder / "truth", sealed_folder / "logs", "case_000")
 
 
 def test_a_seal_needs_its_salt_and_depends_on_it() -> None:

@@ -12,14 +12,14 @@ from leapgap.robot.visuals import Poses, body_poses
 
 PIXELS_PER_M = 190
 AROUND_M = 0.42
-"""Half the width of a picture, about the base."""
+"""Half the width of a picture, centred on the base."""
 BELOW_M, ABOVE_M = 0.06, 0.3
-"""Below the floor; above the highest point of the base."""
+"""Margins of a picture: below the floor, and above the highest point of the base."""
 COLOURS = {"front": "#2563c9", "rear": "#e2542f", "base": "#111827", "ground": "#e3e7ee"}
 
 
 def moments(jump: Log) -> dict[str, int]:
-    """Row of each picture; the apex is the highest point of the base."""
+    """Row of the log that each picture shows; the apex is the highest point of the base."""
     last = len(jump) - 1
     lift_off = min(int(np.searchsorted(jump.time, jump.info.schedule.take_off_s)), last)
     landing = min(int(np.searchsorted(jump.time, jump.info.schedule.landing_s)), last)
@@ -32,7 +32,7 @@ def moments(jump: Log) -> dict[str, int]:
 
 
 def keyframes(jump: Log, robot: Robot) -> str:
-    """The four pictures side by side; blue the front legs, red the rear ones, dotted the way of the base."""
+    """The four pictures side by side as SVG: front legs blue, rear legs red, path of the base dotted."""
     top = float(jump["base_pos_z"].max()) + ABOVE_M
     width, height = 2 * AROUND_M * PIXELS_PER_M, (top + BELOW_M) * PIXELS_PER_M
     rows = moments(jump)
@@ -56,14 +56,14 @@ def keyframes(jump: Log, robot: Robot) -> str:
 
 
 def scene(jump: Log, robot: Robot, poses: Poses, picture: int, centre: float) -> str:
-    """Ground, way of the base, legs and trunk in one picture; pixels, y downwards."""
-    parts = [ground(jump.info.terrain, centre), way(jump, centre)]
+    """SVG of ground, path of the base, legs and trunk in one picture, in pixels with y downwards."""
+    parts = [ground(jump.info.terrain, centre), base_path(jump, centre)]
     parts += [leg(robot, poses, picture, foot) for foot in range(len(robot.feet))]
     return "".join([*parts, trunk(robot, poses, picture)])
 
 
 def ground(terrain: Sequence[Box], centre: float) -> str:
-    """The floor, and what stands on it."""
+    """SVG of the floor and of the terrain boxes on it."""
     edges = [(centre - 2 * AROUND_M, centre + 2 * AROUND_M, 0.0)]
     edges += [(box.x_m - box.size_m[0] / 2, box.x_m + box.size_m[0] / 2, box.top_m) for box in terrain]
     return "".join(
@@ -74,8 +74,8 @@ def ground(terrain: Sequence[Box], centre: float) -> str:
     )
 
 
-def way(jump: Log, centre: float) -> str:
-    """The base over the whole jump."""
+def base_path(jump: Log, centre: float) -> str:
+    """SVG of the path of the base near the picture's centre."""
     rows = np.unique(np.linspace(0, len(jump) - 1, 60).astype(int))
     points = np.stack([jump["base_pos_x"][rows], jump["base_pos_z"][rows]], axis=1)
     near = points[np.abs(points[:, 0] - centre) < AROUND_M]
@@ -83,7 +83,7 @@ def way(jump: Log, centre: float) -> str:
 
 
 def leg(robot: Robot, poses: Poses, picture: int, foot: int) -> str:
-    """From the trunk over the joints to the foot."""
+    """SVG of one leg: a line from the trunk over its joints to the foot."""
     geom = robot.foot_geoms[foot]
     chain, body = [poses.feet[picture, foot]], robot.model.geom_bodyid[geom]
     while body not in (0, robot.base_body):
@@ -100,7 +100,7 @@ def leg(robot: Robot, poses: Poses, picture: int, foot: int) -> str:
 
 
 def trunk(robot: Robot, poses: Poses, picture: int) -> str:
-    """From the rear hips to the front ones."""
+    """SVG of the trunk: a line from the rear hips to the front hips."""
     base = robot.base_body
     hips = np.array([i for i in range(base + 1, robot.model.nbody) if robot.model.body_parentid[i] == base])
     along = poses.positions[picture, hips - base][:, [0, 2]]
@@ -109,5 +109,5 @@ def trunk(robot: Robot, poses: Poses, picture: int) -> str:
 
 
 def pixels(points: np.ndarray) -> str:
-    """Metres (n, 2), x forward and z up, as SVG wants them."""
+    """Points in m, (n, 2), x forward and z up, as an SVG list of points in pixels."""
     return " ".join(f"{PIXELS_PER_M * x:.1f},{-PIXELS_PER_M * z:.1f}" for x, z in points)

@@ -1,4 +1,4 @@
-"""What a recording opens on: blueprints."""
+"""Blueprints: the views that a recording opens with."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from leapgap.reports.scene import WORLD, extent
 from leapgap.reports.shown_robot import ShownRobot
 
 PLAYBACK_SPEED = 0.25
-"""A jump takes 1.2 s: shown four times slower."""
+"""Of real time, since a jump takes only 1.2 s."""
 BACKGROUND = (44, 48, 56)
 POSE = ("x", "z", "pitch")
 
@@ -39,11 +39,11 @@ def jump_blueprint(actors: Sequence[ShownRobot], extra_lanes: int = 0) -> rrb.Bl
             name="Notes",
         )
     )
-    return finished(rrb.Tabs(*tabs, active_tab=0))
+    return add_panels(rrb.Tabs(*tabs, active_tab=0))
 
 
-def finished(root: rrb.Container) -> rrb.Blueprint:
-    """The blueprint around the views: no side panels, the time in seconds at the bottom."""
+def add_panels(root: rrb.Container) -> rrb.Blueprint:
+    """Complete a blueprint: collapsed side panels, and the time in seconds at the bottom."""
     return rrb.Blueprint(
         root,
         rrb.TimePanel(
@@ -87,13 +87,13 @@ def scene_view(actors: Sequence[ShownRobot]) -> rrb.View:
 
 
 def plot(origin: str, name: str, legend: bool = False) -> rrb.View:
-    """Curves over the whole jump; a legend only where it is asked for: it covers what lies beneath."""
+    """View of curves over the whole jump; the legend is optional, since it covers part of the curves."""
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
     return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner)
 
 
 def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
-    """The base's pose beside its residual, velocities in a second tab; without ghosts all on one page."""
+    """Plots of the base: pose beside its residual, velocities in a second tab; without ghosts, all on one page."""
     main = actors[0]
     shown = [part for part in COMPONENTS if any(part in components(actor.jump) for actor in actors)]
     if not shown:

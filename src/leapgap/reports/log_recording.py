@@ -10,8 +10,8 @@ from leapgap.logs.log import Log
 from leapgap.reports.layout import jump_blueprint
 from leapgap.reports.plots import NO_SUBSTITUTES, log_base, log_ground_forces, log_joints, log_phases
 from leapgap.reports.recorder import Recorder, recording
-from leapgap.reports.scene import FORCES, METRES_PER_NEWTON, log_scene, vanish
-from leapgap.reports.shown_robot import ShownRobot, cast
+from leapgap.reports.scene import FORCES, METRES_PER_NEWTON, hide_robot, log_scene
+from leapgap.reports.shown_robot import ShownRobot, shown_robots
 from leapgap.robot.model import Robot
 
 NONE: Mapping[str, Log] = MappingProxyType({})
@@ -32,16 +32,16 @@ def record_jump(
     ``ghosts`` are other versions of the same jump by the name they are shown under, for instance
     ``{"nominal simulation": …, "corrected simulation": …}``: same robot and clock, maybe fewer rows, measured
     columns only. ``label`` names the jump itself in legends: measured, simulated, reference. ``says``
-    is put in front of its notes. ``substitutes``: when, s, and why the controller of a robot, by its label,
-    sent something else than it stands for; each such robot has a lane of its own and lines among the events.
+    is put in front of its notes. ``substitutes``: for each robot, by its label, times in s and reasons of fallback
+    commands of its controller; each such robot gets a lane of its own and lines among the events.
     """
-    actors = cast(label, jump, ghosts, robot)
+    actors = shown_robots(label, jump, ghosts, robot)
     with recording(path, title or jump.name, jump_blueprint(actors, extra_lanes=len(substitutes))) as to:
         log_scene(to, actors)
         end = max(actor.jump.time[-1] for actor in actors)
         for actor in actors:
             if actor.jump.time[-1] < end:
-                vanish(to, actor, after_s=float(actor.jump.time[-1] + actor.jump.info.sample_period_s))
+                hide_robot(to, actor, after_s=float(actor.jump.time[-1] + actor.jump.info.sample_period_s))
         log_base(to, actors)
         log_joints(to, actors)
         log_ground_forces(to, actors[0])
@@ -50,12 +50,12 @@ def record_jump(
 
 
 def log_notes(to: Recorder, actors: Sequence[ShownRobot], title: str, says: str = "") -> None:
-    """What is shown, where it comes from, and what the logs did not say."""
+    """Log the notes: what is shown, its source, and which state was not logged."""
     to.static("notes", rr.TextDocument(notes(actors, title, says), media_type=rr.MediaType.MARKDOWN))
 
 
 def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
-    """The notes as Markdown."""
+    """Notes on a recording as Markdown: task, robots and their sources, terrain, arrows."""
     info = actors[0].jump.info
     lines = [
         f"# {title}",
@@ -72,8 +72,8 @@ def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
             f"- **{actor.label}** ({role}): {actor.jump.info.source}, {len(actor.jump)} rows to "
             f"{actor.jump.time[-1]:g} s"
         )
-        if actor.assumed:
-            lines.append(f"  - not logged, shown in the model's rest pose: {'; '.join(actor.assumed)}")
+        if actor.unlogged_state:
+            lines.append(f"  - not logged, shown in the model's rest pose: {'; '.join(actor.unlogged_state)}")
     for box in info.terrain:
         height = "estimated" if box.estimated else "stated"
         lines.append(f"- box on the floor at x = {box.x_m:g} m, top at {box.top_m:g} m ({height})")
@@ -86,6 +86,6 @@ def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
 
 
 GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}
-"""Subfolders of a folder of replays, and what the ghosts are called."""
+"""Subfolder of a folder of replays → label of its ghost."""
 DIAGNOSED = "diagnosis.json"
-"""File of a folder of replays: ``log``, which one shows the diagnosis, and ``sentence``, what it says."""
+"""File of a folder of replays: ``log`` names the jump that shows the diagnosis, ``sentence`` is its conclusion."""

@@ -1,15 +1,22 @@
-"""What all HTML pages share: self-contained, no network, the same input gives the same bytes."""
+"""Rendering of the HTML pages: self-contained, without network; equal input gives equal bytes.
+
+Plotly and Jinja2 are imported where a page is written, so that ``import leapgap`` stays fast.
+"""
+
+from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jinja2
-import plotly.graph_objects as go
-import plotly.offline
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 
-def rendered(template: Path, figures: dict[str, go.Figure], **values: Any) -> str:
-    """A page made from a template file, with its figures and Plotly inside."""
+def render_page(template: Path, figures: dict[str, go.Figure], **values: Any) -> str:
+    """Render a template file with figures, by name, and the Plotly script inside."""
+    import jinja2
+    import plotly.offline
+
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template.parent),
         autoescape=True,
@@ -18,13 +25,13 @@ def rendered(template: Path, figures: dict[str, go.Figure], **values: Any) -> st
     )
     return environment.get_template(template.name).render(
         plotly=plotly.offline.get_plotlyjs(),
-        figures={name: embedded(figure, name) for name, figure in figures.items()},
+        figures={name: embed_figure(figure, name) for name, figure in figures.items()},
         **values,
     )
 
 
-def embedded(figure: go.Figure, name: str) -> str:
-    """A figure as a fragment of the page, under a fixed name so that bytes repeat."""
+def embed_figure(figure: go.Figure, name: str) -> str:
+    """HTML fragment of a figure; the fixed name makes its bytes repeatable."""
     figure.update_layout(
         template="plotly_white",
         font={"family": "system-ui, sans-serif", "size": 13},

@@ -10,13 +10,13 @@ import rerun as rr
 from leapgap.logs import state
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.reports.recorder import Recorder, every
+from leapgap.reports.recorder import Recorder, rows_at_period
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.topology import PAIRS
 
 BASE_PERIOD_S = 0.002
 JOINT_PERIOD_S = 0.005
-"""Plots have up to 500 Hz for the base, 200 Hz for joints and forces: about a pixel of a plot on a screen."""
+"""Sample periods of the plots: 500 Hz for the base, 200 Hz for joints and forces, about one sample per pixel."""
 COMMAND_COLOUR: Colour = (150, 150, 150)
 FORCE_COLOURS: dict[str, Colour] = {
     "mpc_force": (240, 70, 70),
@@ -30,9 +30,9 @@ PHASE_COLOURS = {
     "flight": (150, 110, 230),
     "landed": (120, 126, 136),
 }
-SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "as it should": (70, 74, 84)}
+SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "regular": (70, 74, 84)}
 HELD_S = 0.025
-"""From one update of a controller to the next."""
+"""Period between two updates of a controller, for which a substitute command is held."""
 NO_SUBSTITUTES: Mapping[str, Sequence[tuple[float, str]]] = MappingProxyType({})
 CONTACT_COLOURS = {"contact": (46, 160, 100), "air": (70, 74, 84)}
 
@@ -45,7 +45,7 @@ class Component:
     name: str
     unit: str
     needs: str
-    """The column without which a log does not have it."""
+    """Column that a log must have for it."""
     of: Callable[[Log], np.ndarray]
 
     @property
@@ -65,7 +65,7 @@ COMPONENTS = (
 
 
 def components(jump: Log) -> tuple[Component, ...]:
-    """Components of the base that a log has."""
+    """The components of the base motion that a log has."""
     return tuple(component for component in COMPONENTS if component.needs in jump)
 
 
@@ -79,7 +79,7 @@ class Curve:
 
 
 def log_plot(to: Recorder, entity: str, time_s: np.ndarray, curves: Sequence[Curve], width: float = 1.6) -> None:
-    """Curves that share their times, as one entity: times and names are stored once for all of them."""
+    """Log curves that share their times as one entity, so that times and names are stored once."""
     if not curves:
         return
     names, colours = [curve.name for curve in curves], [curve.colour for curve in curves]
@@ -90,7 +90,7 @@ def log_plot(to: Recorder, entity: str, time_s: np.ndarray, curves: Sequence[Cur
 
 
 def single_precision(values: np.ndarray) -> np.ndarray:
-    """Values cut to 24 bits: Rerun stores plots in 64, and zeros at the end compress."""
+    """Values rounded to single precision in double precision: Rerun stores doubles, and trailing zero bits compress."""
     return values.astype(np.float32).astype(np.float64)
 
 
@@ -100,9 +100,9 @@ def on_clock(time_s: np.ndarray, jump: Log, values: np.ndarray) -> np.ndarray:
 
 
 def log_base(to: Recorder, actors: Sequence[ShownRobot]) -> None:
-    """Six components of every robot's base, and ghost − main where both have them."""
+    """Log six components of every robot's base, and the residual ghost − main where both have them."""
     main = actors[0]
-    time = main.jump.time[every(main.jump.time, BASE_PERIOD_S)]
+    time = main.jump.time[rows_at_period(main.jump.time, BASE_PERIOD_S)]
     for part in COMPONENTS:
         has = [actor for actor in actors if part in components(actor.jump)]
         curves = [Curve(a.label, a.colour, on_clock(time, a.jump, part.of(a.jump))) for a in has]
@@ -116,9 +116,9 @@ def log_base(to: Recorder, actors: Sequence[ShownRobot]) -> None:
 
 
 def log_joints(to: Recorder, actors: Sequence[ShownRobot]) -> None:
-    """Position and velocity of every joint, measured and commanded, and the commanded motor torque."""
+    """Log position and velocity of every joint, measured and commanded, and the motor torque."""
     main = actors[0]
-    rows = every(main.jump.time, JOINT_PERIOD_S)
+    rows = rows_at_period(main.jump.time, JOINT_PERIOD_S)
     time = main.jump.time[rows]
     for joint in main.robot.joints:
         entity = f"joints/{main.robot.limb_of(joint)}/{joint}"
@@ -145,9 +145,9 @@ def commanded_torque(jump: Log, joint: str) -> np.ndarray | None:
 
 
 def log_ground_forces(to: Recorder, actor: ShownRobot) -> None:
-    """Forces of the pairs on the robot, N, from each source that the log has; foot sensors as logged."""
+    """Log the forces of the pairs on the robot, N, of each source that the log has; foot sensors as logged."""
     jump = actor.jump
-    rows = every(jump.time, JOINT_PERIOD_S)
+    rows = rows_at_period(jump.time, JOINT_PERIOD_S)
     sources = [source for source in FORCE_COLOURS if has_pair_force(jump, source)]
     for axis in PAIR_FORCE_AXES:
         curves = [Curve(s, FORCE_COLOURS[s], jump[f"{s}/{axis}"][rows]) for s in sources]
@@ -165,9 +165,9 @@ def has_pair_force(jump: Log, source: str) -> bool:
 def log_phases(
     to: Recorder, actor: ShownRobot, substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES
 ) -> None:
-    """Planned phases, measured contacts of the pairs and substitutes as lanes, and what happens when as a log.
+    """Log planned phases, measured contacts of the pairs and fallback commands as lanes, and events as text.
 
-    ``substitutes``: when, s, and why a controller, by its robot's label, sent something else than it stands for.
+    ``substitutes``: for each controller, by its robot's label, times in s and reasons of its fallback commands.
     """
     jump, schedule = actor.jump, actor.jump.info.schedule
     starts = np.array([0.0, schedule.front_lift_off_s, schedule.take_off_s, schedule.landing_s])
@@ -196,21 +196,21 @@ def log_phases(
 
 
 def log_substitutes(to: Recorder, label: str, times_s: Sequence[float]) -> None:
-    """A lane that says when a controller sent a substitute; each is held until its next update."""
-    changes = {0.0: "as it should", **{time_s + HELD_S: "as it should" for time_s in times_s}}
+    """Log a lane of the fallback commands of a controller; each is held until the next update."""
+    changes = {0.0: "regular", **{time_s + HELD_S: "regular" for time_s in times_s}}
     changes |= dict.fromkeys(times_s, "substitute")
     at = sorted(changes)
     log_lane(to, f"phases/{label}", np.array(at), [changes[time_s] for time_s in at], SUBSTITUTE_COLOURS)
 
 
 def switched_pairs(actor: ShownRobot) -> tuple[str, ...]:
-    """Pairs of feet whose contact the log has."""
+    """Pairs of feet whose measured contacts the log has."""
     feet_of = {pair: actor.robot.feet_of_pair(pair) for pair in PAIRS}
     return tuple(p for p, feet in feet_of.items() if feet and all(f"contact/{f}" in actor.jump for f in feet))
 
 
 def log_lane(to: Recorder, entity: str, times: np.ndarray, states: Sequence[str], colours: dict[str, Colour]) -> None:
-    """One lane of the state timeline: the state that holds from each time on."""
+    """Log one lane of the state timeline: the state from each time on."""
     to.static(
         entity,
         rr.StateConfiguration(values=list(colours), labels=list(colours), colors=list(colours.values())),

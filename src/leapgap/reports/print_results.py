@@ -1,4 +1,4 @@
-"""Tell where the results are, and how to look at them; the last line of `make run`."""
+"""Print where the results are and how to open them; the last step of `make run`."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ REPORTS = Path("data/reports")
 
 
 def main() -> None:
-    """Name the report that matters most, the others, and the recordings."""
+    """Print the paths of the main report, of the simulated one, and of the recordings."""
     real, simulated = REPORTS / "real" / "report.html", REPORTS / "damped" / "report.html"
     if not real.exists():
         print("data/raw holds no logs of a real robot: this is the report of simulated hardware.")

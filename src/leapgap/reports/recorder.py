@@ -14,7 +14,7 @@ TIMELINE = "time"
 
 
 class Recorder:
-    """One open recording; every entity is either static or a set of columns over ``TIMELINE``."""
+    """An open recording; every entity is either static or a set of columns over ``TIMELINE``."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self.stream = stream
@@ -24,7 +24,7 @@ class Recorder:
         self.stream.log(entity, *what, static=True)
 
     def over_time(self, entity: str, time_s: np.ndarray, *columns: Iterable[rr.ComponentColumn]) -> None:
-        """Log a row for each time, s, in one piece."""
+        """Log one row for each time, s, of an entity in a single call."""
         flat = [column for some in columns for column in some]
         self.stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time_s)], flat)
 
@@ -47,8 +47,8 @@ def recording(path: Path, title: str, blueprint: rrb.Blueprint) -> Iterator[Reco
             stream.disconnect()
 
 
-def every(time_s: np.ndarray, period_s: float) -> np.ndarray:
-    """Indices of about one row each ``period_s``, the first and the last always among them."""
+def rows_at_period(time_s: np.ndarray, period_s: float) -> np.ndarray:
+    """Indices of about one row per ``period_s``, always with the first and the last row."""
     tick = np.floor((time_s - time_s[0]) / period_s + 1e-6).astype(int)
     keep = np.flatnonzero(np.diff(tick, prepend=-1) > 0)
     return np.union1d(keep, [len(time_s) - 1])

@@ -1,17 +1,25 @@
-"""The report as one HTML page for a person: self-contained, interactive, no network."""
+"""The report of a diagnosis as one HTML page: self-contained, interactive, without network.
+
+Plotly is imported where a figure is drawn, so that ``import leapgap`` stays fast.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import plotly.graph_objects as go
 
 from leapgap.diagnosis.channels import HEADLINE, is_logged, logged_values
 from leapgap.diagnosis.localisation import PHASES
 from leapgap.diagnosis.report import ReportContent
 from leapgap.logs.log import Log
-from leapgap.reports.page import rendered
+from leapgap.reports.page import render_page
 from leapgap.robot.model import Robot
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
 GREY = "#8a93a3"
@@ -25,15 +33,15 @@ LABELS = {
 }
 UNITS = dict(zip(HEADLINE, ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True))
 HALF_OF_CHI2_95 = 1.92
-"""Log likelihood that a number may lose within its 95 % interval, were there nothing but noise."""
+"""Loss of log likelihood at the end of a parameter's 95 % interval, for errors that are noise alone."""
 SHOWN_EVERY_S = 0.004
-"""A point is drawn so often: the page stays small and the curves smooth."""
+"""Interval between drawn points: the page stays small and the curves look smooth."""
 
 
 def html(
     report: ReportContent, jumps: Sequence[Log], robot: Robot, nominal: Mapping[str, Log], corrected: Mapping[str, Log]
 ) -> str:
-    """The whole page; the same report gives the same bytes."""
+    """The page as HTML text; equal reports give equal bytes."""
     figures = {
         "map": gap_map(report, robot),
         "overlay": overlay(report, jumps, nominal, corrected),
@@ -41,7 +49,7 @@ def html(
         "profiles": profiles(report),
         "logs": gap_per_log(report),
     }
-    return rendered(
+    return render_page(
         Path(__file__).with_name("report.html"),
         figures,
         report=report,
@@ -54,6 +62,8 @@ def html(
 
 def gap_map(report: ReportContent, robot: Robot) -> go.Figure:
     """Share of the squared gap by phase and channel; joints summed over the legs of a pair."""
+    import plotly.graph_objects as go
+
     rows: dict[str, np.ndarray] = {}
     for place in report.where:
         rows.setdefault(row_of(place.channel, robot), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
@@ -85,9 +95,10 @@ def gap_map(report: ReportContent, robot: Robot) -> go.Figure:
 
 
 def row_of(channel: str, robot: Robot) -> str:
-    """Row of the map: a base channel by its plain name, a joint's by the pair of its leg, joint group and quantity.
+    """Label of a channel's row in the map, such as ``forward x`` or ``rear calf velocity``.
 
-    A robot whose legs are not two pairs keeps the names of its limbs.
+    A joint channel is named by the pair of its leg, its joint group and its quantity. Where the legs are not two pairs,
+    the name of the limb stands in place of the pair.
     """
     if channel in LABELS:
         return LABELS[channel]
@@ -105,6 +116,7 @@ def overlay(
     report: ReportContent, jumps: Sequence[Log], nominal: Mapping[str, Log], corrected: Mapping[str, Log]
 ) -> go.Figure:
     """Log, nominal and corrected replay of one jump after another, chosen from a list."""
+    import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     channels = [name for name in HEADLINE if all(is_logged(jump, name) for jump in jumps)]
@@ -170,7 +182,9 @@ def overlay(
 
 
 def closures(report: ReportContent) -> go.Figure:
-    """How much of the gap each hypothesis closes on held-out jumps, alone or on top of what is believed."""
+    """Share of the gap that each hypothesis closes on held-out jumps, with 95 % intervals; selected effects blue."""
+    import plotly.graph_objects as go
+
     causes = sorted(report.causes, key=lambda cause: cause.closure.value)
     selected = {name for names in report.answer for name in names[:1]}
     value = 100 * np.array([cause.closure.value for cause in causes])
@@ -197,7 +211,8 @@ def closures(report: ReportContent) -> go.Figure:
 
 
 def profiles(report: ReportContent) -> go.Figure:
-    """The loss over each hypothesis's own number: a narrow valley is a number the data know."""
+    """Profile likelihood of each hypothesis's parameter: a narrow minimum means that the data determine it well."""
+    import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     columns = 3
@@ -231,7 +246,9 @@ def profiles(report: ReportContent) -> go.Figure:
 
 
 def gap_per_log(report: ReportContent) -> go.Figure:
-    """The headline gap of each log, before and after."""
+    """The headline gap of each log, of the nominal and of the corrected simulation."""
+    import plotly.graph_objects as go
+
     names = list(report.gap_per_log)
     figure = go.Figure()
     shown = [("nominal", "nominal", NOMINAL), ("corrected", "corrected, not fitted on this jump", CORRECTED)]

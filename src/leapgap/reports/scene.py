@@ -1,4 +1,4 @@
-"""The 3-D scene: floor, terrain and target, robots that move, the ways they took, and forces at the feet."""
+"""The 3-D scene: floor, terrain and target, moving robots, their paths, and forces at the feet."""
 
 from collections.abc import Sequence
 
@@ -26,13 +26,13 @@ GHOST_ALPHA = 70
 
 
 def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
-    """Everything in 3-D for a set of robots; floor, terrain, target and forces are those of the first."""
+    """Log everything in 3-D for a set of robots; floor, terrain, target and forces are those of the first."""
     main = actors[0]
     to.static(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     log_ground(to, actors)
     for actor in actors:
         log_robot(to, actor)
-        log_ways(to, actor)
+        log_paths(to, actor)
     log_forces(to, main)
     log_contacts(to, main)
 
@@ -47,7 +47,7 @@ def extent(actors: Sequence[ShownRobot]) -> np.ndarray:
 
 
 def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
-    """A floor with a line every 10 cm, the terrain of the first log, and a bar where it was to land."""
+    """Log a floor with a line every 10 cm, the terrain of the first log, and a bar at its target."""
     jump = actors[0].jump
     (left, right), (far, near) = extent(actors)[:, 0], extent(actors)[:, 1]
     target_at = target_place(actors[0])
@@ -83,7 +83,7 @@ def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
 
 
 def target_place(actor: ShownRobot) -> np.ndarray | None:
-    """Where the base was to come down, on the surface there, m, (3,); None without a base."""
+    """Target of the base on the surface there, m, (3,); None where the log has no base."""
     jump, target = actor.jump, actor.jump.info.target
     if not {"base_pos_x", "base_quat_w"} <= set(jump.columns):
         return None
@@ -92,7 +92,7 @@ def target_place(actor: ShownRobot) -> np.ndarray | None:
 
 
 def log_terrain(to: Recorder, boxes: Sequence[Box]) -> None:
-    """The blocks on the floor; a block whose height is an estimate is labelled so."""
+    """Log the blocks on the floor; the label tells whether the height is an estimate."""
     if not boxes:
         return
     to.static(
@@ -109,7 +109,7 @@ def log_terrain(to: Recorder, boxes: Sequence[Box]) -> None:
 
 
 def log_robot(to: Recorder, actor: ShownRobot) -> None:
-    """Shapes of every body once, its world poses as one set of columns.
+    """Log the shapes of every body once, and its poses in the world as one set of columns.
 
     After its last row a ghost that ends before the others shrinks to nothing instead of hanging in the air.
     """
@@ -130,8 +130,8 @@ def log_robot(to: Recorder, actor: ShownRobot) -> None:
         log_shapes(to, entity, by_body.get(body, []), actor)
 
 
-def vanish(to: Recorder, actor: ShownRobot, after_s: float) -> None:
-    """Hide a robot from a time on: Rerun refuses a scale of zero, a hundredth of a millimetre is not seen."""
+def hide_robot(to: Recorder, actor: ShownRobot, after_s: float) -> None:
+    """Hide a robot from a time on by a scale of 1e-5, which is invisible; Rerun refuses a scale of zero."""
     for body in actor.poses.bodies:
         to.over_time(
             f"{WORLD}/{actor.key}/{body}",
@@ -141,7 +141,7 @@ def vanish(to: Recorder, actor: ShownRobot, after_s: float) -> None:
 
 
 def log_shapes(to: Recorder, entity: str, of_body: Sequence[Shape], actor: ShownRobot) -> None:
-    """A body's shapes in its own axes: one batch for each kind, all on the body's entity; meshes below it."""
+    """Log a body's shapes in its own axes: one batch for each kind on the body's entity, meshes below it."""
     meshes = [shape for shape in of_body if shape.kind == "mesh"]
     log_meshes(to, entity, meshes, actor)
     rounded = {"sphere": "ellipsoid"}
@@ -162,7 +162,7 @@ def batch(kind: str, some: Sequence[Shape], actor: ShownRobot) -> rr.AsComponent
     turn = xyzw(np.array([shape.quaternion for shape in some]))
     look = {
         "quaternions": turn,
-        "colors": [paint(shape.rgba, actor) for shape in some],
+        "colors": [shape_colour(shape.rgba, actor) for shape in some],
         "fill_mode": rr.components.FillMode.Solid,
     }
     if kind == "box":
@@ -177,31 +177,31 @@ def batch(kind: str, some: Sequence[Shape], actor: ShownRobot) -> rr.AsComponent
 
 
 def log_meshes(to: Recorder, entity: str, some: Sequence[Shape], actor: ShownRobot) -> None:
-    """Each mesh has an entity of its own: Rerun places it by a transform."""
+    """Log each mesh on an entity of its own, which Rerun places by a transform."""
     for i, shape in enumerate(some):
         place = rr.Transform3D(translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion)))
         mesh = rr.Mesh3D(
             vertex_positions=shape.vertices,
             triangle_indices=shape.faces,
-            albedo_factor=paint(shape.rgba, actor),
+            albedo_factor=shape_colour(shape.rgba, actor),
         )
         to.static(f"{entity}/mesh_{i}", place, mesh)
 
 
 def capsule_starts(centre: np.ndarray, quaternion_xyzw: np.ndarray, half_length: np.ndarray) -> np.ndarray:
-    """Where Rerun's capsules start, (n, 3) m: at one end of their axis, MuJoCo's sit at their centre."""
+    """Start points of capsules for Rerun, m, (n, 3): one end of the axis, whereas MuJoCo states the centre."""
     x, y, z, w = quaternion_xyzw.T
     axis = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
     return centre - half_length[:, None] * axis
 
 
 def xyzw(wxyz: np.ndarray) -> np.ndarray:
-    """Quaternions in Rerun's order."""
+    """Quaternions (…, 4) from MuJoCo's order w, x, y, z to Rerun's order x, y, z, w."""
     return np.roll(wxyz, -1, axis=-1)
 
 
-def paint(rgba: np.ndarray, actor: ShownRobot) -> tuple[int, ...]:
-    """A shape's RGBA, 0–255: the model's own, tinted with the robot's; ghosts are all tint, translucent."""
+def shape_colour(rgba: np.ndarray, actor: ShownRobot) -> tuple[int, ...]:
+    """RGBA of a shape, 0–255: the model's colour tinted with the robot's; ghosts have only the robot's, translucent."""
     own, tint = 255 * rgba[:3], np.array(actor.colour)
     if actor.is_ghost:
         return (*actor.colour, int(GHOST_ALPHA * rgba[3]))
@@ -209,8 +209,8 @@ def paint(rgba: np.ndarray, actor: ShownRobot) -> tuple[int, ...]:
     return (*(int(value) for value in mixed), int(255 * rgba[3]))
 
 
-def log_ways(to: Recorder, actor: ShownRobot) -> None:
-    """The whole way of the base, and of every foot as a thinner line."""
+def log_paths(to: Recorder, actor: ShownRobot) -> None:
+    """Log the path of the base over the whole jump, and that of every foot as a thinner line."""
     faded = (*actor.colour, 110)
     to.static(
         f"{WORLD}/{actor.key}/way_of_base",
@@ -225,9 +225,10 @@ def log_ways(to: Recorder, actor: ShownRobot) -> None:
 
 
 def log_forces(to: Recorder, actor: ShownRobot) -> None:
-    """Forces of the pairs as the log states them, as arrows at the middle of each pair's feet.
+    """Log the forces of the pairs as arrows at the middle of each pair's feet.
 
-    Only while the pair is planned to push: in the air the forces of the joint PD move the leg, not the robot.
+    They are shown only while the pair is planned to push: in the air the forces of the joint PD move the leg and not
+    the robot.
     """
     jump, robot = actor.jump, actor.robot
     pairs = [(i, [robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]) for i, pair in enumerate(PAIRS)]
@@ -250,7 +251,7 @@ def log_forces(to: Recorder, actor: ShownRobot) -> None:
 
 
 def log_contacts(to: Recorder, actor: ShownRobot) -> None:
-    """A disc of light at every foot while its contact switch is closed."""
+    """Log a point at every foot while its contact switch is closed."""
     feet = [i for i, foot in enumerate(actor.robot.feet) if f"contact/{foot}" in actor.jump]
     if not feet:
         return

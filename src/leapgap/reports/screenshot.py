@@ -20,10 +20,10 @@ from leapgap.errors import InputError
 from leapgap.reports.recorder import TIMELINE
 
 TOP_BAR_PX = 36
-"""The viewer's menu bar, with its warnings about the machine: not part of the picture."""
+"""Height of the viewer's menu bar, which is cut off the picture."""
 START_LIMIT_S = 40.0
 SETTLE_S = 1.5
-"""Time the viewer gets to lay out and draw what was loaded; software rendering takes its time."""
+"""Time for the viewer to lay out and draw the recording; software rendering is slow."""
 
 
 def screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1500, 900), at_time_s: float | None = None) -> None:
@@ -39,21 +39,21 @@ def screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1500, 900), at_tim
         viewer(), "--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port),
         "--window-size", f"{size[0]}x{size[1] + TOP_BAR_PX}", str(rrd.resolve()),
     ]  # fmt: skip
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         own = {**os.environ, "RERUN_APP_ONLY": "true"}
-        process = subprocess.Popen(command, stdout=said, stderr=said, env=own, start_new_session=True)
+        process = subprocess.Popen(command, stdout=output, stderr=output, env=own, start_new_session=True)
         try:
             with whole_file(png) as beside:
                 picture = beside.with_name(f"{beside.name}.png")  # the viewer goes by the ending
                 try:
-                    take(port, process, picture.resolve(), at_time_s)
+                    save_picture(port, process, picture.resolve(), at_time_s)
                     with Image.open(picture) as whole:
                         whole.crop((0, TOP_BAR_PX, *whole.size)).save(beside, format="PNG", optimize=True)
                 finally:
                     picture.unlink(missing_ok=True)
         except (RuntimeError, OSError) as error:
-            said.seek(0)
-            last = said.read().decode(errors="replace").strip().splitlines()[-1:] or [str(error)]
+            output.seek(0)
+            last = output.read().decode(errors="replace").strip().splitlines()[-1:] or [str(error)]
             raise InputError(
                 rrd,
                 f"a viewer that does not render ({last[0].strip()[:200]})",
@@ -66,7 +66,7 @@ def screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1500, 900), at_tim
             process.wait()
 
 
-def take(port: int, process: subprocess.Popen, picture: Path, at_time_s: float | None) -> None:
+def save_picture(port: int, process: subprocess.Popen, picture: Path, at_time_s: float | None) -> None:
     """Wait for the viewer, move its time cursor, save the picture; ``RuntimeError`` where that fails."""
     client = connect(port, process)
     time.sleep(SETTLE_S)
@@ -77,7 +77,7 @@ def take(port: int, process: subprocess.Popen, picture: Path, at_time_s: float |
 
 
 def connect(port: int, process: subprocess.Popen) -> ViewerClient:
-    """The viewer's client as soon as the recording is open."""
+    """Wait until the viewer answers and return its client."""
     until = time.monotonic() + START_LIMIT_S
     while time.monotonic() < until:
         if process.poll() is not None:
@@ -92,7 +92,7 @@ def connect(port: int, process: subprocess.Popen) -> ViewerClient:
 
 
 def viewer() -> str:
-    """The ``rerun`` of this environment."""
+    """Path of the command ``rerun`` of this environment."""
     beside = Path(sys.executable).with_name("rerun")
     found = str(beside) if beside.is_file() else shutil.which("rerun")
     if found is None:
@@ -101,14 +101,14 @@ def viewer() -> str:
 
 
 def free_port() -> int:
-    """A port nobody listens on."""
+    """A free TCP port of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def main() -> None:
-    """Command line."""
+    """Parse the command line and save the screenshot; exit code 2 with one message on bad input."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rrd", type=Path)
     parser.add_argument("png", type=Path)

@@ -1,4 +1,4 @@
-"""A jump on stage: its poses, its name and its colour, for the robot shown first and for its ghosts."""
+"""A robot in a recording: its poses, label and colour, for the robot shown first and for its ghosts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
-from leapgap.reports.recorder import every
+from leapgap.reports.recorder import rows_at_period
 from leapgap.robot.model import Robot
 from leapgap.robot.visuals import Poses, body_poses
 
@@ -23,14 +23,14 @@ GHOSTS: tuple[Colour, ...] = (
     (235, 80, 110),
     (120, 200, 220),
 )
-"""Legible on dark and on light; the nominal simulation comes first, then the corrected one."""
+"""Colours that are legible on dark and on light; the nominal simulation gets the first, the corrected one the next."""
 POSE_PERIOD_S = 0.005
-"""Poses are drawn at up to 200 Hz, a fifth of the rows."""
+"""Poses are drawn at up to 200 Hz."""
 
 
 @dataclass(frozen=True)
 class ShownRobot:
-    """One jump as it is shown."""
+    """One jump with its label and colour in the recording."""
 
     label: str
     jump: Log
@@ -46,7 +46,7 @@ class ShownRobot:
     @cached_property
     def rows(self) -> np.ndarray:
         """Rows of the jump whose poses are shown."""
-        return every(self.jump.time, POSE_PERIOD_S)
+        return rows_at_period(self.jump.time, POSE_PERIOD_S)
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -78,8 +78,8 @@ class ShownRobot:
         return body_poses(self.robot, pos, base, quaternion, joints)
 
     @cached_property
-    def assumed(self) -> tuple[str, ...]:
-        """What the log lacks and the picture therefore takes from the model's rest pose, in words."""
+    def unlogged_state(self) -> tuple[str, ...]:
+        """Names of the state that the log lacks; the picture takes it from the model's rest pose."""
         lacks = []
         if self.robot.has_free_base:
             for columns, what in ((BASE_POSITION, "base position"), (BASE_QUATERNION, "base orientation")):
@@ -91,7 +91,7 @@ class ShownRobot:
         return tuple(lacks)
 
 
-def cast(label: str, jump: Log, ghosts: Mapping[str, Log], robot: Robot) -> tuple[ShownRobot, ...]:
+def shown_robots(label: str, jump: Log, ghosts: Mapping[str, Log], robot: Robot) -> tuple[ShownRobot, ...]:
     """The main robot and its ghosts, each with its colour; labels must differ."""
     actors = [ShownRobot(label, jump, robot, MAIN)]
     for i, (name, ghost) in enumerate(ghosts.items()):

@@ -1,4 +1,4 @@
-"""The blind check as one HTML page: self-contained, no network but for links to the reports beside it."""
+"""The blind check as one HTML page: self-contained, without network; it links to the reports beside it."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ import jinja2
 import plotly.graph_objects as go
 import plotly.offline
 
-from leapgap.reports.page import embedded
+from leapgap.reports.page import embed_figure
 from leapgap.reports.report import CORRECTED, GREY, NOMINAL
 from leapgap.validation.scoring import CONDITIONS
 
@@ -19,19 +19,19 @@ BARS = {
     "named_in_set": ("within the reported set", 0.97, ">="),
     "set_size_mean": ("mean size of the reported set", 2.0, "<="),
     "wrongly_named": ("a wrong `named`, of all cases", 0.05, "<="),
-    "unknown_recall": ("`unknown`, of detectable effects without a name", 0.80, ">="),
-    "where_right": ("where right: place of the largest share", 0.90, ">="),
+    "unknown_recall": ("`unknown`, of detectable off-table effects", 0.80, ">="),
+    "where_right": ("localisation right: phase and channel of the largest share", 0.90, ">="),
     "pairs_both_named": ("both of a pair named", 0.75, ">="),
     "parameter_error_median": ("median parameter error", 0.10, "<="),
-    "coverage": ("95 % intervals that hold the truth (0.90 to 0.98)", 0.90, ">="),
+    "coverage": ("95 % intervals that contain the truth (0.90 to 0.98)", 0.90, ">="),
     "closure_promise_error": ("mean |promised − realised closure|", 0.05, "<="),
     "next_experiment_resolves": ("ambiguous cases that the next experiment resolves", 0.70, ">="),
-    "further_jumps_find": ("missed effects that further jumps find", None, ""),
-    "struck_honest_mirrored": ("honest answer with the true effect struck", None, ""),
+    "further_jumps_find": ("missed effects that are found with further jumps", None, ""),
+    "struck_honest_mirrored": ("right answer with the true effect ablated", None, ""),
     "brier": ("Brier score of the first cause's probability", None, ""),
     "calibration_error": ("calibration error", None, ""),
 }
-"""Score → its words, the bar, and the side that is good."""
+"""Score → its description, its bar, and the side of the bar that is good."""
 COVERAGE_MOST = 0.98
 NOTHING = '<p class="note">No such case.</p>'
 HALVES = {"reported": "reported: unseen seed, other families", "tuning": "tuning: thresholds may have seen it"}
@@ -45,12 +45,12 @@ def html(
     limits: Mapping[str, Mapping[str, Mapping[str, Any]]],
     reliability: Mapping[str, Sequence[tuple[float, float, int]]],
 ) -> str:
-    """The whole page; the same scores give the same bytes."""
+    """The page as HTML text; equal scores give equal bytes."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     figures = {
-        f"{kind}_{half}": embedded(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
+        f"{kind}_{half}": embed_figure(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
         for half in halves
         for kind, figure in (
             ("confusion", confusion_matrix(confusion[half])),
@@ -71,14 +71,14 @@ def html(
         wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
         rows=rows,
         real=[r for r in rows if r["half"] == "real"],
-        struck=revisits["struck"],
+        ablated=revisits["struck"],
         experiments=revisits["experiments"],
         further=revisits["missed"],
     )
 
 
 def score_table(halves: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """One line a score: words, bar, each half's value and whether it reaches the bar."""
+    """One row per score: description, bar, and for each half the value and whether it reaches the bar."""
     lines = []
     for key, (words, bar, side) in BARS.items():
         line: dict[str, Any] = {"words": words, "bar": "" if bar is None else f"{'≥' if side == '>=' else '≤'} {bar:g}"}
@@ -103,29 +103,29 @@ def score_table(halves: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]
 def missed_bars(
     halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
 ) -> list[dict[str, str]]:
-    """Every bar a half misses, with the cases that count against it, the most frequent first.
+    """One row per bar that a half misses, with the cases that count against it, the most frequent first.
 
-    ``missed`` are cases that were diagnosed anew with further jumps.
+    ``missed`` are cases that were diagnosed again with further jumps.
     """
     lines = []
     for line, key in zip(score_table(halves), BARS, strict=True):
         for half in HALVES:
             if line[half]["reaches"] is False and key in CONDITIONS:
                 against = [r for r in rows if r["half"] == half and key in r["counted_against"]]
-                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {said_where(r, key)}" for r in against)
+                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {describe_answer(r, key)}" for r in against)
                 cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
-                reason = why(key, against, missed)
+                reason = explain_misses(key, against, missed)
                 lines.append({"half": half, "words": line["words"], "cases": cases, "why": reason})
     return lines
 
 
-def why(key: str, against: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]) -> str:
-    """Of the cases that count against a score: what kind of miss they are, and what further jumps make of them."""
+def explain_misses(key: str, against: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]) -> str:
+    """Sentences on the cases that count against a score: the kind of miss, and the result with further jumps."""
     if key == "where_right":
         sides = sum(r["where_mirrored"] for r in against)
-        return f"{sides} of {len(against)} are the same place on the other side: symmetric jumps leave that to noise."
+        return f"{sides} of {len(against)} are right but for the side: in symmetric jumps, noise decides between sides."
     silent = sum(r["verdict"] in ("none", "unknown") for r in against)
-    words = [f"{silent} of {len(against)} leave too little in four jumps to name anything." if silent else ""]
+    words = [f"{silent} of {len(against)} change four jumps too little to be named." if silent else ""]
     again = [missed[r["case"]] for r in against if r["case"] in missed]
     if again:
         found = sum(e["found"] for e in again)
@@ -133,8 +133,8 @@ def why(key: str, against: Sequence[Mapping[str, Any]], missed: Mapping[str, Map
     return " ".join(word for word in words if word)
 
 
-def said_where(row: Mapping[str, Any], key: str) -> str:
-    """What was said in one case, as far as a score is concerned."""
+def describe_answer(row: Mapping[str, Any], key: str) -> str:
+    """The answer to one case in words; for ``where_right`` the reported and the true location."""
     if key != "where_right":
         return str(row["said"])
     places = (" ".join(place) if place else "nowhere" for place in (row["where_said"], row["where_true"]))
@@ -142,12 +142,12 @@ def said_where(row: Mapping[str, Any], key: str) -> str:
 
 
 def has_points(figure: go.Figure) -> bool:
-    """Whether a figure shows anything of the cases."""
+    """Whether a figure shows any case."""
     return any(len(trace.y or ()) and getattr(trace, "mode", None) != "lines" for trace in figure.data)
 
 
 def confusion_matrix(table: Mapping[str, Mapping[str, int]]) -> go.Figure:
-    """What was true against what was said first; detectable cases by effect."""
+    """Matrix of counts: true effects (rows) against the first cause or the verdict (columns)."""
     said = sorted({name for row in table.values() for name in row}, key=lambda n: (n in ("none", "unknown"), n))
     truths = list(table)
     counts = [[table[t].get(s, 0) for s in said] for t in truths]
@@ -172,7 +172,7 @@ def confusion_matrix(table: Mapping[str, Mapping[str, int]]) -> go.Figure:
 
 
 def detection(limits: Mapping[str, Mapping[str, Any]]) -> go.Figure:
-    """Every single case by how much its effect changes the motion: found or not, and the limit between."""
+    """Every case of one effect by how much the effect changes the motion: found or missed, and the detection limit."""
     figure = go.Figure()
     for found, name, colour in ((True, "found", RIGHT), (False, "missed", WRONG)):
         points = [(c["change_floors"], e) for e, of in limits.items() for c in of["cases"] if c["found"] == found]
@@ -199,7 +199,7 @@ def detection(limits: Mapping[str, Mapping[str, Any]]) -> go.Figure:
 
 
 def calibration(bins: Sequence[tuple[float, float, int]]) -> go.Figure:
-    """Reliability diagram: how often the first cause is right, by the probability it is given."""
+    """Reliability diagram: share of right first causes over the probability they are given."""
     figure = go.Figure()
     figure.add_scatter(x=[0, 1], y=[0, 1], mode="lines", line={"color": GREY, "dash": "dot"}, showlegend=False)
     figure.add_scatter(
@@ -219,9 +219,9 @@ def calibration(bins: Sequence[tuple[float, float, int]]) -> go.Figure:
 
 def parameters(rows: Sequence[Mapping[str, Any]]) -> go.Figure:
     """Estimated over true departure from nominal, with the reported intervals."""
-    told = [(r, c) for r in rows for c in r["compared"] if c["true"] != c["nominal"]]
+    points = [(r, c) for r in rows for c in r["compared"] if c["true"] != c["nominal"]]
     ratio, low, high, names = [], [], [], []
-    for r, c in told:
+    for r, c in points:
         true = c["true"] - c["nominal"]
         ends = sorted(((c["low"] - c["nominal"]) / true, (c["high"] - c["nominal"]) / true))
         at = (c["value"] - c["nominal"]) / true
@@ -247,17 +247,17 @@ def parameters(rows: Sequence[Mapping[str, Any]]) -> go.Figure:
 
 def closure(rows: Sequence[Mapping[str, Any]]) -> go.Figure:
     """Promised against realised closure, %; within the dotted lines they differ by at most 5 points."""
-    told = [r for r in rows if r["promised"] is not None and r["realised"] is not None]
+    points = [r for r in rows if r["promised"] is not None and r["realised"] is not None]
     figure = go.Figure()
     for shift in (-5, 5):
         line = {"color": GREY, "dash": "dot", "width": 1}
         figure.add_scatter(x=[0, 100], y=[shift, 100 + shift], mode="lines", line=line, showlegend=False)
     figure.add_scatter(
-        x=[100 * r["promised"] for r in told],
-        y=[100 * r["realised"] for r in told],
-        text=[f"{r['case']}: {r['said_true']}" for r in told],
+        x=[100 * r["promised"] for r in points],
+        y=[100 * r["realised"] for r in points],
+        text=[f"{r['case']}: {r['said_true']}" for r in points],
         mode="markers",
-        marker={"color": [CORRECTED if r["detectable"] else NOMINAL for r in told], "size": 9},
+        marker={"color": [CORRECTED if r["detectable"] else NOMINAL for r in points], "size": 9},
         showlegend=False,
         hovertemplate="%{text}<br>promised %{x:.0f} %, realised %{y:.0f} %<extra></extra>",
     )

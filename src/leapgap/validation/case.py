@@ -1,4 +1,4 @@
-"""One withheld case: its logs, and the truth about them."""
+"""One case of the blind check: its jump logs, and the truth about what acts in them."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -20,13 +20,12 @@ from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case_draw import Case
-from leapgap.validation.generator import Effects, Generator, Made, Nuisance, NuisanceSizes, make
+from leapgap.validation.generator import Effects, GeneratedJump, Generator, Nuisance, NuisanceSizes, generate_jumps
 from leapgap.validation.off_table import family
-from leapgap.validation.true_localisation import places
+from leapgap.validation.true_localisation import true_localisation
 
 DETECTABLE_FLOORS = 2.0
-"""A motion that an effect changes by so many noise floors is detectable (contract)."""
-
+"""An effect is detectable where it changes the headline figure of the motion by this many noise floors."""
 
 NOISE = SensorNoise(
     base_pos_m=0.0012,
@@ -36,68 +35,70 @@ NOISE = SensorNoise(
     joint_pos_rad=0.0006,
     joint_vel_rad_s=0.06,
 )
-"""Of the generating side's sensors: other than those of the simulated hardware that the diagnosis was developed on."""
+"""Sensor noise of the generator; the simulated hardware that the diagnosis was developed on has another one."""
 
 
 @dataclass(frozen=True)
 class CaseSetup:
-    """What the generating side is, for every case."""
+    """How the jumps of every case are generated."""
 
     jumps: int
     proof_jumps: int
-    """Further jumps that stay with the truth: what an answer must close."""
+    """Further jumps that stay with the truth; the realised closure of an answer is measured on them."""
     block_height_m: tuple[float, float]
     step_s: float
     period_scatter: float
-    """Of an effect that differs from log to log: standard deviation of its departure, as a share of it."""
+    """Standard deviation from log to log of an effect that differs by log, as a share of its departure from nominal."""
     where_horizon_s: float
+    """Length of the replays that localise the effects."""
     noise: SensorNoise = NOISE
     course: Course = field(default_factory=Course)
     nuisances: NuisanceSizes = field(default_factory=NuisanceSizes)
 
 
 @dataclass(frozen=True)
-class Withheld:
-    """The two sides of a case."""
+class WithheldCase:
+    """A generated case: the logs that are diagnosed, and what stays sealed until the score."""
 
     logs: tuple[Log, ...]
     proof: tuple[Log, ...]
+    """Jumps that stay with the truth."""
     truth: Mapping[str, Any]
-    """Without the hashes of the files, which are known once they are written."""
+    """Content of the truth file, without the hashes of the log files; ``write_case`` adds them."""
 
 
-def withhold(case: Case, references: Sequence[Log], robot: Robot, world: CaseSetup) -> Withheld:
-    """Make a case's jumps and find out what its effects do to them."""
+def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSetup) -> WithheldCase:
+    """Generate the jumps of a case and measure how much its effects change them."""
     rng = np.random.default_rng(case.seed)
-    nuisance = Nuisance(seed=int(rng.integers(2**31)), sizes=world.nuisances)
+    nuisance = Nuisance(seed=int(rng.integers(2**31)), sizes=setup.nuisances)
     salt = rng.bytes(16).hex()
-    count = world.jumps + world.proof_jumps
+    count = setup.jumps + setup.proof_jumps
     chosen = rng.permutation(count) % len(references)
-    heights = rng.uniform(*world.block_height_m, count)
-    scatter = 1 + world.period_scatter * rng.standard_normal(count)
+    heights = rng.uniform(*setup.block_height_m, count)
+    scatter = 1 + setup.period_scatter * rng.standard_normal(count)
     noise_rng, floor_rng = rng.spawn(2)
     plans = [
-        MotionPlan(f"jump_{i}" if i < world.jumps else f"proof_{i - world.jumps}", references[c], round(float(h), 4))
+        MotionPlan(f"jump_{i}" if i < setup.jumps else f"proof_{i - setup.jumps}", references[c], round(float(h), 4))
         for i, (c, h) in enumerate(zip(chosen, heights, strict=True))
     ]
-    generator = Generator(robot, terrain_slots=1, step_s=world.step_s)
-    own: list[Effects] = [(nuisance, *(on_log(e, s, robot) for e in case.effects)) for s in scatter]
-    made = make(plans, own, generator, world.noise, world.course, noise_rng)
-    seen = made[: world.jumps]
+    generator = Generator(robot, terrain_slots=1, step_s=setup.step_s)
+    own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in case.effects)) for s in scatter]
+    generated = generate_jumps(plans, own, generator, setup.noise, setup.course, noise_rng)
+    diagnosed = generated[: setup.jumps]
     truth: dict[str, Any] = {
         "salt": salt,
         "half": case.half,
         "kind": case.kind,
         "seed": case.seed,
-        "effects": [described(e) for e in case.effects],
+        "effects": [effect_to_json(e) for e in case.effects],
         "per_log": {plan.name: [e.values for e in of_log[1:]] for plan, of_log in zip(plans, own, strict=True)},
-        **what_shows(case, seen, own, generator, robot, world, floor_rng),
+        **detectability(case, diagnosed, own, generator, robot, setup, floor_rng),
     }
-    return Withheld(tuple(m.log for m in seen), tuple(m.log for m in made[world.jumps :]), truth)
+    return WithheldCase(tuple(g.log for g in diagnosed), tuple(g.log for g in generated[setup.jumps :]), truth)
 
 
-def on_log(effect: Effect, scatter: float, robot: Robot) -> Effect:
-    """The effect on one log: some differ from log to log."""
+def scatter_effect(effect: Effect, scatter: float, robot: Robot) -> Effect:
+    """The effect on one log: where it differs by log, its departure from nominal is multiplied by ``scatter``."""
     if not effect.differs_per_log:
         return effect
     parameters = effect.parameters(robot, effect.location)
@@ -105,68 +106,73 @@ def on_log(effect: Effect, scatter: float, robot: Robot) -> Effect:
     return replace(effect, **changed)
 
 
-def described(effect: Effect) -> dict[str, Any]:
-    """An effect as a truth states it."""
+def effect_to_json(effect: Effect) -> dict[str, Any]:
+    """Entry of an effect in a truth file: name, location and parameters."""
     return {"name": effect.name, "location": effect.location, "parameters": effect.values}
 
 
-def restored(entry: Mapping[str, Any]) -> Effect:
-    """The inverse of ``described``."""
+def effect_from_json(entry: Mapping[str, Any]) -> Effect:
+    """The effect that an entry of a truth file states; the inverse of ``effect_to_json``."""
     kind = effects.known().get(entry["name"]) or family(entry["name"])
     return kind(location=entry["location"], **entry["parameters"])
 
 
-def what_shows(
+def detectability(
     case: Case,
-    made: Sequence[Made],
+    generated: Sequence[GeneratedJump],
     own: Sequence[Effects],
     generator: Generator,
     robot: Robot,
-    world: CaseSetup,
+    setup: CaseSetup,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
-    """How much the effects, together and each, change the judged motion, in noise floors; and where."""
-    judged = JudgedLogs.of([m.log for m in made], robot)
+    """Entries of the truth: by how much the effects, together and each, change the judged motion, and where.
+
+    Changes are headline figures, in the units of ``gap_nominal`` and ``noise_floor``. ``changes`` holds, for each of
+    several effects, the change that is lost when that effect alone is switched off.
+    """
+    logs = [g.log for g in generated]
+    judged = JudgedLogs.of(logs, robot)
     replayer = Replayer(robot, threads=1)
     floor = headline_gap(noise_floor(judged, replayer, 3, rng), judged)
     nominal = replayer.motions([Rollout(jump) for jump in judged.logs])
-    shown: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "noise_floor": floor,
-        "gap_nominal": difference([m.log for m in made], nominal, judged, robot),
+        "gap_nominal": difference(logs, nominal, judged, robot),
     }
     if not case.effects:
-        return shown | {"change": 0.0, "detectable": False, "changes": [], "where": []}
-    clean = [m.clean for m in made]
+        return figures | {"change": 0.0, "detectable": False, "changes": [], "where": []}
+    clean = [g.clean for g in generated]
     changes = []
     for left_out in (None, *range(len(case.effects))) if len(case.effects) > 1 else (None,):
         kept = [
             (e[0], *(x for i, x in enumerate(e[1:]) if left_out is not None and i != left_out))
-            for e in own[: len(made)]
+            for e in own[: len(generated)]
         ]
         trials = [Rollout(jump, of_log) for jump, of_log in zip(clean, kept, strict=True)]
         motions = generator.motions(trials, rows=max(judged.rows))
         changes.append(difference(clean, motions, judged, robot))
     off = [Rollout(jump, e[:1]) for jump, e in zip(clean, own, strict=False)]
-    return shown | {
+    return figures | {
         "change": changes[0],
         "detectable": changes[0] >= DETECTABLE_FLOORS * floor,
         "changes": changes[1:] or changes,
-        "where": places([m.log for m in made], off, judged, generator, world.where_horizon_s),
+        "where": true_localisation(logs, off, judged, generator, setup.where_horizon_s),
     }
 
 
 def difference(jumps: Sequence[Log], motions: Sequence[Any], judged: JudgedLogs, robot: Robot) -> float:
-    """Headline figure between jumps and motions over the judged rows."""
+    """Headline figure (root mean square in the scales of ``HEADLINE``) between jumps and motions on the judged rows."""
     total = 0.0
     for jump, motion, rows in zip(jumps, motions, judged.rows, strict=True):
         for c in judged.channels:
-            missed = c.values(motion, robot)[:rows] - logged_values(jump, c.name)[:rows]
-            total += float(((missed / HEADLINE[c.name]) ** 2).sum())
+            error = c.values(motion, robot)[:rows] - logged_values(jump, c.name)[:rows]
+            total += float(((error / HEADLINE[c.name]) ** 2).sum())
     return float(np.sqrt(total / value_counts(judged).sum()))
 
 
-def write_case(withheld: Withheld, logs: Path, proof: Path) -> dict[str, Any]:
-    """Write logs and proof jumps; the truth with their hashes."""
+def write_case(withheld: WithheldCase, logs: Path, proof: Path) -> dict[str, Any]:
+    """Write the logs and the proof jumps as Parquet files; return the truth with the SHA-256 of each file."""
     hashes = {}
     for key, folder, jumps in (("logs", logs, withheld.logs), ("proof", proof, withheld.proof)):
         for jump in jumps:
@@ -175,12 +181,12 @@ def write_case(withheld: Withheld, logs: Path, proof: Path) -> dict[str, Any]:
     return {**withheld.truth, **hashes}
 
 
-def real_case(jumps: Sequence[Log], salt_seed: int) -> Withheld:
-    """Real jumps split by jump: every other one is diagnosed, the rest is what the answer must close."""
+def real_case(jumps: Sequence[Log], salt_seed: int) -> WithheldCase:
+    """A case of real jumps: every other one is diagnosed, and the realised closure is measured on the rest."""
     salt = hashlib.sha256(f"{salt_seed}".encode()).hexdigest()[:32]
     nothing_known = {"effects": [], "detectable": False, "where": [], "change": None}
     truth = {"salt": salt, "half": "real", "kind": "real", **nothing_known}
-    return Withheld(tuple(jumps[::2]), tuple(jumps[1::2]), truth)
+    return WithheldCase(tuple(jumps[::2]), tuple(jumps[1::2]), truth)
 
 
 def further_jumps(
@@ -188,17 +194,17 @@ def further_jumps(
     references: Sequence[Log],
     block_height_m: tuple[float, float],
     robot: Robot,
-    world: CaseSetup,
+    setup: CaseSetup,
 ) -> list[Log]:
-    """More jumps of a case's own robot, nuisances included: one to each reference."""
-    nuisance = Nuisance(seed=int(np.random.default_rng(truth["seed"]).integers(2**31)), sizes=world.nuisances)
+    """Generate further jumps of a case's robot, with its effects and nuisances: one jump for each reference."""
+    nuisance = Nuisance(seed=int(np.random.default_rng(truth["seed"]).integers(2**31)), sizes=setup.nuisances)
     rng = np.random.default_rng([truth["seed"], 1])
-    acting = [restored(entry) for entry in truth["effects"]]
+    acting = [effect_from_json(entry) for entry in truth["effects"]]
     heights = rng.uniform(*block_height_m, len(references))
     plans = [
         MotionPlan(f"next_{i}", r, round(float(h), 4)) for i, (r, h) in enumerate(zip(references, heights, strict=True))
     ]
-    scatter = 1 + world.period_scatter * rng.standard_normal(len(plans))
-    own: list[Effects] = [(nuisance, *(on_log(e, s, robot) for e in acting)) for s in scatter]
-    generator = Generator(robot, terrain_slots=1, step_s=world.step_s)
-    return [made.log for made in make(plans, own, generator, world.noise, world.course, rng)]
+    scatter = 1 + setup.period_scatter * rng.standard_normal(len(plans))
+    own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in acting)) for s in scatter]
+    generator = Generator(robot, terrain_slots=1, step_s=setup.step_s)
+    return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng)]

@@ -1,7 +1,8 @@
-"""The generating simulation: another step, integrator and contact than the diagnosing one, and wrong in small ways.
+"""The simulation that generates the cases of the blind check.
 
-Every jump is stepped on its own, so that a nameless effect may act with a memory; the robot stands on its terrain and
-then jumps, in one run.
+Its step, integrator and contact differ from those of the diagnosing simulation, and its robots carry small random model
+errors (``Nuisance``). Every jump is stepped on its own, so that an off-table effect may keep a state. The robot stands
+on its terrain and then jumps, in one run.
 """
 
 from collections.abc import Sequence
@@ -35,7 +36,7 @@ Effects = tuple[Effect, ...]
 
 @dataclass(frozen=True)
 class NuisanceSizes:
-    """Standard deviations of the generator's errors, as shares of what the model says; lengths in m."""
+    """Standard deviations of the generator's model errors, as shares of the model's values; ``com_m`` in m."""
 
     mass: float = 0.005
     com_m: float = 0.0005
@@ -44,12 +45,12 @@ class NuisanceSizes:
     armature: float = 0.05
     foot_friction: float = 0.02
     contact_time: float = 0.03
-    """Of the feet's solref time constant."""
+    """Of the time constant in the ``solref`` of the feet."""
 
 
 @dataclass(frozen=True)
 class Nuisance(OffTableEffect):
-    """Small random errors in all that no description of a robot has exactly: the same seed, the same robot."""
+    """Small random errors of masses, centres of mass, joints and feet; the same seed gives the same robot."""
 
     name = "nuisance"
 
@@ -68,16 +69,16 @@ class Nuisance(OffTableEffect):
         model.geom_sameframe[np.isin(model.geom_bodyid, robots)] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
         dofs = robot.joint_dofs
 
-        def about_one(size: float, shape: tuple[int, ...]) -> np.ndarray:
+        def random_scale(size: float, shape: tuple[int, ...]) -> np.ndarray:
             return np.maximum(0.1, 1 + size * rng.standard_normal(shape))
 
         shape = model.dof_damping[dofs].shape
-        model.dof_damping[dofs] *= about_one(sizes.damping, shape)
-        model.dof_frictionloss[dofs] *= about_one(sizes.friction, (len(dofs),))
-        model.dof_armature[dofs] *= about_one(sizes.armature, (len(dofs),))
+        model.dof_damping[dofs] *= random_scale(sizes.damping, shape)
+        model.dof_frictionloss[dofs] *= random_scale(sizes.friction, (len(dofs),))
+        model.dof_armature[dofs] *= random_scale(sizes.armature, (len(dofs),))
         feet = foot_geoms(model, robot, "all")
-        model.geom_friction[feet, 0] *= about_one(sizes.foot_friction, (len(feet),))
-        model.geom_solref[feet, 0] *= about_one(sizes.contact_time, (len(feet),))
+        model.geom_friction[feet, 0] *= random_scale(sizes.foot_friction, (len(feet),))
+        model.geom_solref[feet, 0] *= random_scale(sizes.contact_time, (len(feet),))
         model.geom_solimp[feet, :3] = [0.88, 0.955, 0.0012]
         model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_EULER)
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -85,7 +86,7 @@ class Nuisance(OffTableEffect):
 
 
 class Generator(Replayer):
-    """Replays and jumps of the generating simulation; its trials should carry a ``Nuisance`` first."""
+    """Replays and jumps of the generating simulation; the first effect of each rollout should be a ``Nuisance``."""
 
     def __init__(self, robot: Robot, terrain_slots: int = 1, step_s: float = 0.00025) -> None:
         super().__init__(robot, terrain_slots, threads=1, largest_step_s=step_s)
@@ -98,7 +99,7 @@ class Generator(Replayer):
         return [self._stepped(trial, rows, substeps) for trial in trials]
 
     def _stepped(self, trial: Rollout, rows: int, substeps: int) -> Motion:
-        """One trial, step by step."""
+        """Motion of one rollout, (rows,), stepped with its processes."""
         if trial.log.rows_before_gain_change < rows:
             raise InputError(trial.log.name, "joint gains that change", "constant gains", "use planned references")
         nq, nv = self.bare.nq, self.bare.nv
@@ -116,18 +117,16 @@ class Generator(Replayer):
             step(model, data, processes, substeps)
             qpos[row], qvel[row] = data.qpos[:nq], data.qvel[:nv]
         if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
-            raise InputError(
-                trial.log.name, "a motion that left the world of numbers", "a stable one", "draw smaller effects"
-            )
+            raise InputError(trial.log.name, "a motion that is not finite", "a stable motion", "draw smaller effects")
         return Motion(qpos, qvel)
 
     def _processes(self, trial: Rollout, model: mujoco.MjModel) -> list[Process]:
-        found = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
-        return [process for process in found if process is not None]
+        processes = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
+        return [process for process in processes if process is not None]
 
 
 def step(model: mujoco.MjModel, data: mujoco.MjData, processes: Sequence[Process], steps: int) -> None:
-    """Some steps under the same controls."""
+    """Advance the simulation by ``steps`` steps under constant controls, calling the processes before each step."""
     if not processes:
         mujoco.mj_step(model, data, nstep=steps)
         return
@@ -139,51 +138,51 @@ def step(model: mujoco.MjModel, data: mujoco.MjData, processes: Sequence[Process
 
 
 @dataclass(frozen=True)
-class Made:
-    """One jump of the generator."""
+class GeneratedJump:
+    """One jump of the generator, with and without sensor noise."""
 
     log: Log
-    """As its sensors report it."""
     clean: Log
-    """The same without sensor noise."""
 
 
-def make(
+def generate_jumps(
     plans: Sequence[MotionPlan],
     effects: Sequence[Effects],
     generator: Generator,
     noise: SensorNoise,
     course: Course,
     rng: np.random.Generator,
-) -> list[Made]:
-    """Let the generator's robot, with each plan's own effects, make the planned jumps."""
-    return [make_one(plan, own, generator, noise, course, rng) for plan, own in zip(plans, effects, strict=True)]
+) -> list[GeneratedJump]:
+    """Simulate each planned jump with the effects of its own."""
+    return [generate_jump(plan, own, generator, noise, course, rng) for plan, own in zip(plans, effects, strict=True)]
 
 
-def make_one(
+def generate_jump(
     plan: MotionPlan,
     effects: Effects,
     generator: Generator,
     noise: SensorNoise,
     course: Course,
     rng: np.random.Generator,
-) -> Made:
-    """Stand, then jump, in one run; only the jump is logged."""
+) -> GeneratedJump:
+    """Let the robot stand and then jump in one run; only the jump is logged."""
     robot = generator.robot
     jump = with_block(extend_reference(plan.reference, course), plan, robot, course)
     still = hold_first_command(jump, course.settle_s)
     standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
     standing = lift_out_of_ground(Rollout(still, effects), standing, generator)
-    whole = joined(still, jump)
+    whole = concatenate(still, jump)
     trial = Rollout(whole, effects, first_state=standing)
     (motion,) = generator.motions([trial])
     motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
     errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
-    return Made(log_of(plan.name, jump, errors.add_to(motion, robot), robot), log_of(plan.name, jump, motion, robot))
+    return GeneratedJump(
+        log_of(plan.name, jump, errors.add_to(motion, robot), robot), log_of(plan.name, jump, motion, robot)
+    )
 
 
-def joined(first: Log, second: Log) -> Log:
-    """The second jump's commands after the first's, on one clock."""
+def concatenate(first: Log, second: Log) -> Log:
+    """The rows of the first log, then those of the second, on the clock of the second."""
     period = second.info.sample_period_s
     columns = {name: np.concatenate([first[name], values]) for name, values in second.columns.items()}
     columns["time"] = np.arange(len(first) + len(second)) * period

@@ -1,4 +1,4 @@
-"""One case after its seal was opened: what was true beside what was said."""
+"""The outcome of one case: the truth beside what the report says."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,8 +12,8 @@ CLAIMS = ("named", "ambiguous")
 
 
 @dataclass(frozen=True)
-class Compared:
-    """A true parameter and its estimate."""
+class ParameterComparison:
+    """A true parameter and its estimate with the 95 % interval from ``low`` to ``high``, all in ``unit``."""
 
     effect: str
     parameter: str
@@ -30,14 +30,14 @@ class Compared:
         return abs(self.value - self.true) / max(abs(self.true - self.nominal), 1e-12)
 
     @property
-    def covered(self) -> bool:
-        """Whether the 95 % interval holds the truth."""
+    def interval_holds_truth(self) -> bool:
+        """Whether the true value lies within the 95 % interval."""
         return self.low <= self.true <= self.high
 
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """A scored case."""
+    """Truth and verdict of one case, and the figures that the scores are counted from."""
 
     case: str
     half: str
@@ -45,44 +45,44 @@ class CaseOutcome:
     true: tuple[str, ...]
     """Names of the effects that acted."""
     said_true: str
-    """The truth for a person, with places and numbers."""
+    """The truth in words, with locations and values."""
     change_floors: float
     """How much the effects change the motion, in noise floors."""
     detectable: bool
     each_detectable: bool
-    """Of a pair: whether leaving out either one changes the motion detectably."""
+    """Whether each of a pair, switched off alone, changes the motion detectably."""
     verdict: str
     answer: tuple[tuple[str, ...], ...]
     first: str | None
-    """The most probable cause, of a verdict that claims one."""
+    """The most probable cause; None where the verdict claims none."""
     probability: float | None
-    """Of that cause."""
+    """Probability of that cause."""
     locations: tuple[tuple[str, str], ...]
-    """(true, said) place of each effect that acted and is in the answer."""
+    """(true, reported) location of each effect that acted and is in the answer."""
     where_true: tuple[str, str] | None
     where_said: tuple[str, str] | None
-    compared: tuple[Compared, ...]
+    compared: tuple[ParameterComparison, ...]
     promised: float | None
     realised: float | None
     sentence: str
     next_experiment: str
-    """What the report proposes to do; empty: nothing."""
+    """Sentence of the report about the next experiment; empty where it proposes none."""
     sides: Mapping[str, str] = field(default_factory=dict)
     """Joint → the joint that stands for it and its twin on the other side (``Topology.sides``)."""
 
     @property
     def answered(self) -> set[str]:
-        """All names in the answer."""
+        """All effect names in the answer."""
         return {name for names in self.answer for name in names}
 
     @property
     def wrongly_named(self) -> bool:
-        """A definite answer that holds a cause that did not act."""
+        """Whether the verdict is ``named`` and its answer contains an effect that did not act."""
         return self.verdict == "named" and not self.answered <= set(self.true)
 
     @property
     def right(self) -> bool:
-        """The verdict a perfect diagnosis would give."""
+        """Whether the verdict is one that a perfect diagnosis may give."""
         if self.kind == "nameless":
             return self.verdict == ("unknown" if self.detectable else "none") or (
                 not self.detectable and self.verdict == "unknown"
@@ -95,13 +95,13 @@ class CaseOutcome:
 
     @property
     def where_right(self) -> bool:
-        """Whether the largest share lies where it is said to."""
+        """Whether the phase and channel of the largest share are those of the truth."""
         return self.where_true is not None and self.where_true == self.where_said
 
     @property
     def where_mirrored(self) -> bool:
-        """The same, left and right legs taken as one."""
-        return mirrored(self.where_true, self.sides) == mirrored(self.where_said, self.sides)
+        """Like ``where_right``, with left and right legs taken as one."""
+        return merge_sides(self.where_true, self.sides) == merge_sides(self.where_said, self.sides)
 
 
 def outcome(
@@ -111,7 +111,7 @@ def outcome(
     realised: float | None,
     sides: Mapping[str, str] | None = None,
 ) -> CaseOutcome:
-    """Put a truth beside a report; ``sides`` are those of the robot's topology."""
+    """Compare a truth with a report; ``sides`` are those of the robot's topology."""
     answer = tuple(tuple(names) for names in report["answer"])
     claims = report["verdict"] in CLAIMS and bool(report["causes"])
     true = tuple(effect["name"] for effect in truth["effects"])
@@ -145,8 +145,11 @@ def outcome(
     )
 
 
-def mirrored(place: tuple[str, str] | None, sides: Mapping[str, str]) -> tuple[str, str] | None:
-    """A place with left and right legs taken as one: a symmetric jump leaves the choice between them to noise."""
+def merge_sides(place: tuple[str, str] | None, sides: Mapping[str, str]) -> tuple[str, str] | None:
+    """A phase and channel with left and right legs taken as one.
+
+    In a symmetric jump, sensor noise alone decides which of the two sides has the larger share.
+    """
     if place is None:
         return None
     phase, channel = place
@@ -155,19 +158,24 @@ def mirrored(place: tuple[str, str] | None, sides: Mapping[str, str]) -> tuple[s
 
 
 def in_words(effect: Mapping[str, Any]) -> str:
-    """``joint_damping at RR: damping 0.4``."""
+    """An effect of a truth file as text, such as ``joint_damping at RR: damping 0.4``."""
     values = ", ".join(f"{name} {value:.3g}" for name, value in effect["parameters"].items())
     return f"{effect['name']}{'' if effect['location'] == 'all' else ' at ' + effect['location']}: {values}"
 
 
 def place(where: list[Mapping[str, Any]]) -> tuple[str, str] | None:
-    """Phase and channel of the largest share."""
+    """Phase and channel of the largest share; None where nothing has a share."""
     return (where[0]["phase"], where[0]["channel"]) if where else None
 
 
-def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping[str, Any]) -> list[Compared]:
-    """Every parameter of one true effect that the report estimates; the median where it differed by log."""
-    found = []
+def compare(
+    effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping[str, Any]
+) -> list[ParameterComparison]:
+    """Compare every parameter of one true effect that the report estimates.
+
+    The true value is the median over the diagnosed logs, since some effects differ from log to log.
+    """
+    comparisons = []
     kind = effects.known().get(effect["name"])
     known = kind.declarations() if kind else {}
     index = [e["name"] for e in truth["effects"]].index(effect["name"])
@@ -175,11 +183,13 @@ def compare(effect: Mapping[str, Any], truth: Mapping[str, Any], report: Mapping
     for name, about in known.items():
         for cause in report["causes"]:
             if cause["effect"] == effect["name"] and name in cause["parameters"]:
-                told = cause["parameters"][name]
+                estimate = cause["parameters"][name]
                 true = float(np.median([of_log[index][name] for of_log in logs]))
-                low, high = told["ci95"]
-                found.append(
-                    Compared(effect["name"], name, about.unit, told["nominal"], true, told["value"], low, high)
+                low, high = estimate["ci95"]
+                comparisons.append(
+                    ParameterComparison(
+                        effect["name"], name, about.unit, estimate["nominal"], true, estimate["value"], low, high
+                    )
                 )
                 break
-    return found
+    return comparisons

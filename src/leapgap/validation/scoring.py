@@ -1,4 +1,4 @@
-"""The scores of the blind check: the keys of ``metrics/blind.json`` from outcomes, by plain counting."""
+"""The scores of the blind check: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -78,13 +78,13 @@ def share(of: Iterable[bool]) -> float | None:
 
 
 def median(of: Iterable[float]) -> float | None:
-    """Median; ``None`` where there is nothing."""
+    """Median of the values; ``None`` where there are none."""
     values = list(of)
     return float(np.median(values)) if values else None
 
 
 def mean(of: Iterable[float]) -> float | None:
-    """Mean; ``None`` where there is nothing."""
+    """Mean of the values; ``None`` where there are none."""
     values = list(of)
     return float(np.mean(values)) if values else None
 
@@ -103,7 +103,7 @@ def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.rando
         "set_size_mean": mean(len(names) for o in singles for names in o.answer),
         **{name: value for name, value in shares.items() if name not in ("named_first", "named_in_set", "named_alone")},
         "parameter_error_median": median(c.error for c in compared),
-        "coverage": share(c.covered for c in compared),
+        "coverage": share(c.interval_holds_truth for c in compared),
         "brier": with_interval(outcomes, brier, draws, rng),
         "calibration_error": with_interval(outcomes, lambda these: calibration_error(these, bins), draws, rng),
         "closure_promise_error": mean(errors),
@@ -153,7 +153,7 @@ def with_interval(
     draws: int,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
-    """A statistic with its 95 % interval over cases drawn again."""
+    """A statistic with its 95 % bootstrap interval over cases."""
     sample = (
         [
             value

@@ -10,18 +10,21 @@ from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 
 SEALS = "seals.json"
-"""Beside the logs: case → SHA-256 of its truth's salt and content."""
+"""File beside the logs: case → seal of its truth."""
 
 
 def seal(truth: Mapping[str, Any]) -> str:
-    """SHA-256, in hex, over the truth as canonical JSON; its ``salt`` keeps a reader from trying all truths."""
+    """SHA-256, in hex, over the truth as canonical JSON; its random ``salt`` prevents guessing."""
     if not truth.get("salt"):
         raise InputError("truth", "no salt", "a truth with a salt", "withhold the case anew")
     return hashlib.sha256(json.dumps(truth, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
-def opened(folder: Path, logs: Path, case: str) -> Mapping[str, Any]:
-    """The truth of a case; ``InputError`` where it, or a jump it keeps back, is not the one that was sealed."""
+def open_truth(folder: Path, logs: Path, case: str) -> Mapping[str, Any]:
+    """Read the truth of a case and check its seal.
+
+    ``InputError`` where the truth, or one of the case's jump logs, is not the one that was sealed.
+    """
     path = folder / f"{case}.json"
     truth = read_json(path)
     published = read_json(logs / SEALS).get(case)

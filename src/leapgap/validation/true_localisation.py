@@ -1,4 +1,4 @@
-"""Where an effect shows: its share of the squared on/off difference by phase and channel, on the generating side."""
+"""True localisation of effects: shares of the squared on/off difference by phase and channel, by the generator."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,13 +14,14 @@ from leapgap.simulation.replay import Rollout
 from leapgap.validation.generator import Generator
 
 
-def places(
+def true_localisation(
     logs: Sequence[Log], off: Sequence[Rollout], judged: JudgedLogs, generator: Generator, horizon_s: float
 ) -> list[dict[str, Any]]:
-    """Fields with their share, largest first, at least one in a thousand.
+    """Phases and channels with their share of the squared difference, largest first, without shares below 0.001.
 
-    ``off`` are trials of the noise-free jumps without the effect. They restart every ``horizon_s`` from what a perfect
-    log would say, as the diagnosis restarts; only the second half of a piece counts, in units of each channel's noise.
+    ``off`` are rollouts of the noise-free jumps without the effect. They restart every ``horizon_s`` from the
+    noise-free state, as the diagnosis restarts from the log. Only the second half of each piece counts, in units of
+    each channel's noise.
     """
     robot = generator.robot
     channels = scaled_channels(judged.logs, robot)

@@ -35,7 +35,7 @@ REST = np.array([0.0, 0.1726, 0, 0, 0, 0])
 
 
 @pytest.fixture(scope="module")
-def followed(reference: Log, robot: Robot) -> Reference:
+def jump_reference(reference: Log, robot: Robot) -> Reference:
     return Reference.of(reference, robot)
 
 
@@ -97,14 +97,14 @@ def phases(controller: JumpSequence, touching: dict[float, bool], until_s: float
     return began
 
 
-def sequence(followed: Reference, robot: Robot, jumps: int, **changed: object) -> JumpSequence:
+def sequence(jump_reference: Reference, robot: Robot, jumps: int, **changed: object) -> JumpSequence:
     config = replace(SequenceConfig(), **changed)  # type: ignore[arg-type]
-    return JumpSequence([JointPd(followed, robot, PhaseGains()) for _ in range(jumps)], robot, config, A1_BODY)
+    return JumpSequence([JointPd(jump_reference, robot, PhaseGains()) for _ in range(jumps)], robot, config, A1_BODY)
 
 
 @pytest.mark.parametrize("touch_s", [1.0, 1.2, 1.35], ids=["early", "in time", "late"])
-def test_the_landing_begins_when_both_pairs_touch(followed: Reference, robot: Robot, touch_s: float) -> None:
-    controller = sequence(followed, robot, 2)
+def test_the_landing_begins_when_both_pairs_touch(jump_reference: Reference, robot: Robot, touch_s: float) -> None:
+    controller = sequence(jump_reference, robot, 2)
     began = phases(controller, {0.0: True, 0.81: False, touch_s: True}, touch_s + 1.0)
     down = touch_s + 0.003
     assert list(began.values()) == ["jump", "landing", "settling", "jump"]
@@ -113,18 +113,20 @@ def test_the_landing_begins_when_both_pairs_touch(followed: Reference, robot: Ro
     assert controller.landings_s == pytest.approx([down])
 
 
-def test_feet_that_have_not_left_yet_are_no_landing(followed: Reference, robot: Robot) -> None:
-    began = phases(sequence(followed, robot, 1), {0.0: True, 0.84: False, 1.1: True}, 1.2)
+def test_feet_that_have_not_left_yet_are_no_landing(jump_reference: Reference, robot: Robot) -> None:
+    began = phases(sequence(jump_reference, robot, 1), {0.0: True, 0.84: False, 1.1: True}, 1.2)
     assert list(began) == pytest.approx([0.0, 1.103])
 
 
-def test_a_bounce_shorter_than_a_few_ticks_is_no_landing(followed: Reference, robot: Robot) -> None:
-    began = phases(sequence(followed, robot, 1), {0.0: True, 0.81: False, 1.0: True, 1.002: False, 1.1: True}, 1.2)
+def test_a_bounce_shorter_than_a_few_ticks_is_no_landing(jump_reference: Reference, robot: Robot) -> None:
+    began = phases(
+        sequence(jump_reference, robot, 1), {0.0: True, 0.81: False, 1.0: True, 1.002: False, 1.1: True}, 1.2
+    )
     assert list(began) == pytest.approx([0.0, 1.103])
 
 
-def test_one_pair_alone_is_no_landing(followed: Reference, robot: Robot) -> None:
-    controller = sequence(followed, robot, 1)
+def test_one_pair_alone_is_no_landing(jump_reference: Reference, robot: Robot) -> None:
+    controller = sequence(jump_reference, robot, 1)
     for tick in range(1200):
         seen = estimate(tick / 1000, REST, CROUCH, touching=tick < 810)
         if tick > 1000:
@@ -133,8 +135,8 @@ def test_one_pair_alone_is_no_landing(followed: Reference, robot: Robot) -> None
     assert controller.phase == "jump"
 
 
-def test_without_any_touch_the_legs_settle_in_the_end(followed: Reference, robot: Robot) -> None:
-    controller = sequence(followed, robot, 1)
+def test_without_any_touch_the_legs_settle_in_the_end(jump_reference: Reference, robot: Robot) -> None:
+    controller = sequence(jump_reference, robot, 1)
     began = phases(controller, {0.0: True, 0.81: False}, 1.8)
     assert list(began) == pytest.approx([0.0, 1.5])
     assert controller.landings_s == []
@@ -142,9 +144,9 @@ def test_without_any_touch_the_legs_settle_in_the_end(followed: Reference, robot
     assert (last.planned_force == 0).all(), "feet in the air carry nothing"
 
 
-def test_set_points_do_not_jump_between_phases(followed: Reference, robot: Robot) -> None:
+def test_set_points_do_not_jump_between_phases(jump_reference: Reference, robot: Robot) -> None:
     """While stiff: the soft landing may pull anywhere, and settling begins where the joints are."""
-    controller = sequence(followed, robot, 2)
+    controller = sequence(jump_reference, robot, 2)
     bent = CROUCH + 0.2
     before = None
     for tick in range(2400):
@@ -156,7 +158,7 @@ def test_set_points_do_not_jump_between_phases(followed: Reference, robot: Robot
         elif controller.phase == "settling":
             assert np.abs(command.position - before).max() < 0.002
             before = command.position
-    assert before == pytest.approx(followed.joint_pos[0], abs=1e-3)
+    assert before == pytest.approx(jump_reference.joint_pos[0], abs=1e-3)
 
 
 def test_no_jump_is_refused(robot: Robot) -> None:
@@ -174,9 +176,10 @@ def run(
     return run_closed_loop(ready, controller, replayer, (), noise, np.random.default_rng(0))
 
 
-def test_two_jumps_in_mujoco_each_lands_and_stands(reference: Log, followed: Reference, robot: Robot) -> None:
+def test_two_jumps_in_mujoco_each_lands_and_stands(reference: Log, jump_reference: Reference, robot: Robot) -> None:
     jumps = [
-        JumpMpc(followed, robot, PhaseGains(), RigidBodyModel(A1_BODY), MpcConfig(), level_m=None) for _ in range(2)
+        JumpMpc(jump_reference, robot, PhaseGains(), RigidBodyModel(A1_BODY), MpcConfig(), level_m=None)
+        for _ in range(2)
     ]
     controller = JumpSequence(jumps, robot, SequenceConfig(), A1_BODY)
     made = run(reference, robot, controller, after_s=3.2)
@@ -194,21 +197,26 @@ def test_two_jumps_in_mujoco_each_lands_and_stands(reference: Log, followed: Ref
     assert np.abs(made.truth.qvel[-1, :6]).max() < 0.1
 
 
-def test_the_landing_stands_where_holding_the_pose_does_not(reference: Log, followed: Reference, robot: Robot) -> None:
-    alone = JointPd(followed, robot, PhaseGains())
-    landed = JumpSequence([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY)
+def test_the_landing_stands_where_holding_the_pose_does_not(
+    reference: Log, jump_reference: Reference, robot: Robot
+) -> None:
+    alone = JointPd(jump_reference, robot, PhaseGains())
+    landed = JumpSequence([JointPd(jump_reference, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY)
     assert landing(run(reference, robot, landed, 1.0), robot).success
     speed = [
         np.abs(run(reference, robot, each, 0.35).truth.qvel[-1, [0, 2, 4]]).max()
-        for each in (alone, JumpSequence([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY))
+        for each in (
+            alone,
+            JumpSequence([JointPd(jump_reference, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY),
+        )
     ]
     assert speed[1] < speed[0]
 
 
-def test_an_unseen_step_up_lands_early_and_upright(reference: Log, followed: Reference, robot: Robot) -> None:
+def test_an_unseen_step_up_lands_early_and_upright(reference: Log, jump_reference: Reference, robot: Robot) -> None:
     step = Box(1.2, 0.0, (1.9, 1.0, 0.06), 0.06)  # under all four feet at the landing, ahead of the front feet
     assert step.x_m - step.size_m[0] / 2 > 0.2
-    controller = JumpSequence([JointPd(followed, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY)
+    controller = JumpSequence([JointPd(jump_reference, robot, PhaseGains())], robot, SequenceConfig(), A1_BODY)
     made = run(reference, robot, controller, 1.0, (step,))
     assert controller.landings_s[0] < 1.27
     assert abs(pitch_of(made.truth.qpos[-1, 3:7])) < 0.3

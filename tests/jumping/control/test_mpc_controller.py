@@ -22,32 +22,32 @@ from tests.jumping.control.simple_models import Counting, estimate
 
 
 @pytest.fixture(scope="module")
-def followed(reference: Log, robot: Robot) -> Reference:
+def jump_reference(reference: Log, robot: Robot) -> Reference:
     return Reference.of(reference, robot)
 
 
-def mpc(followed: Reference, robot: Robot, **changed: object) -> JumpMpc:
+def mpc(jump_reference: Reference, robot: Robot, **changed: object) -> JumpMpc:
     config = replace(MpcConfig(), **changed)  # type: ignore[arg-type]
-    return JumpMpc(followed, robot, PhaseGains(), Counting(RigidBodyModel(A1_BODY)), config)
+    return JumpMpc(jump_reference, robot, PhaseGains(), Counting(RigidBodyModel(A1_BODY)), config)
 
 
-def told(followed: Reference, time_s: float, yaw: float = 0.0, off: float = 0.0) -> StateEstimate:
-    row = followed.row(time_s)
-    return estimate(time_s, followed.state[row] + off * (time_s > 0), followed.joint_pos[row], yaw)
+def estimate_at(jump_reference: Reference, time_s: float, yaw: float = 0.0, off: float = 0.0) -> StateEstimate:
+    row = jump_reference.row(time_s)
+    return estimate(time_s, jump_reference.state[row] + off * (time_s > 0), jump_reference.joint_pos[row], yaw)
 
 
-def test_commands_do_not_depend_on_where_and_which_way_the_jump_begins(followed: Reference, robot: Robot) -> None:
-    here, there = mpc(followed, robot), mpc(followed, robot)
+def test_commands_do_not_depend_on_where_and_which_way_the_jump_begins(jump_reference: Reference, robot: Robot) -> None:
+    here, there = mpc(jump_reference, robot), mpc(jump_reference, robot)
     elsewhere = np.array([3.0, -2.0, 0.0])
     for time_s in (0.0, 0.025, 0.05):
-        first = here.command(told(followed, time_s, off=0.02))
-        turned = told(followed, time_s, yaw=0.8, off=0.02)
+        first = here.command(estimate_at(jump_reference, time_s, off=0.02))
+        turned = estimate_at(jump_reference, time_s, yaw=0.8, off=0.02)
         moved = there.command(replace(turned, base_position=turned.base_position + elsewhere))
         assert moved.planned_force == pytest.approx(first.planned_force, abs=1e-6)
         assert moved.torque == pytest.approx(first.torque, abs=1e-6)
 
 
-def test_frame_gives_back_the_planar_state_and_turns_forces(followed: Reference, robot: Robot) -> None:
+def test_frame_gives_back_the_planar_state_and_turns_forces(jump_reference: Reference, robot: Robot) -> None:
     state = np.array([0.3, 0.25, -0.2, 0.5, -0.4, 0.7])
     seen = estimate(0.0, state, yaw=-1.1)
     frame = StartFrame(0.0, 0.0, -1.1)
@@ -56,43 +56,45 @@ def test_frame_gives_back_the_planar_state_and_turns_forces(followed: Reference,
     assert StartFrame(0.0, 0.0, -1.1, level_m=0.2).state(seen)[1] == pytest.approx(0.05)
     force = frame.in_world(np.array([10.0, 20.0, 0.0, 5.0]))
     assert force[0] == pytest.approx([10 * np.cos(1.1), -10 * np.sin(1.1), 20])
-    level = estimate(0.0, np.array([0, 0.17, 0.3, 0, 0, 0]), followed.joint_pos[0], yaw=-1.1)
-    straight = estimate(0.0, np.array([0, 0.17, 0.3, 0, 0, 0]), followed.joint_pos[0])
+    level = estimate(0.0, np.array([0, 0.17, 0.3, 0, 0, 0]), jump_reference.joint_pos[0], yaw=-1.1)
+    straight = estimate(0.0, np.array([0, 0.17, 0.3, 0, 0, 0]), jump_reference.joint_pos[0])
     legs = LegKinematics(robot)
     assert frame.foot(level, legs) == pytest.approx(StartFrame(0, 0, 0).foot(straight, legs))
 
 
-def test_the_force_is_held_between_updates_and_mapped_at_every_tick(followed: Reference, robot: Robot) -> None:
-    controller = mpc(followed, robot)
+def test_the_force_is_held_between_updates_and_mapped_at_every_tick(jump_reference: Reference, robot: Robot) -> None:
+    controller = mpc(jump_reference, robot)
     counted: list[int] = controller.planner.model.asked  # type: ignore[attr-defined]
     counted.clear()
-    commands = [controller.command(told(followed, tick / 1000, off=0.01)) for tick in range(60)]
+    commands = [controller.command(estimate_at(jump_reference, tick / 1000, off=0.01)) for tick in range(60)]
     assert counted == [1, 1, 1], "updates at 0, 25 and 50 ms"
     forces = np.array([c.planned_force for c in commands])
     assert (np.flatnonzero(np.abs(np.diff(forces, axis=0)).any(axis=1)) == [24, 49]).all()
     legs = LegKinematics(robot)
     for tick in (7, 31):
-        seen = told(followed, tick / 1000, off=0.01)
+        seen = estimate_at(jump_reference, tick / 1000, off=0.01)
         force = forces[tick].reshape(2, 2) @ np.array([[1, 0, 0], [0, 0, 1.0]])
         assert commands[tick].torque == pytest.approx(legs.torque(seen.base_quaternion, seen.joint_pos, force))
 
 
-def test_a_slower_update_is_honoured(followed: Reference, robot: Robot) -> None:
-    controller = mpc(followed, robot, period_s=0.05)
+def test_a_slower_update_is_honoured(jump_reference: Reference, robot: Robot) -> None:
+    controller = mpc(jump_reference, robot, period_s=0.05)
     counted: list[int] = controller.planner.model.asked  # type: ignore[attr-defined]
     counted.clear()
     for tick in range(0, 201):
-        controller.command(told(followed, tick / 1000))
+        controller.command(estimate_at(jump_reference, tick / 1000))
     assert len(counted) == 5
 
 
-def test_legs_in_the_air_get_no_force_and_joints_follow_the_reference(followed: Reference, robot: Robot) -> None:
-    controller = mpc(followed, robot)
+def test_legs_in_the_air_get_no_force_and_joints_follow_the_reference(jump_reference: Reference, robot: Robot) -> None:
+    controller = mpc(jump_reference, robot)
     front = robot.joints_at("front")
     for tick in range(0, 1300):
-        command = controller.command(told(followed, min(tick, 1200) / 1000) if tick <= 1200 else at(followed, 1.3))
+        command = controller.command(
+            estimate_at(jump_reference, min(tick, 1200) / 1000) if tick <= 1200 else at(jump_reference, 1.3)
+        )
         row = min(tick, 1200)
-        assert (command.position == followed.joint_pos[row]).all()
+        assert (command.position == jump_reference.joint_pos[row]).all()
         if tick >= 500:
             assert (command.torque[front] == 0).all()
             assert (command.planned_force[:2] == 0).all()
@@ -104,36 +106,36 @@ def test_legs_in_the_air_get_no_force_and_joints_follow_the_reference(followed: 
     assert not controller.fallbacks
 
 
-def at(followed: Reference, time_s: float) -> StateEstimate:
-    return replace(told(followed, 1.2), time_s=time_s)
+def at(jump_reference: Reference, time_s: float) -> StateEstimate:
+    return replace(estimate_at(jump_reference, 1.2), time_s=time_s)
 
 
-def test_joint_pd_sends_the_plan(followed: Reference, robot: Robot) -> None:
-    controller = JointPd(followed, robot, PhaseGains())
+def test_joint_pd_sends_the_plan(jump_reference: Reference, robot: Robot) -> None:
+    controller = JointPd(jump_reference, robot, PhaseGains())
     for time_s in (0.0, 0.3, 0.7, 1.0):
-        command = controller.command(told(followed, time_s))
-        row = followed.row(time_s)
-        assert (command.torque == followed.torque[row]).all()
-        assert (command.planned_force == followed.force[row]).all()
+        command = controller.command(estimate_at(jump_reference, time_s))
+        row = jump_reference.row(time_s)
+        assert (command.torque == jump_reference.torque[row]).all()
+        assert (command.planned_force == jump_reference.force[row]).all()
         assert (command.kp == 300).all()
         assert (command.kd == 3).all()
-    assert (controller.command(at(followed, 1.3)).torque == 0).all()
+    assert (controller.command(at(jump_reference, 1.3)).torque == 0).all()
 
 
-def test_gains_and_landing_pose_by_phase(followed: Reference, robot: Robot) -> None:
+def test_gains_and_landing_pose_by_phase(jump_reference: Reference, robot: Robot) -> None:
     pose = LandingPose(0.1, 0.5, JointGains(80, 1), JointGains(70, 2))
     gains = PhaseGains(JointGains(100, 3), JointGains(200, 4), JointGains(50, 5), pose)
-    targets = JointTargets.of(followed, gains, robot)
+    targets = JointTargets.of(jump_reference, gains, robot)
     front, rear = robot.joints_at("front")[0], robot.joints_at("rear")[0]
     for row, of_front, of_rear in ((0, 100, 100), (499, 100, 100), (500, 200, 100), (800, 50, 50), (1100, 80, 70)):
         assert (targets.kp[row, front], targets.kp[row, rear]) == (of_front, of_rear)
     assert targets.kd[1100, front] == 1
-    moved = targets.position - followed.joint_pos
+    moved = targets.position - jump_reference.joint_pos
     assert (moved[:1100] == 0).all()
     thighs = np.intersect1d(robot.joints_at("front"), robot.joints_at("thigh"))
     assert moved[1100:, thighs] == pytest.approx(-0.5)
     legs, level = LegKinematics(robot), np.array([1.0, 0, 0, 0])
-    feet = [legs.pair_offsets(level, each[1150])[0, 0] for each in (targets.position, followed.joint_pos)]
+    feet = [legs.pair_offsets(level, each[1150])[0, 0] for each in (targets.position, jump_reference.joint_pos)]
     assert feet[0] > feet[1] + 0.05, "forward means forward"
 
 
@@ -143,10 +145,12 @@ def sane(command: Command) -> bool:
 
 @pytest.mark.parametrize("lost", ["base_position", "base_quaternion", "base_velocity", "joint_pos"])
 @pytest.mark.parametrize("from_tick", [0, 30])
-def test_no_sensor_failure_reaches_the_joints(followed: Reference, robot: Robot, lost: str, from_tick: int) -> None:
-    controller = mpc(followed, robot)
+def test_no_sensor_failure_reaches_the_joints(
+    jump_reference: Reference, robot: Robot, lost: str, from_tick: int
+) -> None:
+    controller = mpc(jump_reference, robot)
     for tick in range(0, 500, 5):
-        seen = told(followed, tick / 1000)
+        seen = estimate_at(jump_reference, tick / 1000)
         if tick >= from_tick:
             seen = replace(seen, **{lost: getattr(seen, lost) * np.nan})
         command = controller.command(seen)
@@ -169,10 +173,10 @@ def test_references_that_cannot_be_followed_are_refused(reference: Log, robot: R
         Reference.of(other, robot)
 
 
-def test_mean_force_keeps_the_impulse(followed: Reference) -> None:
+def test_mean_force_keeps_the_impulse(jump_reference: Reference) -> None:
     times = np.array([0.0, 0.013, 0.5, 0.55, 0.8, 0.9, 1.2])
-    mean = followed.mean_force(times)
-    total = followed.force[:1200].sum(axis=0) * 0.001
+    mean = jump_reference.mean_force(times)
+    total = jump_reference.force[:1200].sum(axis=0) * 0.001
     assert np.diff(times) @ mean == pytest.approx(total)
-    assert mean[1] == pytest.approx(followed.force[13:500].mean(axis=0))
+    assert mean[1] == pytest.approx(jump_reference.force[13:500].mean(axis=0))
     assert (mean[4:] == 0).all()

@@ -37,7 +37,7 @@ def kernels(windows: Windows):
     return kernel.fit(windows, fit_gains(windows, A1_BODY), KernelConfig(inputs=dict.fromkeys(NAMES, 0.5)))
 
 
-def published(windows: Windows):
+def published_networks(windows: Windows):
     recipe = PublishedRecipeConfig(hidden_h=[8, 9], hidden_G=[11, 7], orthogonal_gain=1.0)
     return initialisation.initial_published_networks(
         windows.grid, Nominal(RigidBody(12, 0.17)), recipe, np.random.default_rng(2)
@@ -49,7 +49,7 @@ MAKERS = {
     "single": single,
     "ensemble": lambda w: single(w, 3),
     "deep": lambda w: single(w, 2, (12, 10, 8)),
-    "published": published,
+    "published": published_networks,
     "kernel": kernels,
     "blend": lambda w: ModelEnsemble((single(w, 3), kernels(w))),
 }

@@ -15,7 +15,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL
 from stages.chunk import chunk
 from stages.evaluate import evaluate
-from stages.params import composed
+from stages.params import compose_params
 from stages.train import train
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -23,7 +23,7 @@ CONF = Path(__file__).parents[2] / "conf"
 
 def config(folder: Path, **changes: object) -> DictConfig:
     """The defaults of conf/, with folders below ``folder`` and models that are fitted at once."""
-    conf = OmegaConf.create(composed())
+    conf = OmegaConf.create(compose_params())
     sections = {name: conf[name] for name in ("chunk", "train", "evaluate")}
     places = {
         "chunk.logs": folder / "logs",

@@ -32,7 +32,7 @@ from leapgap.jumping.learning.playback import Playback
 from leapgap.jumping.learning.registry import RECIPES
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
-from stages.params import composed
+from stages.params import compose_params
 from tests.conftest import A1_BODY
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
@@ -117,7 +117,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     best = training.Learner.error_on
     seen = []
 
-    def noted(self, name):
+    def record_error(self, name):
         found = best(self, name)
         if name == training.STOPPING:
             seen.append(found)
@@ -131,7 +131,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
         return step(self, *arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(training.Learner, "error_on", noted)
+        patch.setattr(training.Learner, "error_on", record_error)
         patch.setattr(training.Learner, "training_step", killed)
         with pytest.raises(RuntimeError, match="killed"):
             fit(windows, None, tmp_path / "cut", fitting)
@@ -148,7 +148,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
         fit(windows, None, tmp_path / "bad", replace(fitting, stopping_jumps=6))
 
 
-def corrupted(windows: Windows, jump: str) -> Windows:
+def corrupt_jump(windows: Windows, jump: str) -> Windows:
     mask = windows.jump == windows.jumps.index(jump)
     arrays = {n: getattr(windows, n).copy() for n in ("state", "force", "foot")}
     for array in arrays.values():
@@ -160,7 +160,7 @@ def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path)
     """Its corruption leaves every weight, scale and gain of every model of its fold as it was, bit for bit."""
     small = config()
     model_grid.train(windows, small, tmp_path / "clean")
-    model_grid.train(corrupted(windows, "jump_02"), small, tmp_path / "corrupt")
+    model_grid.train(corrupt_jump(windows, "jump_02"), small, tmp_path / "corrupt")
     for name in RECIPES:
         clean, corrupt = (store.load(tmp_path / kind / "fold_0", name) for kind in ("clean", "corrupt"))
         assert "jump_02" not in clean.trained_on and same(clean.model, corrupt.model), name
@@ -253,7 +253,7 @@ def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path
 
 def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_path):
     """With the configured inputs, on one fold and in a third of the steps."""
-    section = OmegaConf.create(composed()).train.networks
+    section = OmegaConf.create(compose_params()).train.networks
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))

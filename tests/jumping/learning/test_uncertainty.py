@@ -13,7 +13,7 @@ from leapgap.jumping.learning.nominal import fit_gains
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.affine_model import FEATURES
-from stages.params import composed
+from stages.params import compose_params
 from tests.conftest import A1_BODY
 
 NAMES = [name for name in FEATURES if name not in ("x_from_start", "z_from_start")]
@@ -66,7 +66,7 @@ def test_unfamiliar_windows_are_expected_to_err_more(windows: Windows, tmp_path)
 
 def test_intervals_on_real_jumps_hold_what_they_say(real_windows: Windows):
     """Deviations from training jumps only; shares within 8 points of 50, 80 and 95 % over the folds."""
-    train = OmegaConf.create(composed()).train
+    train = OmegaConf.create(compose_params()).train
     config: KernelConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(KernelConfig), train.kernel))
     off = []
     for split in folds(real_windows.jumps, 4):

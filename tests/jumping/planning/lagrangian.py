@@ -13,21 +13,21 @@ def residual(robot: PlanarRobot) -> ca.Function:
     q, v, a = ca.SX.sym("q", 7), ca.SX.sym("v", 7), ca.SX.sym("a", 7)
     torque, force = ca.SX.sym("torque", 4), ca.SX.sym("force", 4)
 
-    def rotated(angle: ca.SX, x: float, z: float) -> ca.SX:
+    def rotate(angle: ca.SX, x: float, z: float) -> ca.SX:
         return ca.vertcat(ca.cos(angle) * x + ca.sin(angle) * z, -ca.sin(angle) * x + ca.cos(angle) * z)
 
-    trunk_com = q[:2] + rotated(q[2], robot.trunk_com_x, robot.trunk_com_z)
+    trunk_com = q[:2] + rotate(q[2], robot.trunk_com_x, robot.trunk_com_z)
     bodies = [(robot.trunk_mass, robot.trunk_inertia, trunk_com, q[2])]
     feet = []
     for leg, first in ((robot.front, 3), (robot.rear, 5)):
         thigh, calf = q[2] - q[first], q[2] - q[first] - q[first + 1]
-        hip = q[:2] + rotated(q[2], leg.hip_x, leg.hip_z)
-        knee = hip + rotated(thigh, 0, -leg.thigh.length)
+        hip = q[:2] + rotate(q[2], leg.hip_x, leg.hip_z)
+        knee = hip + rotate(thigh, 0, -leg.thigh.length)
         rolled = ca.vertcat(robot.rolling_radius_m * calf, 0)  # the ground holds the lowest point of the sphere
-        feet.append(knee + rotated(calf, 0, -leg.calf.length) - rolled)
+        feet.append(knee + rotate(calf, 0, -leg.calf.length) - rolled)
         for link, joint, angle in ((leg.thigh, hip, thigh), (leg.calf, knee, calf)):
             for _left_and_right in range(2):
-                centre = joint + rotated(angle, link.com_across, -link.com_down)
+                centre = joint + rotate(angle, link.com_across, -link.com_down)
                 bodies.append((link.mass, link.inertia, centre, angle))
     kinetic = robot.armature * ca.sumsqr(v[3:]) / 2
     potential = ca.SX(0)

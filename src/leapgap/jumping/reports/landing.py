@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 from leapgap.atomic_io import read_json
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.state import commanded_torque
-from leapgap.reports.page import rendered
+from leapgap.reports.page import render_page
 from leapgap.robot.topology import PAIRS
 
 METHODS = {
@@ -86,7 +86,7 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
     logs = {} if first is None else kept_logs(runs / first["robot"], methods, tasks)
     if logs:
         drawn |= {"forces": forces(logs), "joints": joints(logs)}
-    return rendered(
+    return render_page(
         Path(__file__).with_name("landing.html"),
         drawn,
         says=sentence(figures["mean_abs_error_cm"], robots, [task for task in single if task in tasks]),

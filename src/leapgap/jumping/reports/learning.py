@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from leapgap.jumping.learning.evaluation import MEASURED
 from leapgap.jumping.learning.registry import find_recipe
 from leapgap.jumping.learning.time_grid_comparison import RollOut
-from leapgap.reports.page import rendered
+from leapgap.reports.page import render_page
 
 COMPONENTS = {
     "x": "forward x, m",
@@ -51,7 +51,7 @@ def html(
         drawn["roll_outs"] = roll_out(roll_outs, about["jumps"])
     names = sorted(figures["cv_mse"], key=lambda name: -figures["cv_mse"][name])
     labels = {name: find_recipe(name, "metrics, cv_mse").label for name in names}
-    return rendered(
+    return render_page(
         Path(__file__).with_name("learning.html"),
         drawn,
         metrics=figures,

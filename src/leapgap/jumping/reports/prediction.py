@@ -12,12 +12,12 @@ import rerun.blueprint as rrb
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.reports.layout import finished, overview, plot
+from leapgap.reports.layout import add_panels, overview, plot
 from leapgap.reports.log_recording import log_notes
 from leapgap.reports.plots import COMPONENTS, Curve, components, log_phases, log_plot
 from leapgap.reports.recorder import Recorder, recording
 from leapgap.reports.scene import WORLD, log_scene
-from leapgap.reports.shown_robot import GHOSTS, Colour, ShownRobot, cast
+from leapgap.reports.shown_robot import GHOSTS, Colour, ShownRobot, shown_robots
 from leapgap.robot.model import Robot
 
 TRUTH = "measured"
@@ -85,7 +85,7 @@ def record_prediction(
     each model predicts from the time cursor on; in the plots, the window that starts nearest to ``window_start_s``.
     """
     by_model = read_predictions(predictions)
-    actors = cast(TRUTH, jump, {}, robot)
+    actors = shown_robots(TRUTH, jump, {}, robot)
     models = [name for name in shown or by_model if name != TRUTH and by_model.get(name)]
     colours = dict(zip(models, palette(len(models)), strict=True))
     title = title or f"predictions of {jump.name}"
@@ -148,4 +148,4 @@ def prediction_blueprint(actors: Sequence[ShownRobot]) -> rrb.Blueprint:
     views = [plot(f"base/{part.key}", part.label, legend=part is COMPONENTS[0]) for part in COMPONENTS]
     plots = rrb.Grid(*views, grid_columns=2, name="Base, predicted from one window on")
     notes = rrb.TextDocumentView(origin="notes", name="Notes")
-    return finished(rrb.Tabs(overview(actors, plots), notes, active_tab=0))
+    return add_panels(rrb.Tabs(overview(actors, plots), notes, active_tab=0))

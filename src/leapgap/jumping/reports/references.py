@@ -5,7 +5,7 @@ from pathlib import Path
 
 from leapgap.logs.log import read_log
 from leapgap.reports.keyframes import keyframes
-from leapgap.reports.page import rendered
+from leapgap.reports.page import render_page
 from leapgap.robot.model import Robot
 
 
@@ -21,4 +21,4 @@ def html(folder: Path, robot: Robot) -> str:
             "torque_nm": float(abs(torque).max()),
         }
         jumps.append(entry | drawn)
-    return rendered(Path(__file__).with_name("references.html"), {}, jumps=jumps)
+    return render_page(Path(__file__).with_name("references.html"), {}, jumps=jumps)

@@ -1,4 +1,4 @@
-"""Effects that the diagnosis has no name and no code for: what an honest answer calls unknown."""
+"""Off-table effects: the diagnosis has no hypothesis for them, so the right verdict is ``unknown``."""
 
 from functools import cache
 
@@ -12,15 +12,15 @@ FAMILIES = (pulls, loads, motors, structure, measurement)
 
 @cache
 def families() -> dict[str, type[OffTableEffect] | type[BentCalf]]:
-    """All of them by name, in alphabetical order."""
-    found: dict[str, type[OffTableEffect] | type[BentCalf]] = {BentCalf.name: BentCalf}
+    """All off-table effects by name, in alphabetical order."""
+    by_name: dict[str, type[OffTableEffect] | type[BentCalf]] = {BentCalf.name: BentCalf}
     for module in FAMILIES:
-        found |= {kind.name: kind for kind in module.KINDS}
-    return dict(sorted(found.items()))
+        by_name |= {kind.name: kind for kind in module.KINDS}
+    return dict(sorted(by_name.items()))
 
 
 def family(name: str) -> type[OffTableEffect] | type[BentCalf]:
-    """One of them; an unknown name is an ``InputError``."""
+    """The off-table effect of this name; an unknown name is an ``InputError``."""
     if name not in families():
-        raise InputError("withhold", f"nameless effect {name}", f"one of {', '.join(families())}", "correct the name")
+        raise InputError("withhold", f"off-table effect {name}", f"one of {', '.join(families())}", "correct the name")
     return families()[name]

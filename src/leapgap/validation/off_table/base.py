@@ -1,4 +1,4 @@
-"""What the nameless effects share: they may act while the simulation runs, with a memory of their own."""
+"""Base class of the off-table effects, which may act at every simulation step and keep a state of their own."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,13 +10,16 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 Process = Callable[[mujoco.MjModel, mujoco.MjData], None]
-"""Called before every step, applied forces zeroed: adds forces, or changes a model that is this run's own."""
+"""Called before every simulation step, after applied forces were set to zero.
+
+It adds forces or changes the model, which belongs to this run alone.
+"""
 
 
 @dataclass(frozen=True)
 class OffTableEffect(Effect):
-    """An effect outside ``leapgap.effects``, whose table is what a diagnosis looks for."""
+    """An effect outside ``leapgap.effects``, the table of hypotheses of a diagnosis."""
 
     def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
-        """What it does step by step on one jump; ``None`` where the methods ``change_…`` say it all."""
+        """The process that acts at each step of one jump; ``None`` where the methods ``change_…`` do everything."""
         return None

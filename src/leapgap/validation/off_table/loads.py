@@ -1,4 +1,4 @@
-"""Mass that moves in the trunk: its weight is in the model, its freedom is not."""
+"""Masses that move inside the trunk; the model holds their weight, but fixes them to the trunk."""
 
 from abc import abstractmethod
 from collections.abc import Hashable
@@ -26,11 +26,11 @@ class MovingMass(OffTableEffect):
 
     @property
     def structure(self) -> Hashable | None:
-        """A body on a slide."""
+        """Key of the changed model structure (a body on a slide joint); None for a mass of zero."""
         return None if self.is_nominal else self.name
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
-        """Add the body last, so that no index of the robot's own moves."""
+        """Add the body last, so that the indices of the robot's own bodies and joints stay."""
         body = spec.bodies[robot.base_body].add_body()
         body.name, body.pos = self.name, robot.model.body_ipos[robot.base_body]
         body.explicitinertial, body.mass, body.inertia = True, 1.0, [1e-4] * 3
@@ -51,7 +51,7 @@ class MovingMass(OffTableEffect):
 
     @abstractmethod
     def mount(self, model: mujoco.MjModel, joint: int) -> None:
-        """What holds the mass in its place."""
+        """Set the forces and limits that hold the mass in its place."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class SloshingPayload(MovingMass):
     name = "sloshing_payload"
 
     def mount(self, model: mujoco.MjModel, joint: int) -> None:
-        """A spring at the frequency of the liquid."""
+        """Mount the mass on a spring with the natural frequency of the liquid."""
         omega = 2 * 3.141592653589793 * SLOSH_HZ
         model.jnt_stiffness[joint] = self.mass_kg * omega**2
         model.dof_damping[model.jnt_dofadr[joint]] = 2 * SLOSH_DAMPING_RATIO * self.mass_kg * omega
@@ -75,7 +75,7 @@ class LooseBattery(MovingMass):
     name = "loose_battery"
 
     def mount(self, model: mujoco.MjModel, joint: int) -> None:
-        """Friction, and the stops of the tray."""
+        """Set the friction of the tray; its stops are the limits of the slide."""
         model.dof_frictionloss[model.jnt_dofadr[joint]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
 
 

@@ -1,4 +1,4 @@
-"""What is logged or sent is not what is: a tilted IMU, commands that get lost."""
+"""Errors of measurement and communication: a tilted IMU, lost commands."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ from leapgap.validation.off_table.base import OffTableEffect
 
 LOSSES_SEED = 20_240_229
 BURST_S = 0.012
-"""So long all commands get lost."""
+"""Length of a burst in which all commands are lost."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class TiltedImu(OffTableEffect):
         return self._turned(motion, self.tilt_rad)
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
-        """Turn it back."""
+        """Turn the logged orientation back by the tilt: the true first state."""
         return self._turned(start, -self.tilt_rad)
 
     def _turned(self, motion: Motion, angle: float) -> Motion:
@@ -42,7 +42,7 @@ class TiltedImu(OffTableEffect):
 
 @dataclass(frozen=True)
 class PacketLoss(OffTableEffect):
-    """Bursts of lost commands: the joints go on with the last one that came."""
+    """Bursts of lost commands: the joints keep the last command that arrived."""
 
     name = "packet_loss"
 
@@ -54,8 +54,10 @@ class PacketLoss(OffTableEffect):
         bursts = np.random.default_rng(LOSSES_SEED).random(-(-rows // burst)) < self.share
         lost = np.repeat(bursts, burst)[:rows]
         lost[:1] = False
-        came = np.maximum.accumulate(np.where(lost, 0, np.arange(rows)))
-        return Commands(commands.torque[came], commands.position[came], commands.velocity[came])
+        last_received = np.maximum.accumulate(np.where(lost, 0, np.arange(rows)))
+        return Commands(
+            commands.torque[last_received], commands.position[last_received], commands.velocity[last_received]
+        )
 
 
 KINDS: tuple[type[OffTableEffect], ...] = (TiltedImu, PacketLoss)

@@ -1,4 +1,4 @@
-"""Motors and gears in ways the table has no word for: heat, play, cogging."""
+"""Off-table effects of motors and gears: heating, backlash, cogging."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,16 @@ from leapgap.robot.model import Robot
 from leapgap.validation.off_table.base import OffTableEffect, Process
 
 COGS = 40
-"""Cogging periods a turn of the joint: 36 slots of the rotor would be finer by the gear, the planet gears coarser."""
+"""Cogging periods per turn of the joint: 36 rotor slots behind the gear would give more, the planet gears fewer."""
 TOOTH_STIFFNESS = 4000.0
-"""N·m/rad of the gear once its play is used up."""
+"""Stiffness of the teeth in contact, N·m/rad."""
 TOOTH_DAMPING = 2.0
-"""N·m·s/rad there."""
+"""Damping of the teeth in contact, N·m·s/rad."""
 
 
 @dataclass(frozen=True)
 class HeatFade(OffTableEffect):
-    """Motors that lose torque as they heat: gain exp(−fade · ∫τ² dt / (1000 N²m²s)), for each on its own."""
+    """Motors that lose torque as they heat: each has the gain exp(−fade · ∫τ² dt / (1000 N²m²s))."""
 
     name = "heat_fade"
     places = "joints"
@@ -28,7 +28,7 @@ class HeatFade(OffTableEffect):
     fade: float = parameter(0.0, "1/(1000 N²m²s)", 0.0, 20.0)
 
     def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
-        """Integrate the squared torque, and weaken gain, joint PD and limit alike."""
+        """Integrate the squared torque of each motor, and scale its gain and joint PD alike."""
         at = robot.joint_actuators[robot.joints_at(self.location)]
         gain, bias = model.actuator_gainprm[at].copy(), model.actuator_biasprm[at].copy()
         heat = np.zeros(len(at))
@@ -54,7 +54,7 @@ class Backlash(OffTableEffect):
     play_rad: float = parameter(0.0, "rad", 0.0, 0.15)
 
     def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
-        """Drive a rotor of our own with the motor's torque, and the link with the force of the teeth."""
+        """Drive a rotor, integrated here, with the motor's torque, and the link with the torque of the teeth."""
         at = robot.joints_at(self.location)
         actuators, dofs, qpos = robot.joint_actuators[at], robot.joint_dofs[at], robot.joint_qpos[at]
         inertia = model.dof_armature[dofs].copy()
@@ -69,12 +69,12 @@ class Backlash(OffTableEffect):
             q, v = data.qpos[qpos], data.qvel[dofs]
             if not rotor:
                 rotor["q"], rotor["v"] = q.copy(), v.copy()
-            asked = gain * data.ctrl[actuators] + bias[:, 1] * q + bias[:, 2] * v
-            asked = np.clip(asked, limit[:, 0], limit[:, 1])
+            motor_torque = gain * data.ctrl[actuators] + bias[:, 1] * q + bias[:, 2] * v
+            motor_torque = np.clip(motor_torque, limit[:, 0], limit[:, 1])
             twist = rotor["q"] - q
             beyond = twist - np.clip(twist, -self.play_rad / 2, self.play_rad / 2)
             teeth = np.where(beyond != 0, TOOTH_STIFFNESS * beyond + TOOTH_DAMPING * (rotor["v"] - v), 0.0)
-            rotor["v"] = rotor["v"] + model.opt.timestep * (asked - teeth) / inertia
+            rotor["v"] = rotor["v"] + model.opt.timestep * (motor_torque - teeth) / inertia
             rotor["q"] = rotor["q"] + model.opt.timestep * rotor["v"]
             data.qfrc_applied[dofs] += teeth
 
@@ -83,7 +83,7 @@ class Backlash(OffTableEffect):
 
 @dataclass(frozen=True)
 class Cogging(OffTableEffect):
-    """A torque that ripples with the joint's angle: amplitude · sin(40 q), driving as often as braking."""
+    """A torque that ripples with the joint's angle q: amplitude · sin(40 q); its mean is zero."""
 
     name = "cogging"
     places = "joints"
@@ -91,7 +91,7 @@ class Cogging(OffTableEffect):
     amplitude_nm: float = parameter(0.0, "N·m", 0.0, 10.0)
 
     def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
-        """Add the ripple at the joints."""
+        """Add the ripple torque at the joints of the location."""
         at = robot.joints_at(self.location)
         dofs, qpos = robot.joint_dofs[at], robot.joint_qpos[at]
 

@@ -1,4 +1,4 @@
-"""Forces from outside: a tether, wind, a floor that holds the feet back."""
+"""External forces: a tether, wind, a sticky floor."""
 
 from dataclasses import dataclass
 
@@ -13,13 +13,13 @@ from leapgap.robot.model import Robot
 from leapgap.validation.off_table.base import OffTableEffect, Process
 
 ANCHOR_M = np.array([-1.0, 0.0, 0.4])
-"""From where the trunk starts to where the tether is tied: behind and above."""
+"""Anchor of the tether relative to the first position of the trunk, m: behind and above it."""
 DRAG_AREA = 0.1
-"""½ ρ c_d A of the A1 from the front, N·s²/m², about: 0.6 kg/m³ × 1.3 × 0.12 m²."""
+"""½ ρ c_d A of a quadruped from the front, N·s²/m²: about 0.6 kg/m³ × 1.3 × 0.12 m²."""
 STICKY_M = 0.005
-"""So far above the ground the floor still holds a foot."""
+"""Height above the ground up to which the floor holds a foot."""
 RISING_M_S = 0.02
-"""The floor's hold is full on a foot that rises faster than this."""
+"""Speed of a rising foot from which the floor holds with its whole force."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Tether(OffTableEffect):
 
 @dataclass(frozen=True)
 class Wind(OffTableEffect):
-    """Steady wind along x, positive from behind: what it adds to the drag of the trunk in still air."""
+    """Steady wind along x, positive from behind: drag of the trunk in the wind less its drag in still air."""
 
     name = "wind"
 

@@ -1,4 +1,4 @@
-"""Parts that hold or hinder the joints; the bent calf is simulated hardware's own (``simulation.off_table``)."""
+"""Off-table effects of the robot's structure; the bent calf is in ``leapgap.simulation.off_table``."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from leapgap.validation.off_table.base import OffTableEffect
 
 @dataclass(frozen=True)
 class CableSpring(OffTableEffect):
-    """Stiff cables across the joints: a spring about the angles the robot crouches in."""
+    """Stiff cables across the joints: a spring about the joint angles of the crouch."""
 
     name = "cable_spring"
     places = "joints"
