@@ -20,7 +20,8 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.atomic_io import write_json
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose, run_checks
+from leapgap.diagnosis.checks import run_checks
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose
 from leapgap.diagnosis.gap import Judged, noise_floor, squares
 from leapgap.diagnosis.gap_reduction import closure, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -113,7 +114,7 @@ def realised(found: Diagnosis, proof: Sequence[Log], robot: Robot, settings: Set
     None where the effect changes these jumps by less than twice the noise floor: a share of nothing is no figure.
     """
     judged, replayer = Judged.of(proof, robot), Replayer(robot, threads=1)
-    clock = clock_of(run_checks(judged, robot, settings), judged, robot)
+    clock = clock_of(run_checks(judged.jumps, robot, settings.check_thresholds), judged, robot)
     corrected = []
     for jump in judged.jumps:
         own = []

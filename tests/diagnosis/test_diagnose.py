@@ -6,7 +6,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap import effects
-from leapgap.diagnosis import checks
+from leapgap.diagnosis.checks import clocks as local
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.selection import SearchSettings
@@ -262,9 +262,9 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
     profile = (1.0, 1.0, 1.25, 1.0, 1.0)
     slow = SamplePeriod(scale=1.05, profile=profile)
     jumps = hardware(robot, reference, slow, noise=SensorNoise(), jumps=2)
-    clocks = checks.local_clocks(jumps, robot)
+    clocks = local.local_clocks(jumps, robot)
     rows = len(jumps[0])
-    every = jumps[0].info.rows(checks.LOCAL_EVERY_S)
+    every = jumps[0].info.rows(local.LOCAL_EVERY_S)
     moving = slice(rows // 3 // every, 2 * rows // 3 // every)
     found = clocks["made_0"][moving]
     at = np.linspace(0, rows - 1, len(clocks["made_0"]))[moving]

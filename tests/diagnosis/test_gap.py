@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis import checks
 from leapgap.diagnosis.channels import logged_channels, noise
+from leapgap.diagnosis.checks.base_clock import BaseClock
+from leapgap.diagnosis.checks.free_fall import FreeFall
+from leapgap.diagnosis.checks.joint_clock import JointClock
+from leapgap.diagnosis.checks.planted_feet import PlantedFeet
 from leapgap.diagnosis.gap import Judged, headline_rows, noise_floor, pooled, scaled_errors, squares
 from leapgap.diagnosis.localisation import PHASES, phase_of_rows, where
 from leapgap.logs.log import Log
@@ -115,19 +118,19 @@ def test_where_is_told_above_noise(robot: Robot, reference: Log) -> None:
 
 def test_clock_check_recovers_a_known_period(robot: Robot, reference: Log) -> None:
     slow = hardware(robot, reference, effects.effect("sample_period", scale=1.07), noise=SensorNoise(), jumps=2)
-    check = checks.joint_clock(slow, robot, threshold=0.02)
+    check = JointClock().run(slow, robot, threshold=0.02)
     assert check is not None and not check.passed
     assert check.per_log["made_0"] == pytest.approx(1.07, abs=0.01)
     assert "runs slower than the log claims" in check.says
     true = hardware(robot, reference, noise=SensorNoise(), jumps=2)
-    for judge in (checks.joint_clock, checks.base_clock):
+    for judge in (JointClock().run, BaseClock().run):
         assert judge(true, robot, 0.02).passed
 
 
 def test_fall_and_planted_feet_pass_on_a_true_log_and_fail_on_a_false_one(robot: Robot, reference: Log) -> None:
     (jump,) = hardware(robot, reference, noise=SensorNoise())
-    assert checks.free_fall([jump], robot, 0.08).passed
-    assert checks.planted_feet([jump], robot, 0.01).passed
+    assert FreeFall().run([jump], robot, 0.08).passed
+    assert PlantedFeet().run([jump], robot, 0.01).passed
     drift = np.linspace(0, 0.05, len(jump))
     false = Log(
         "f",
@@ -135,4 +138,4 @@ def test_fall_and_planted_feet_pass_on_a_true_log_and_fail_on_a_false_one(robot:
         | {"base_pos_z": jump["base_pos_z"] - 20 * drift**2, "base_pos_x": jump["base_pos_x"] + drift},
         jump.info,
     )
-    assert not checks.planted_feet([false], robot, 0.01).passed
+    assert not PlantedFeet().run([false], robot, 0.01).passed

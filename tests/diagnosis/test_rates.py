@@ -6,7 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from leapgap.diagnosis import checks
+from leapgap.diagnosis.checks import clocks as local
+from leapgap.diagnosis.checks.free_fall import GRAVITY, FreeFall
+from leapgap.diagnosis.checks.planted_feet import PlantedFeet
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.short_rollouts import Pieces, State
 from leapgap.logs.log import Log, LogInfo
@@ -31,7 +33,7 @@ def test_a_time_is_as_many_rows_as_it_lasts_and_one_at_least(rate_hz: int, rows:
 
 @pytest.mark.parametrize("rate_hz", [1000, 500, 200])
 def test_a_local_clock_has_a_value_every_20_ms(robot: Robot, rate_hz: int) -> None:
-    clocks = checks.local_clocks([moving(log(robot, rate_hz, 1.0), robot)], robot)
+    clocks = local.local_clocks([moving(log(robot, rate_hz, 1.0), robot)], robot)
     assert len(clocks["standing"]) == pytest.approx(50, abs=1)
     assert clocks["standing"] == pytest.approx(1.0, abs=0.01)
 
@@ -49,8 +51,8 @@ def moving(jump: Log, robot: Robot) -> Log:
 def test_a_fall_of_300_ms_is_judged_at_any_rate(robot: Robot, rate_hz: int) -> None:
     jump = log(robot, rate_hz)
     since = np.clip(jump.time - jump.info.schedule.take_off_s, 0, None)
-    falling = replace(jump, columns=dict(jump.columns) | {"base_pos_z": 1.0 - checks.GRAVITY * since**2 / 2})
-    check = checks.free_fall([falling], robot, 0.08)
+    falling = replace(jump, columns=dict(jump.columns) | {"base_pos_z": 1.0 - GRAVITY * since**2 / 2})
+    check = FreeFall().run([falling], robot, 0.08)
     assert check is not None
     assert check.statistic < 0.01
 
@@ -59,7 +61,7 @@ def test_a_fall_of_300_ms_is_judged_at_any_rate(robot: Robot, rate_hz: int) -> N
 def test_a_foot_that_wanders_for_15_ms_is_seen_at_any_rate(robot: Robot, rate_hz: int) -> None:
     jump = log(robot, rate_hz)
     away = np.where((jump.time > 0.0524) & (jump.time < 0.0676), 0.05, 0.0)  # rows 11 to 13 at 200 Hz
-    check = checks.planted_feet([replace(jump, columns=dict(jump.columns) | {"base_pos_x": away})], robot, 0.01)
+    check = PlantedFeet().run([replace(jump, columns=dict(jump.columns) | {"base_pos_x": away})], robot, 0.01)
     assert check.statistic == pytest.approx(0.05, abs=1e-6)
 
 

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis import checks as consistency
 from leapgap.diagnosis.candidates import Found
-from leapgap.diagnosis.checks import Check
+from leapgap.diagnosis.checks import CheckResult, run_checks
+from leapgap.diagnosis.checks.clocks import local_clocks
 from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, concluded, confirmed_by_jumps, first_shares
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import Judged, misplaced_at_the_end, noise_floor, squares_of
@@ -85,6 +85,17 @@ class Settings:
     bootstrap_draws: int = 500
     seed: int = 1
 
+    @property
+    def check_thresholds(self) -> dict[str, float]:
+        """Thresholds of the consistency checks by name."""
+        return {
+            "joint_clock": self.clock_threshold,
+            "base_clock": self.clock_threshold,
+            "even_clock": self.even_threshold,
+            "free_fall": self.fall_threshold,
+            "planted_feet": self.planted_threshold_m,
+        }
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -124,7 +135,7 @@ def diagnose(
     yardstick = yardstick_of(judged, replayer, nominal, settings, rng)
     gap, floor = yardstick.gap(yardstick.nominal), yardstick.gap(yardstick.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
-    checks = run_checks(judged, robot, settings)
+    checks = run_checks(judged.jumps, robot, settings.check_thresholds)
     hypotheses = hypotheses_of(kinds, robot, clock_of(checks, judged, robot))
     found = search(yardstick, hypotheses, settings, progress)
     heldout = HeldOutReduction(yardstick, jumps, nominal)
@@ -244,18 +255,6 @@ def search(
     return find(whole, coarse, hypotheses, settings.tolerances, yardstick.folds, settings.plan, progress)
 
 
-def run_checks(judged: Judged, robot: Robot, settings: Settings) -> list[Check]:
-    """The consistency checks that the logs have columns for."""
-    found = (
-        consistency.joint_clock(judged.jumps, robot, settings.clock_threshold),
-        consistency.even_clock(consistency.local_clocks(judged.jumps, robot), settings.even_threshold),
-        consistency.base_clock(judged.jumps, robot, settings.clock_threshold),
-        consistency.free_fall(judged.jumps, robot, settings.fall_threshold),
-        consistency.planted_feet(judged.jumps, robot, settings.planted_threshold_m),
-    )
-    return [check for check in found if check is not None]
-
-
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:
     """The effects to look for, a user's own classes among them; a name that is none is an ``InputError``."""
     kinds = effects.registry(own)
@@ -277,14 +276,14 @@ def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> No
             raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
 
 
-def clock_of(checks: Sequence[Check], judged: Judged, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
+def clock_of(checks: Sequence[CheckResult], judged: Judged, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
     """True over claimed period of each log by its joints, where that check failed; several where it changes within.
 
     The joints are not scored in the headline gap, so this holds on held-out jumps too.
     """
     failed = {check.name: check.per_log for check in checks if not check.passed}
     if "even_clock" in failed:
-        local = consistency.local_clocks(judged.jumps, robot) or {}
+        local = local_clocks(judged.jumps, robot) or {}
         return {log: tuple(clock.tolist()) for log, clock in local.items()}
     if "joint_clock" in failed:
         return {log: (value,) for log, value in failed["joint_clock"].items()}

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from leapgap.diagnosis.checks import Check
+from leapgap.diagnosis.checks import CheckResult
 from leapgap.diagnosis.gap_reduction import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.provenance import Provenance
@@ -71,7 +71,7 @@ class Report:
     """Of the answer with one value shared by all logs, where its values differ by log."""
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
-    checks: tuple[Check, ...]
+    checks: tuple[CheckResult, ...]
     next_experiment: Mapping[str, Any] | None
     not_judged: tuple[str, ...]
     """What could not be judged, and for want of what."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.checks import joint_clock
+from leapgap.diagnosis.checks.joint_clock import JointClock
 from leapgap.diagnosis.gap import Judged, noise_floor, pooled, squares
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
@@ -39,7 +39,7 @@ def on_log(effect: Effect, jump: Log, judged: Judged, robot: Robot, report: Mapp
         return effect
     cause = next((c for c in report["causes"] if c["effect"] == effect.name), None)
     told = next((c["per_log"] for c in report["checks"] if c["name"] == CLOCK and c.get("per_log")), None)
-    found = joint_clock([jump], robot, threshold=0.0)
+    found = JointClock().run([jump], robot, threshold=0.0)
     if not (cause and cause.get("per_log") and told and found):
         return effect
     parameter = effect.parameters(robot, effect.location)[0]

@@ -1,0 +1,51 @@
+"""What a consistency check is: a question to logs that needs no fit, answered over all of them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """The outcome of one consistency check over all logs."""
+
+    name: str
+    passed: bool
+    statistic: float
+    threshold: float
+    says: str
+    per_log: dict[str, float]
+    """The statistic's estimate on each log, by the log's name."""
+
+
+class Check(ABC):
+    """One consistency check. A subclass in a file of this package is all that a further check takes."""
+
+    name: ClassVar[str]
+    threshold: ClassVar[float]
+    """The statistic up to which a check passes, where settings name no other."""
+    place: ClassVar[int] = 100
+    """Checks are run, and told, in this order."""
+    needs_robot: ClassVar[bool] = True
+    """Whether the logs alone do not suffice."""
+
+    @abstractmethod
+    def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
+        """Check all logs, cut to the rows that are judged; None where one of them lacks the columns.
+
+        ``robot`` is None only where ``needs_robot`` is False and nobody named a robot.
+        """
+
+
+def joints_of(logs: Sequence[Log], robot: Robot | None) -> tuple[str, ...]:
+    """The robot's joints in its order, or those of the first log."""
+    return logs[0].joints if robot is None else robot.joints
+
+
+def have_joints(logs: Sequence[Log], joints: Sequence[str]) -> bool:
+    """Whether every log has positions and velocities of its joints."""
+    return all(f"{quantity}/{joints[0]}" in log for log in logs for quantity in ("joint_pos", "joint_vel"))

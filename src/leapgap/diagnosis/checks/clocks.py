@@ -1,0 +1,84 @@
+"""True over claimed sample period, from positions that must be the integral of velocities."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+SPAN_S = 0.02
+"""Increments of position are compared with summed velocities over this time."""
+
+
+def clock_scale(position: np.ndarray, velocity: np.ndarray, period_s: float) -> float:
+    """True over claimed period, from positions that must be the integral of velocities; both (rows, channels).
+
+    Sensors measure velocity in true time, while positions advance by v · (true period) a row: the regression of
+    position increments on claimed-time integrals of velocity has that ratio as slope.
+    """
+    span = max(1, round(SPAN_S / period_s))
+    moved = position[span:] - position[:-span]
+    middle = (velocity[1:] + velocity[:-1]) / 2
+    summed = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(middle, axis=0) * period_s])
+    integral = summed[span:] - summed[:-span]
+    return float((moved * integral).sum() / (integral**2).sum())
+
+
+LOCAL_S = 0.02
+"""Half width, standard deviation, of the window of a local clock."""
+LOCAL_PRIOR = 0.05
+"""Weight of the log's mean clock in a local one, as a share of what a window says on average."""
+
+
+def local_clock(position: np.ndarray, velocity: np.ndarray, period_s: float, every: int) -> np.ndarray:
+    """The same ratio as it changes within a log, one value every so many rows, (values,).
+
+    The regression of ``clock_scale`` in a window that slides along; where little moves, the whole log's ratio.
+    """
+    moved = np.diff(position, axis=0)
+    integral = (velocity[1:] + velocity[:-1]) / 2 * period_s
+    span = max(1, round(SPAN_S / period_s))
+    box = np.ones(span)
+    moved, integral = (np.apply_along_axis(np.convolve, 0, x, box, "same") for x in (moved, integral))
+    product, square = (moved * integral).sum(axis=1), (integral**2).sum(axis=1)
+    rows = np.arange(len(moved)) + 0.5
+    at = np.linspace(0, len(position) - 1, max(2, len(position) // every))
+    window = np.exp(-0.5 * ((at[:, None] - rows) * period_s / LOCAL_S) ** 2)
+    mean, prior = product.sum() / square.sum(), LOCAL_PRIOR * (window @ square).mean()
+    return np.asarray((window @ product + prior * mean) / (window @ square + prior))
+
+
+LOCAL_EVERY_S = 0.02
+"""A local clock has one value for each stretch of this length."""
+
+
+def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, np.ndarray] | None:
+    """The joints' clock as it changes within each log, by the log's name; None where a log lacks the columns."""
+    joints = joints_of(logs, robot)
+    if not have_joints(logs, joints):
+        return None
+    return {
+        log.name: local_clock(
+            log.per_joint("joint_pos", joints),
+            log.per_joint("joint_vel", joints),
+            log.info.sample_period_s,
+            log.info.rows(LOCAL_EVERY_S),
+        )
+        for log in logs
+    }
+
+
+def judge_clocks(name: str, what: str, scales: dict[str, float], threshold: float) -> CheckResult:
+    """Judge the scales of all logs, by the log's name, by their median; ``what`` says whose positions they are of."""
+    statistic = float(np.median(list(scales.values()))) - 1
+    passed = abs(statistic) <= threshold
+    low, high = min(scales.values()), max(scales.values())
+    says = (
+        f"positions of {what} agree with their velocities at the claimed sample period (median {1 + statistic:.3f})"
+        if passed
+        else f"{what} move {100 * statistic:+.0f} % against their own velocities at the claimed sample period "
+        f"(logs {low:.2f} to {high:.2f}): the loop runs {'slower' if statistic > 0 else 'faster'} than the log claims"
+    )
+    return CheckResult(name, passed, abs(statistic), threshold, says, scales)

@@ -1,0 +1,34 @@
+"""Does the loop take equally long throughout a log, by the joints' own clock?"""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from leapgap.diagnosis.checks.base import Check, CheckResult
+from leapgap.diagnosis.checks.clocks import local_clocks
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+
+class EvenClock(Check):
+    """How much the true length of a row changes within a log."""
+
+    name = "even_clock"
+    threshold = 0.03
+    place: ClassVar[int] = 2
+    needs_robot = False
+
+    def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
+        """Take the standard deviation of each log's local clock."""
+        clocks = local_clocks(logs, robot)
+        if clocks is None:
+            return None
+        spread = {name: float(clock.std()) for name, clock in clocks.items()}
+        statistic = float(np.median(list(spread.values())))
+        passed = statistic <= threshold
+        low, high = (float(f([f(clock) for clock in clocks.values()])) for f in (min, max))
+        says = f"the true period of a row changes by {100 * statistic:.1f} % within a log (standard deviation)" + (
+            "" if passed else f", from {low:.2f} to {high:.2f} times the claimed one"
+        )
+        return CheckResult(self.name, passed, statistic, threshold, says, spread)

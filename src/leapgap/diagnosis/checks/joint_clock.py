@@ -1,0 +1,31 @@
+"""Do the joints' positions follow from their velocities at the claimed sample period?"""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
+from leapgap.diagnosis.checks.clocks import clock_scale, judge_clocks
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+
+class JointClock(Check):
+    """The clock of the log, by the joints: encoders and their velocities are measured in true time."""
+
+    name = "joint_clock"
+    threshold = 0.02
+    place: ClassVar[int] = 1
+    needs_robot = False
+
+    def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
+        """Compare position increments with summed velocities, over all joints of each log."""
+        joints = joints_of(logs, robot)
+        if not have_joints(logs, joints):
+            return None
+        scales = {
+            log.name: clock_scale(
+                log.per_joint("joint_pos", joints), log.per_joint("joint_vel", joints), log.info.sample_period_s
+            )
+            for log in logs
+        }
+        return judge_clocks(self.name, "the joints", scales, threshold)
