@@ -136,7 +136,7 @@ def verdict_of(cache: ResultCache, job: Job) -> str:
         page = out / job.name / "report.html"
         inline = f"<script>{plotly.offline.get_plotlyjs()}</script>"
         write_text(page, page.read_text(encoding="utf-8").replace(inline, f'<script src="../{SCRIPT}"></script>'))
-    return found.report.sentence
+    return found.sentence
 
 
 if __name__ == "__main__":

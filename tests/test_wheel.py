@@ -17,6 +17,7 @@ from omegaconf import OmegaConf
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from tests import plain_arm
 from tests.code import ROOT
 
 HEAVY = {
@@ -42,6 +43,8 @@ INSTRUMENT = (
     "leapgap.simulation.corrected",
     "leapgap.diagnosis.diagnose",
     "leapgap.reports.report",
+    "leapgap.api",
+    "leapgap.cli",
 )
 """What a diagnosis with its page imports: all of it must work without an extra."""
 PACKAGED = ("src", "pyproject.toml", "README.md", "LICENSE")
@@ -161,13 +164,37 @@ def test_import_loads_no_heavy_module(tmp_path: Path) -> None:
     assert loaded & HEAVY == set()
 
 
-# TODO, with the front door: in the environment of `python`, two logs are diagnosed by command and by five lines.
-#
-# @pytest.mark.pipeline
-# def test_diagnosis_by_command(python, example_logs, tmp_path):
-#     run(python.with_name("leapgap"), "diagnose", example_logs, "robot.xml", "--out", "out", cwd=tmp_path)
-#
-# @pytest.mark.pipeline
-# def test_diagnosis_by_five_lines(python, example_logs, tmp_path): ...
-#
-# Two logs of a robot with joint damping, made in 7 s by the stage, come from the fixture `example` of tests/docs.
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``arm.xml`` and two logs of the arm in ``logs``, by plain MuJoCo."""
+    folder = tmp_path_factory.mktemp("arm")
+    plain_arm.write_model(folder)
+    plain_arm.write_parquet(folder / "logs", logs=2)
+    return folder
+
+
+@pytest.mark.pipeline
+def test_two_logs_are_diagnosed_by_command_in_an_empty_environment(python: Path, arm: Path) -> None:
+    command = python.with_name("leapgap")
+    said = run(command, "diagnose", "logs", "arm.xml", "--out", "out", "--quiet", cwd=arm)
+    assert said.startswith("named: viscous friction of the gears (joint_damping at elbow: damping 0.4")
+    report = json.loads((arm / "out" / "report.json").read_text(encoding="utf-8"))
+    assert report["answer"] == [["joint_damping"]]
+    assert (arm / "out" / "report.html").is_file()
+    assert not (arm / "out" / "diagnosis.rrd").exists()  # recordings come with an extra
+    assert run(command, "--version", cwd=arm) == f"leapgap {project()['version']}\n"
+
+
+FIVE_LINES = """import leapgap as lg
+
+report = lg.diagnose(lg.read_logs("logs/"), "arm.xml")
+print(report)
+report.save("again/")
+"""
+
+
+@pytest.mark.pipeline
+def test_two_logs_are_diagnosed_by_five_lines_in_an_empty_environment(python: Path, arm: Path) -> None:
+    said = run(python, "-c", FIVE_LINES, cwd=arm)
+    assert said.startswith("named: viscous friction of the gears (joint_damping at elbow")
+    assert (arm / "again" / "corrected" / "effects.json").is_file()

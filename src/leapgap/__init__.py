@@ -1,1 +1,73 @@
-"""leapgap: where a legged robot differs from its simulation, why, and how far the gap shrinks."""
+"""Where a robot's simulation is wrong, which unmodelled effect causes it, and how far the gap shrinks with it added.
+
+    import leapgap as lg
+
+    report = lg.diagnose(lg.read_logs("logs/"), "robot.xml")
+    print(report)
+    report.save("out/")
+
+What stands in ``__all__`` is public. It is imported when it is first used, so that ``import leapgap`` takes no time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from leapgap import effects
+    from leapgap.api import check, diagnose, read_logs, replay, write_log
+    from leapgap.diagnosis.diagnose import Settings
+    from leapgap.effects.base import Effect
+    from leapgap.errors import InputError
+    from leapgap.logs.log import Log
+    from leapgap.reports.diagnosis import Report
+    from leapgap.robot.model import Robot
+
+    __version__: str
+
+HOMES = {
+    "Effect": "leapgap.effects.base",
+    "InputError": "leapgap.errors",
+    "Log": "leapgap.logs.log",
+    "Report": "leapgap.reports.diagnosis",
+    "Robot": "leapgap.robot.model",
+    "Settings": "leapgap.diagnosis.diagnose",
+    "check": "leapgap.api",
+    "diagnose": "leapgap.api",
+    "read_logs": "leapgap.api",
+    "replay": "leapgap.api",
+    "write_log": "leapgap.api",
+}
+"""Where each public name is defined."""
+
+__all__ = [
+    "Effect",
+    "InputError",
+    "Log",
+    "Report",
+    "Robot",
+    "Settings",
+    "__version__",
+    "check",
+    "diagnose",
+    "effects",
+    "read_logs",
+    "replay",
+    "write_log",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported now."""
+    if name == "effects":
+        return import_module("leapgap.effects")
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("leapgap")
+    if name in HOMES:
+        return getattr(import_module(HOMES[name]), name)
+    raise AttributeError(f"module 'leapgap' has no attribute {name!r}; public are {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -238,7 +238,7 @@ def test_a_robot_with_a_fixed_base_is_diagnosed_by_its_joints(tmp_path, robot: R
             columns |= {f"cmd_kp/{joint}": 0 * time + 60.0, f"cmd_kd/{joint}": 0 * time + 1.0}
         planned = Log(f"swing_{i}", columns, LogInfo("arm", 0.001, ContactSchedule(), Target(0.0), "a test"))
         (motion,) = replayer.motions([Rollout(planned, damped)])
-        log = replayer.as_jump(motion, planned)
+        log = replayer.as_log(motion, planned)
         noisy = {
             name: values + (5e-4 if "pos" in name else 5e-2) * rng.standard_normal(len(values))
             for name, values in log.columns.items()

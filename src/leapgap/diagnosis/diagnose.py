@@ -16,7 +16,7 @@ from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReduction, resamp
 from leapgap.diagnosis.hypotheses import Hypothesis, hypotheses_of
 from leapgap.diagnosis.localisation import where
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Report
+from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find
 from leapgap.diagnosis.sensitivities import FINE_STEP_S
 from leapgap.diagnosis.short_rollouts import ShortRollouts
@@ -101,7 +101,7 @@ class Settings:
 class Diagnosis:
     """A report with what was simulated for it."""
 
-    report: Report
+    report: ReportContent
     nominal: Mapping[str, Motion]
     """Replay of each log by the nominal robot, all rows."""
     corrected: Mapping[str, Motion]
@@ -150,7 +150,7 @@ def diagnose(
     closes = yardstick.closure(corrected) if said.answer else None
     # Short steps: what the nominal simulation's own step does is no part of the gap.
     places = where(judged, replayer.with_steps(FINE_STEP_S), settings.where_horizon_s, settings.noise_draws, rng)
-    report = Report(
+    report = ReportContent(
         verdict=said.verdict,
         sentence=sentence(said, believed, gap, yardstick.gap(corrected), closes, judged),
         gap_nominal=gap,

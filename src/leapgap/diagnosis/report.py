@@ -57,7 +57,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Report:
+class ReportContent:
     """Everything a person is told, and what ``report.json`` holds."""
 
     verdict: str

@@ -93,7 +93,7 @@ def signature(reference: Log, robot: Robot, found: Mapping[str, Effect], horizon
     """
     replayer = Replayer(robot, terrain_slots=max(1, len(reference.info.terrain)))
     (motion,) = replayer.motions([Rollout(reference)])
-    pieces = pieces_of_phases(replayer.as_jump(motion, reference), horizon_s)
+    pieces = pieces_of_phases(replayer.as_log(motion, reference), horizon_s)
     phases = tuple(phase for phase in PHASES if any(p == phase for p, _ in pieces))
     candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in found.values())]
     trials = [Rollout(piece, of) for of in candidates for _, piece in pieces]

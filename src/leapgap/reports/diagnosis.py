@@ -1,67 +1,150 @@
-"""A folder of logs diagnosed, and what it comes to written: report, page and corrected robot."""
+"""Logs diagnosed, and what it comes to: printed, and written as report, page and corrected robot."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Report
-from leapgap.logs import log as jump_log
-from leapgap.logs.log import Log
+from leapgap.diagnosis.report import Cause, ReportContent
+from leapgap.effects.base import Effect
+from leapgap.logs.log import Log, read_logs
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.corrected import write_corrected
 from leapgap.simulation.replay import Replayer
 
+REPORT, PAGE, CORRECTED, RECORDING = "report.json", "report.html", "corrected", "diagnosis.rrd"
+"""What ``Report.save`` writes into a folder."""
+CAUSES_PRINTED = 5
+
 
 @dataclass(frozen=True)
-class DiagnosedLogs:
-    """Logs with their diagnosis, and replays of them by name of the log."""
+class Report:
+    """The diagnosis of some logs: print it, look at its parts, or save it."""
 
-    jumps: tuple[Log, ...]
+    logs: tuple[Log, ...]
     robot: Robot
     diagnosis: Diagnosis
     nominal: Mapping[str, Log]
-    """Replayed by the nominal robot."""
+    """Replays by the nominal robot, by the log's name."""
     corrected: Mapping[str, Log]
-    """Replayed with the answer as fitted without the log."""
+    """Replays with the answer as fitted without the log, by the log's name."""
+    record: Callable[["Report", Path], None] | None = field(default=None, compare=False)
+    """Writes a recording of the report, where recordings are wanted."""
 
     @property
-    def report(self) -> Report:
-        """What the diagnosis says."""
+    def content(self) -> ReportContent:
+        """All figures of the report."""
         return self.diagnosis.report
+
+    @property
+    def verdict(self) -> str:
+        """``named``, ``ambiguous``, ``unknown`` or ``none``."""
+        return self.content.verdict
+
+    @property
+    def sentence(self) -> str:
+        """The answer in one sentence, with numbers."""
+        return self.content.sentence
+
+    @property
+    def answer(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the effects that act together; several in one place cannot be told apart."""
+        return self.content.answer
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Every effect that was judged, the answer's first, then by probability."""
+        return self.content.causes
+
+    @property
+    def correction(self) -> tuple[Effect, ...]:
+        """The answer as effects to simulate with, fitted on all logs."""
+        return self.diagnosis.correction
+
+    def __str__(self) -> str:
+        """The sentence, the gap, the first causes with their numbers, and what could not be judged."""
+        content = self.content
+        gaps = (content.gap_nominal, content.gap_corrected, content.noise_floor)
+        lines = [
+            f"{self.verdict}: {self.sentence}",
+            "gap {:.3g}, corrected {:.3g}, noise floor {:.3g}".format(*gaps) + f" ({len(self.logs)} logs)",
+        ]
+        lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
+        lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
+        if content.not_judged:
+            lines.append(f"not judged, for want of columns: {'; '.join(content.not_judged)}")
+        return "\n".join(lines)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write report, page, corrected robot and, where Rerun is installed, a recording; the folder.
+
+        Files of an earlier report in the folder are replaced; nothing else in it is touched.
+        """
+        path = Path(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        self.write(path)
+        if self.record is not None:
+            self.record(self, path / RECORDING)
+        return path
 
     def write(self, folder: Path) -> None:
         """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder."""
-        write_json(folder / "report.json", self.report.to_json())
-        write_text(folder / "report.html", html(self.report, self.jumps, self.robot, self.nominal, self.corrected))
-        write_corrected(folder / "corrected", self.robot, self.diagnosis.correction)
+        write_json(folder / REPORT, self.content.to_json())
+        write_text(folder / PAGE, html(self.content, self.logs, self.robot, self.nominal, self.corrected))
+        write_corrected(folder / CORRECTED, self.robot, self.correction)
+
+
+def cause_in_words(cause: Cause) -> str:
+    """``  joint_damping at elbow: damping 0.399 N·m·s/rad (0.376 to 0.423), closes 97 %, probability 1.00``."""
+    place = "" if cause.location == "all" else f" at {cause.location}"
+    numbers = ", ".join(
+        f"{name} {one.value:.3g} {one.unit} ({one.ci95[0]:.3g} to {one.ci95[1]:.3g})"
+        for name, one in cause.parameters.items()
+    )
+    closes = f"closes {100 * cause.closure.value:.0f} %, probability {cause.probability:.2f}"
+    return f"  {cause.effect}{place}: {numbers}, {closes}"
+
+
+def diagnose_logs(
+    logs: Sequence[Log],
+    robot: Robot,
+    settings: Settings,
+    own: Sequence[type[Effect]] = (),
+    provenance: Provenance | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
+    record: Callable[[Report, Path], None] | None = None,
+) -> Report:
+    """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
+    diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
+    replayer = Replayer(robot)
+
+    def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
+        return {log.name: replayer.as_log(motions[log.name], log) for log in logs}
+
+    nominal, corrected = replays(diagnosis.nominal), replays(diagnosis.corrected)
+    return Report(tuple(logs), robot, diagnosis, nominal, corrected, record)
 
 
 def diagnose_folder(
-    logs: Path,
+    folder: Path,
     robot: Robot,
     settings: Settings,
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
-) -> DiagnosedLogs | None:
-    """Diagnose the jump logs of a folder against a robot; None where there are no logs.
+    own: Sequence[type[Effect]] = (),
+) -> Report | None:
+    """Diagnose the logs of a folder against a robot; None where there are no logs.
 
-    The report's provenance holds names and hashes of the files, and no path. ``threads`` (all cores, where it is None)
-    change the time it takes and nothing else.
+    The report's provenance holds names and hashes of the files, and no path.
     """
-    jumps = tuple(jump_log.read_logs(logs))
-    if not jumps:
+    logs = read_logs(folder)
+    if not logs:
         return None
-    files = {jump.name: sha256(logs / f"{jump.name}.parquet") for jump in jumps}
-    provenance = Provenance.of(jumps, robot, asdict(settings), files)
-    diagnosis = diagnose(jumps, robot, settings, provenance, progress=progress, threads=threads)
-    replayer = Replayer(robot)
-
-    def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
-        return {jump.name: replayer.as_jump(motions[jump.name], jump) for jump in jumps}
-
-    return DiagnosedLogs(jumps, robot, diagnosis, replays(diagnosis.nominal), replays(diagnosis.corrected))
+    files = {log.name: sha256(folder / f"{log.name}.parquet") for log in logs}
+    provenance = Provenance.of(logs, robot, asdict(settings), files)
+    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads)

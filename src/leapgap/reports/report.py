@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from leapgap.diagnosis.channels import HEADLINE, is_logged, logged
 from leapgap.diagnosis.localisation import PHASES
-from leapgap.diagnosis.report import Report
+from leapgap.diagnosis.report import ReportContent
 from leapgap.logs.log import Log
 from leapgap.reports.page import rendered
 from leapgap.robot.model import Robot
@@ -31,7 +31,7 @@ SHOWN_EVERY_S = 0.004
 
 
 def html(
-    report: Report, jumps: Sequence[Log], robot: Robot, nominal: Mapping[str, Log], corrected: Mapping[str, Log]
+    report: ReportContent, jumps: Sequence[Log], robot: Robot, nominal: Mapping[str, Log], corrected: Mapping[str, Log]
 ) -> str:
     """The whole page; the same report gives the same bytes."""
     figures = {
@@ -52,7 +52,7 @@ def html(
     )
 
 
-def gap_map(report: Report, robot: Robot) -> go.Figure:
+def gap_map(report: ReportContent, robot: Robot) -> go.Figure:
     """Share of the squared gap by phase and channel; joints summed over the legs of a pair."""
     rows: dict[str, np.ndarray] = {}
     for place in report.where:
@@ -102,7 +102,7 @@ def row_of(channel: str, robot: Robot) -> str:
 
 
 def overlay(
-    report: Report, jumps: Sequence[Log], nominal: Mapping[str, Log], corrected: Mapping[str, Log]
+    report: ReportContent, jumps: Sequence[Log], nominal: Mapping[str, Log], corrected: Mapping[str, Log]
 ) -> go.Figure:
     """Log, nominal and corrected replay of one jump after another, chosen from a list."""
     from plotly.subplots import make_subplots
@@ -169,7 +169,7 @@ def overlay(
     return figure
 
 
-def closures(report: Report) -> go.Figure:
+def closures(report: ReportContent) -> go.Figure:
     """How much of the gap each hypothesis closes on held-out jumps, alone or on top of what is believed."""
     causes = sorted(report.causes, key=lambda cause: cause.closure.value)
     believed = {name for names in report.answer for name in names[:1]}
@@ -196,7 +196,7 @@ def closures(report: Report) -> go.Figure:
     return figure
 
 
-def profiles(report: Report) -> go.Figure:
+def profiles(report: ReportContent) -> go.Figure:
     """The loss over each hypothesis's own number: a narrow valley is a number the data know."""
     from plotly.subplots import make_subplots
 
@@ -230,7 +230,7 @@ def profiles(report: Report) -> go.Figure:
     return figure
 
 
-def gap_per_log(report: Report) -> go.Figure:
+def gap_per_log(report: ReportContent) -> go.Figure:
     """The headline gap of each log, before and after."""
     names = list(report.gap_per_log)
     figure = go.Figure()

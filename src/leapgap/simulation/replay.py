@@ -346,7 +346,7 @@ class Replayer:
                 self.compiled[key].opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
             return self.compiled[key]
 
-    def as_jump(self, motion: Motion, jump: Log) -> Log:
+    def as_log(self, motion: Motion, jump: Log) -> Log:
         """The motion as a jump log with the commands it was made with: measured columns are the simulation's."""
         columns = {
             name: values[: len(motion)].copy()

@@ -1,0 +1,145 @@
+"""The instrument as functions: read logs, check them, replay them, diagnose them against a robot."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from leapgap.atomic_io import sha256
+from leapgap.diagnosis.checks import run_checks
+from leapgap.diagnosis.checks.base import CheckResult
+from leapgap.diagnosis.diagnose import Settings
+from leapgap.diagnosis.provenance import Provenance
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.logs import log as log_file
+from leapgap.logs.importers import log_format
+from leapgap.logs.log import Log
+from leapgap.reports.diagnosis import Report, diagnose_logs
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer, Rollout
+
+PathLike = str | Path
+Logs = Sequence[Log] | PathLike
+"""Logs, or the file or folder to read them from."""
+
+
+def read_logs(
+    source: Logs, format: str | None = None, robot: Robot | PathLike | None = None, options: Any = None
+) -> list[Log]:
+    """Logs of a file or folder, in the order of their names.
+
+    Without ``format`` they are Parquet files as ``write_log`` writes them. With it (``csv``, or what else is installed)
+    they are read as that; ``robot`` then names the joints, and ``options`` is an instance of the format's own
+    dataclass. ``InputError`` says what cannot be read.
+    """
+    if not isinstance(source, PathLike):
+        return list(source)
+    path = Path(source)
+    if format is not None:
+        logs = read_foreign(path, format, robot, options)
+    else:
+        logs = log_file.read_logs(path) if path.is_dir() else [log_file.read_log(path)]
+    if not logs:
+        kind = "*.parquet" if format is None else f"logs of format {format}"
+        raise InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
+    return logs
+
+
+def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> list[Log]:
+    """Logs of another format below a folder."""
+    layout = log_format(format)
+    if robot is None:
+        raise InputError("read_logs", "no robot", "the model whose joints the logs are of", "name robot=…")
+    if not path.is_dir():
+        raise InputError(path, "no such folder", f"a folder of logs of format {format}", "name the folder")
+    loaded, chosen = load_robot(robot), layout.Options() if options is None else options
+    return [layout.read(one, name, loaded, chosen) for name, one in layout.find(path).items()]
+
+
+def load_robot(robot: Robot | PathLike) -> Robot:
+    """A robot as it is, or loaded from its model file."""
+    return robot if isinstance(robot, Robot) else Robot.load(robot)
+
+
+def write_log(log: Log, path: PathLike) -> Path:
+    """Write a log as one Parquet file, whole or not at all; the same log gives the same bytes."""
+    log_file.write_log(log, Path(path))
+    return Path(path)
+
+
+def replay(logs: Logs, robot: Robot | PathLike, effects: Sequence[Effect] = ()) -> list[Log]:
+    """The logs' own commands in the simulated robot, from each log's first state; measured columns are simulated.
+
+    ``effects`` are added to the robot; none: as its model file has it.
+    """
+    read, loaded = read_logs(logs), load_robot(robot)
+    replayer = Replayer(loaded, max(1, *(len(log.info.terrain) for log in read)))
+    motions = replayer.motions([Rollout(log, tuple(effects)) for log in read])
+    return [replayer.as_log(motion, log) for motion, log in zip(motions, read, strict=True)]
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What the consistency checks say of some logs."""
+
+    results: tuple[CheckResult, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(result.passed for result in self.results)
+
+    def __str__(self) -> str:
+        """A line for each check."""
+        lines = [f"{'passed' if one.passed else 'FAILED'}  {one.name}: {one.says}" for one in self.results]
+        return "\n".join(lines) or "nothing could be checked: the logs lack the columns"
+
+
+def check(logs: Logs, robot: Robot | PathLike | None = None, settings: Settings | None = None) -> CheckReport:
+    """Whether logs agree with themselves: clocks, free fall, planted feet; takes seconds and fits nothing.
+
+    Without a robot only what needs no model is checked.
+    """
+    loaded = None if robot is None else load_robot(robot)
+    return CheckReport(tuple(run_checks(read_logs(logs), loaded, (settings or Settings()).check_thresholds)))
+
+
+def diagnose(
+    logs: Logs,
+    robot: Robot | PathLike,
+    settings: Settings | None = None,
+    effects: Sequence[type[Effect]] = (),
+    progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
+) -> Report:
+    """Where the simulation differs from the logs, which effect causes it, and how far the gap shrinks with it.
+
+    ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given. ``effects`` are classes
+    of your own that are looked for beside the known ones. ``progress`` is told lines for a person; ``threads`` (all
+    cores, where it is None) change the time it takes and nothing else.
+    """
+    read, loaded, chosen = read_logs(logs), load_robot(robot), settings or Settings()
+    provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
+    record = recorder() if find_spec("rerun") else None
+    return diagnose_logs(read, loaded, chosen, tuple(effects), provenance, progress, threads, record)
+
+
+def file_hashes(source: Logs, logs: Sequence[Log]) -> dict[str, str] | None:
+    """SHA-256 of the files that logs were read from, by the log's name; None where they are not from files."""
+    if not isinstance(source, PathLike):
+        return None
+    path = Path(source)
+    return {log.name: sha256(path / f"{log.name}.parquet" if path.is_dir() else path) for log in logs}
+
+
+def recorder() -> Callable[[Report, Path], None]:
+    """What writes a report as a recording; Rerun is imported only when one is written."""
+
+    def record(report: Report, path: Path) -> None:
+        from leapgap.reports.diagnosis_recording import record_report
+
+        record_report(report, path)
+
+    return record

@@ -1,0 +1,215 @@
+"""The command ``leapgap``: the instrument for people who do not write Python.
+
+Exit code 0: done. Exit code 2: bad input, with one message that says where, what was found, what was expected and what
+to do. Lengths are in m, angles in rad, times in s, forces in N and torques in N·m throughout.
+"""
+
+import argparse
+import json
+import sys
+import webbrowser
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from leapgap.errors import InputError
+
+DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
+UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; its exit code."""
+    chosen = parser().parse_args(arguments)
+    try:
+        chosen.run(chosen)
+    except InputError as error:
+        print(f"leapgap {chosen.command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
+        return 130
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands and their options."""
+    top = argparse.ArgumentParser(prog="leapgap", description=DESCRIPTION, epilog=UNITS)
+    top.add_argument("--version", action=Version, nargs=0, help="print the version and end")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, run: Any, says: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=says, description=says, epilog=UNITS)
+        added.set_defaults(run=run)
+        return added
+
+    diagnose = command("diagnose", run_diagnose, "diagnose logs against a MuJoCo model and write a report")
+    diagnose.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
+    diagnose.add_argument("robot", type=Path, help="MuJoCo model of the robot (XML)")
+    diagnose.add_argument("--out", type=Path, metavar="DIR", help="folder for report and corrected robot; none: print")
+    diagnose.add_argument("--effects", metavar="A,B", help="look for these effects only (see: leapgap effects)")
+    diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings that differ, as JSON")
+    diagnose.add_argument("--threads", type=int, metavar="N", help="threads to use; none: all cores")
+    diagnose.add_argument("--quiet", action="store_true", help="print the answer and nothing on the way")
+
+    check = command("check", run_check, "check clocks and consistency of logs; takes seconds and fits nothing")
+    check.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
+    check.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: free fall and planted feet are checked too")
+
+    replay = command("replay", run_replay, "simulate the logs' own commands and write the replays as logs")
+    replay.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
+    replay.add_argument("robot", type=Path, help="MuJoCo model of the robot (XML), or a folder 'corrected' of a report")
+    replay.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the replays")
+    replay.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[@PLACE]:PARAMETER=VALUE,…",
+        help="add an effect, such as joint_damping@RR_calf:damping=0.4; may be repeated",
+    )
+
+    bring = command("import", run_import, "turn logs of another format into logs of ours")
+    bring.add_argument("source", type=Path, help="folder that holds the logs")
+    bring.add_argument("robot", type=Path, help="MuJoCo model whose joints the logs are of")
+    bring.add_argument("--format", required=True, help="csv, or what else is installed")
+    bring.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the logs")
+    bring.add_argument("--options", type=Path, metavar="FILE", help="options of the format, as JSON")
+
+    effects = command("effects", run_effects, "list the effects that are looked for, with units and ranges")
+    effects.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: nominal values and ranges are read from it")
+
+    report = command("report", run_report, "print the answer of a report and open its page")
+    report.add_argument("folder", type=Path, help="folder that 'leapgap diagnose --out' wrote")
+    report.add_argument("--no-browser", action="store_true", help="print where the page is and open nothing")
+    return top
+
+
+class Version(argparse.Action):
+    """Print the version of the installed package."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print and end."""
+        import leapgap
+
+        print(f"leapgap {leapgap.__version__}")
+        parser.exit()
+
+
+def run_diagnose(chosen: argparse.Namespace) -> None:
+    """Diagnose, print the answer, write the report where a folder is named."""
+    from leapgap import api
+    from leapgap.diagnosis.diagnose import Settings
+    from leapgap.settings import from_json, replaced
+
+    settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
+    if chosen.effects:
+        settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
+    tell = (lambda _: None) if chosen.quiet else partial(print, flush=True)
+    report = api.diagnose(chosen.logs, chosen.robot, settings, progress=tell, threads=chosen.threads)
+    print(report)
+    if chosen.out is not None:
+        print(f"page: {report.save(chosen.out) / 'report.html'}")
+
+
+def run_check(chosen: argparse.Namespace) -> None:
+    """Print each check on a line."""
+    from leapgap import api
+
+    print(api.check(chosen.logs, chosen.robot))
+
+
+def run_replay(chosen: argparse.Namespace) -> None:
+    """Replay the logs and write the replays."""
+    from leapgap import api, effects
+    from leapgap.simulation.corrected import read_corrected
+
+    robot: Any = chosen.robot
+    found: tuple[Any, ...] = ()
+    if chosen.robot.is_dir():
+        robot, found = read_corrected(chosen.robot)
+    found = (*found, *(effects.from_config([effect_entry(text)])[0] for text in chosen.effect))
+    replays = api.replay(chosen.logs, robot, found)
+    write_all(replays, chosen.out)
+    print(f"{len(replays)} replays: {chosen.out}")
+
+
+def write_all(logs: Sequence[Any], folder: Path) -> None:
+    """Write logs into a folder, which may hold other files; a log of the same name is replaced."""
+    from leapgap import api
+
+    for log in logs:
+        api.write_log(log, folder / f"{log.name}.parquet")
+
+
+def effect_entry(text: str) -> dict[str, Any]:
+    """``joint_damping@RR_calf:damping=0.4`` as an entry of a configuration."""
+    head, _, values = text.partition(":")
+    name, _, place = head.partition("@")
+    entry: dict[str, Any] = {"name": name, "location": place or "all"}
+    for pair in filter(None, values.split(",")):
+        key, equals, value = pair.partition("=")
+        try:
+            entry[key.strip()] = float(value)
+        except ValueError:
+            found = f"{pair!r}" if equals else f"{pair!r} without a value"
+            raise InputError("--effect", found, "PARAMETER=NUMBER", "write it as damping=0.4") from None
+    return entry
+
+
+def run_import(chosen: argparse.Namespace) -> None:
+    """Read all logs of the source, then write them."""
+    from leapgap import api
+    from leapgap.logs.importers import log_format
+    from leapgap.settings import from_json
+
+    layout = log_format(chosen.format)
+    options = from_json(layout.Options, chosen.options) if chosen.options else None
+    logs = api.read_logs(chosen.source, chosen.format, chosen.robot, options)
+    write_all(logs, chosen.out)
+    print(f"{len(logs)} logs: {chosen.out}")
+
+
+def run_effects(chosen: argparse.Namespace) -> None:
+    """Print a line for each parameter of each effect."""
+    from leapgap.robot.model import Robot
+
+    rows = effect_rows(Robot.load(chosen.robot) if chosen.robot else None)
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def effect_rows(robot: Any) -> list[tuple[str, ...]]:
+    """Cells of the table of effects, its head first; with the nominal values and ranges of a robot, if there is one."""
+    from leapgap import effects
+
+    rows: list[tuple[str, ...]] = [("effect", "parameter", "unit", "nominal", "searched", "acts at", "what it is")]
+    for kind in effects.known().values():
+        missing = None if robot is None else kind.lacks(robot)
+        places = {"none": "the robot"}.get(kind.places, kind.places)
+        if robot is not None and missing is None:
+            of_robot = {p.name: (f"{p.nominal:g}", f"{p.lower:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)}
+        else:
+            of_robot = {}
+        for name, about in kind.declared().items():
+            nominal = "the model's own" if about.nominal is None else f"{about.nominal:g}"
+            default = (nominal, f"needs {missing}" if missing else "see: leapgap effects ROBOT")
+            rows.append((kind.name, name, about.unit, *of_robot.get(name, default), places, effects.describe(kind)))
+    return rows
+
+
+def run_report(chosen: argparse.Namespace) -> None:
+    """Print the sentence; open the page in the browser unless that is not wanted."""
+    data, page = chosen.folder / "report.json", chosen.folder / "report.html"
+    if not data.is_file() or not page.is_file():
+        found = "no report.json with a report.html" if chosen.folder.is_dir() else "no such folder"
+        raise InputError(chosen.folder, found, "a folder that 'leapgap diagnose --out' wrote", "name that folder")
+    print(json.loads(data.read_text(encoding="utf-8"))["sentence"])
+    print(f"page: {page}")
+    if not chosen.no_browser:
+        webbrowser.open(page.resolve().as_uri())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

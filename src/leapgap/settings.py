@@ -1,0 +1,69 @@
+"""Settings from JSON: the dataclass beside what it configures decides which keys there are and of which type."""
+
+import dataclasses
+import json
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from leapgap.errors import InputError
+
+Kind = TypeVar("Kind")
+
+
+def from_json(kind: type[Kind], path: Path) -> Kind:
+    """A dataclass from a JSON object; what is not in the file keeps its default."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "settings as JSON", "name the file") from None
+    except ValueError as error:
+        raise InputError(path, f"no valid JSON ({error})", "an object of settings", "correct it") from None
+    return from_mapping(kind, values, str(path))
+
+
+def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
+    """A dataclass from a mapping; an unknown key or a value of another type is an ``InputError`` with its place."""
+    fields = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    if not isinstance(values, Mapping):
+        raise InputError(where, repr(values), f"an object with keys among {', '.join(sorted(fields))}", "correct it")
+    unknown = sorted(set(values) - fields)
+    if unknown:
+        raise InputError(
+            where, f"the keys {', '.join(unknown)}", f"keys among {', '.join(sorted(fields))}", "correct them"
+        )
+    types_of = typing.get_type_hints(kind)
+    return kind(**{name: converted(types_of[name], value, f"{where}, {name}") for name, value in values.items()})
+
+
+def converted(kind: Any, value: Any, where: str) -> Any:
+    """A value as its field's type wants it."""
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if kind is Any:
+        return value
+    if origin in (typing.Union, types.UnionType):
+        if value is None and type(None) in inner:
+            return None
+        (kind,) = [one for one in inner if one is not type(None)][:1]
+        return converted(kind, value, where)
+    if dataclasses.is_dataclass(kind):
+        return from_mapping(kind, value, where)  # type: ignore[arg-type]
+    if origin in (dict, Mapping) or kind is dict or (isinstance(origin, type) and issubclass(origin, Mapping)):
+        if isinstance(value, Mapping):
+            return {key: converted(inner[1], one, f"{where}, {key}") for key, one in value.items()} if inner else value
+    elif origin in (list, tuple) or (isinstance(origin, type) and issubclass(origin, typing.Sequence)):
+        if isinstance(value, list):
+            items = [converted(inner[0], one, f"{where}, item {i}") for i, one in enumerate(value)]
+            return tuple(items) if origin is tuple else items
+    elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    elif isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
+        return value
+    raise InputError(where, repr(value), f"a value of type {getattr(kind, '__name__', kind)}", "correct it")
+
+
+def replaced(settings: Kind, **changes: Any) -> Kind:
+    """The same settings with some changed."""
+    return dataclasses.replace(settings, **changes)  # type: ignore[type-var]
