@@ -94,6 +94,7 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     not laid over it. A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
     """
     try:
+        section = OmegaConf.create(OmegaConf.to_container(section, resolve=True))  # merged, it loses what it refers to
         schema = OmegaConf.structured(kind)
         unlock(schema)
         empty_mappings(schema, section)

@@ -51,6 +51,8 @@ def config(**changes) -> TrainConfig:
         TrainConfig(
             windows="",
             sessions=None,
+            mass_kg=A1_BODY.mass_kg,
+            pitch_inertia_kgm2=A1_BODY.pitch_inertia_kgm2,
             curvature=0.0,  # as the jumps were made
             processes=1,
             models=list(RECIPES),

@@ -34,6 +34,9 @@ class TrainConfig:
     windows: str
     sessions: list[list[str]] | None
     """Patterns of the names of the jumps of each session; None: no sessions are held out."""
+    mass_kg: float
+    pitch_inertia_kgm2: float
+    """Of the nominal body that residuals correct."""
     out: str | None = None
     models: list[str] = field(default_factory=lambda: list(MODELS))
     """Which of the models to fit, by name."""
@@ -42,9 +45,6 @@ class TrainConfig:
     folds: int = 4
     """Fold f holds out jumps f, f + folds, …"""
     seed: int = 0
-    mass_kg: float = 12.453
-    pitch_inertia_kgm2: float = 0.347
-    """Of the nominal body that residuals correct."""
     curvature: float = 0.5
     """Of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
     kernel: KernelConfig = field(default_factory=KernelConfig)
