@@ -11,17 +11,12 @@ from tests.project import Project
 
 @pytest.fixture(scope="session")
 def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project, set to size tiny, with ``robot.xml`` and two simulated logs of it in ``logs/``.
+    """A copy of the project, set to size tiny, with ``robot.xml`` and four logs of that robot in ``logs/``.
 
-    The robot that jumped has joint damping that ``robot.xml`` lacks. The same logs stand in ``data/jumps/damped``,
-    where the pipeline has them.
+    The robot is the arm of the guide, simulated by plain MuJoCo: its elbow has damping that ``robot.xml`` lacks.
     """
     project = Project(tmp_path_factory.mktemp("example") / "project")
-    arguments = ("collect.hardware=damped", "collect.jumps=2", "collect.out=logs")
-    project.run("python", "-m", "stages.collect", *arguments)
-    (model,) = (project.folder / "src").rglob("a1.xml")
-    shutil.copy(model, project.folder / "robot.xml")
-    shutil.copytree(project.folder / "logs", project.folder / "data" / "jumps" / "damped")
+    project.run("python", "docs/examples/arm_logs.py", ".")
     return project.folder
 
 
