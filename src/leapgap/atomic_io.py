@@ -53,8 +53,9 @@ def write_json(path: Path, value: object) -> None:
     write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def read_json(path: Path) -> Mapping:
+def read_json(path: Path | str) -> Mapping:
     """Read a JSON object; an absent or broken file is an ``InputError``."""
+    path = Path(path)
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -6,6 +6,7 @@ to do. Lengths are in m, angles in rad, times in s, forces in N and torques in N
 
 import argparse
 import json
+import os
 import sys
 import webbrowser
 from collections.abc import Sequence
@@ -24,12 +25,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser().parse_args(arguments)
     try:
         chosen.run(chosen)
+        sys.stdout.flush()
     except InputError as error:
         print(f"leapgap {chosen.command}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
         return 130
+    except BrokenPipeError:  # the reader of a pipe, such as `head`, has enough; Python must not flush into it at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

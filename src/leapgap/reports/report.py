@@ -5,6 +5,7 @@ Plotly is imported where a figure is drawn, so that ``import leapgap`` stays fas
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from leapgap.diagnosis.channels import HEADLINE, is_logged, logged_values
 from leapgap.diagnosis.localisation import PHASES
 from leapgap.diagnosis.report import ReportContent
 from leapgap.logs.log import Log
+from leapgap.logs.schema import QUANTITIES
 from leapgap.reports.page import render_page
 from leapgap.robot.model import Robot
 
@@ -32,6 +34,7 @@ LABELS = {
     "base_angvel_y": "pitch rate",
 }
 UNITS = dict(zip(HEADLINE, ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True))
+JOINT_WORDS = {"joint_pos": "position", "joint_vel": "velocity"}
 HALF_OF_CHI2_95 = 1.92
 """Loss of log likelihood at the end of a parameter's 95 % interval, for errors that are noise alone."""
 SHOWN_EVERY_S = 0.004
@@ -103,7 +106,7 @@ def row_of(channel: str, robot: Robot) -> str:
     if channel in LABELS:
         return LABELS[channel]
     quantity, _, joint = channel.partition("/")
-    what = {"joint_pos": "position", "joint_vel": "velocity"}[quantity]
+    what = JOINT_WORDS[quantity]
     group = next((name for name, alike in robot.topology.groups.items() if joint in alike), None)
     if group is None:
         return f"{joint} {what}"
@@ -119,11 +122,12 @@ def overlay(
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    channels = [name for name in HEADLINE if all(is_logged(jump, name) for jump in jumps)]
+    channels = overlay_channels(report, jumps)
+    rows = math.ceil(len(channels) / 3)
     figure = make_subplots(
-        rows=2,
+        rows=rows,
         cols=3,
-        subplot_titles=[f"{LABELS[c]}, {UNITS[c]}" for c in channels],
+        subplot_titles=[channel_title(c) for c in channels],
         horizontal_spacing=0.06,
         vertical_spacing=0.14,
     )
@@ -163,7 +167,7 @@ def overlay(
         for jump in jumps
     ]
     figure.update_layout(
-        height=560,
+        height=280 * rows,
         margin={"l": 45, "r": 15, "t": 95, "b": 40},
         legend={"orientation": "h", "y": 1.19, "x": 0.16},
         updatemenus=[
@@ -177,8 +181,22 @@ def overlay(
             }
         ],
     )
-    figure.update_xaxes(title_text="s", row=2)
+    figure.update_xaxes(title_text="s", row=rows)
     return figure
+
+
+def overlay_channels(report: ReportContent, jumps: Sequence[Log]) -> list[str]:
+    """Channels of the overlay: those of the headline; on a robot with a fixed base, those with the largest gap."""
+    headline = [name for name in HEADLINE if all(is_logged(jump, name) for jump in jumps)]
+    return headline or list(dict.fromkeys(place.channel for place in report.where))[: len(HEADLINE)]
+
+
+def channel_title(channel: str) -> str:
+    """Label and unit of a channel, such as ``height z, m`` or ``elbow velocity, rad/s``."""
+    if channel in LABELS:
+        return f"{LABELS[channel]}, {UNITS[channel]}"
+    quantity, _, joint = channel.partition("/")
+    return f"{joint} {JOINT_WORDS[quantity]}, {QUANTITIES[quantity].unit}"
 
 
 def closures(report: ReportContent) -> go.Figure:

@@ -20,8 +20,9 @@ def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...]) 
     write_json(folder / EFFECTS, {"effects": effects.to_config(correction)})
 
 
-def read_corrected(folder: Path, own: Sequence[type[Effect]] = ()) -> tuple[Robot, tuple[Effect, ...]]:
+def read_corrected(folder: Path | str, own: Sequence[type[Effect]] = ()) -> tuple[Robot, tuple[Effect, ...]]:
     """Model and effects of a folder ``corrected``; ``own`` are the user's classes that may be among the effects."""
+    folder = Path(folder)
     entries = read_json(folder / EFFECTS).get("effects")
     if not isinstance(entries, list):
         raise InputError(folder / EFFECTS, "no list of effects", "the key effects", "write it as a diagnosis does")

@@ -49,7 +49,7 @@ def test_the_page_shows_every_figure_and_asks_nothing_of_the_net(folder: Path):
 
 
 def test_curves_are_means_of_the_folds_without_the_final_models(folder: Path):
-    figure = learning.learning_curves(learning.table(folder / "curves.csv"))
+    figure = learning.learning_curves(learning.read_rows(folder / "curves.csv"))
     assert [list(trace.y) for trace in figure.data] == [[0.375], [0.5]]
 
 
