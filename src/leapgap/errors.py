@@ -13,7 +13,6 @@ class InputError(Exception):
 
     def __init__(self, where: object, found: str, expected: str, do: str) -> None:
         self.where, self.found, self.expected, self.do = str(where), found, expected, do
-        self.do = do
         super().__init__(f"{where}: found {found}; expected {expected}; {do}")
 
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str, str]]:
