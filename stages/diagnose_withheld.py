@@ -4,7 +4,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ class Job:
         """Name of the case."""
         return Path(self.place).name
 
-    @cached_property
+    @property
     def key(self) -> str:
         """Hash of all inputs and of the code, but for recordings, of which a verdict has none."""
         return result_key(diagnose_folder, [file_digests(self.logs), sha256(self.robot), self.settings])
