@@ -92,7 +92,7 @@ def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
     assert views == {"leapgap.reports.diagnosis", "leapgap.reports.page", "leapgap.reports.report"}
     assert hashed >= closure("leapgap.diagnosis.diagnose")
     used = {name for name in closure("stages.diagnose") if name.startswith("leapgap.")}
-    assert used - hashed <= closure("leapgap.jumping.reports.record_all")
+    assert used - hashed <= closure("leapgap.reports.diagnosis_recording")
 
 
 @pytest.fixture(scope="module")

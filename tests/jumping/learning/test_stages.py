@@ -17,8 +17,7 @@ from stages.chunk import chunk
 from stages.evaluate import evaluate
 from stages.params import compose_params
 from stages.train import train
-
-CONF = Path(__file__).parents[2] / "conf"
+from tests.code import ROOT
 
 
 def config(folder: Path, **changes: object) -> DictConfig:
@@ -37,7 +36,7 @@ def config(folder: Path, **changes: object) -> DictConfig:
         "evaluate.out": folder / "predictions",
         "train.curvature": 0.0,  # as the jumps were made
     }
-    whole = OmegaConf.create({**sections, "robot": {"model": str(DEFAULT_MODEL)}})
+    whole = OmegaConf.create({**sections, "robot": {**conf.robot, "model": str(DEFAULT_MODEL)}})
     for key, value in {**places, **changes}.items():
         OmegaConf.update(whole, key, str(value) if isinstance(value, Path) else value)
     return whole
@@ -103,4 +102,4 @@ def test_one_jump_is_trained_on_but_cannot_be_judged(jumps, tmp_path):
 def test_judging_needs_no_torch():
     """Trained models are read in NumPy; torch takes seconds to import and is not there at control time."""
     code = "import sys, stages.evaluate, stages.train; sys.exit('torch' in sys.modules or 'lightning' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], cwd=CONF.parent, check=False).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

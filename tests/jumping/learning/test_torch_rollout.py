@@ -12,6 +12,7 @@ from leapgap.jumping.learning.model import Nominal
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.affine_model import Situation
 from leapgap.jumping.models.rigid_body import RigidBody
+from tests.conftest import A1_BODY
 from tests.jumping.learning.test_training import NETWORKS, same
 
 
@@ -25,7 +26,7 @@ def published_model(windows: Windows):
 
 
 def our_model(windows: Windows):
-    nominal = Nominal(RigidBody(), (0.5, 0.9, 0.3))
+    nominal = Nominal(A1_BODY, (0.5, 0.9, 0.3))
     return initialisation.initial_networks(
         windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3)
     )
@@ -54,7 +55,7 @@ def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
 
 def test_the_roll_outs_agree_for_one_member(windows: Windows):
     model = initialisation.initial_networks(
-        windows, Nominal(RigidBody(), (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
+        windows, Nominal(A1_BODY, (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
     )
     batch = torch_rollout.Batch.of(windows, torch.device("cpu"))
     states, _ = torch_rollout.ResidualModule(model, 0.0).roll_out(batch)
