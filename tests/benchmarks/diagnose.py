@@ -54,7 +54,7 @@ def time_diagnosis(jumps: list[Log], robot: Robot, settings: Settings) -> tuple[
     """Seconds of one diagnosis, and simulated steps."""
     Counting.steps = 0
     began = time.perf_counter()
-    diagnose(jumps, robot, settings, {})
+    diagnose(jumps, robot, settings)
     return time.perf_counter() - began, Counting.steps
 
 

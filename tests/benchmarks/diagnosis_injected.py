@@ -139,7 +139,7 @@ def judge(case: Case) -> dict[str, Any]:
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
     logs = jumps_of(case, robot)
     began = time.process_time()
-    found = diagnose(logs[: len(DISTANCES)], robot, settings, {}, threads=1)
+    found = diagnose(logs[: len(DISTANCES)], robot, settings, threads=1)
     seconds = time.process_time() - began
     report = found.report
     names = {name for names in report.answer for name in names}

@@ -93,7 +93,7 @@ def compare(case: Case, robot: Robot, settings: Settings) -> dict[str, Any]:
     seen, proof = logs[: len(DISTANCES)], logs[len(DISTANCES) :]
     true = {e.name for e in case.effects}
     began = time.perf_counter()
-    found = diagnose(seen, robot, settings, {})
+    found = diagnose(seen, robot, settings)
     ours_s = time.perf_counter() - began
     ours = {name for names in found.report.answer for name in names[:1]}
     began = time.perf_counter()
