@@ -1,6 +1,9 @@
-"""Logs of a small arm by plain MuJoCo and a PD written by hand: nothing of the library makes them."""
+"""Logs of the arm of the guide's example, by plain MuJoCo; motions of its own, so that no answer is the guide's."""
 
+import json
+import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -8,39 +11,25 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-ARM = """<mujoco model="arm">
-  <option timestep="0.0005"/>
-  <worldbody>
-    <body name="upper" pos="0 0 1">
-      <joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.03" mass="1.5" contype="0" conaffinity="0"/>
-      <body name="lower" pos="0 0 -0.4">
-        <joint name="elbow" axis="0 1 0" damping="{damping}" armature="0.01"/>
-        <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator>
-    <general joint="shoulder" gainprm="1" biastype="affine" forcerange="-60 60"/>
-    <general joint="elbow" gainprm="1" biastype="affine" forcerange="-60 60"/>
-  </actuator>
-</mujoco>"""
-JOINTS = ("shoulder", "elbow")
-KP, KD, PERIOD_S, BELIEVED, TRUE = 60.0, 1.5, 0.001, 0.05, 0.45
-"""Gains in N·m/rad and N·m·s/rad; damping of the elbow that the model file states, and that the robot has."""
+from tests.code import ROOT
+
+EXAMPLE = SimpleNamespace(**runpy.run_path(str(ROOT / "docs" / "examples" / "arm_logs.py")))
+BELIEVED, TRUE = (float(elbow.split('"')[1]) for elbow in (EXAMPLE.BELIEVED, EXAMPLE.TRUE))
+"""Damping of the elbow that the model file states, and that the robot has, N·m·s/rad."""
+JOINTS, KP, KD, PERIOD_S = EXAMPLE.JOINTS, EXAMPLE.KP, EXAMPLE.KD, EXAMPLE.PERIOD_S
 
 
-def write_model(folder: Path, damping: float = BELIEVED) -> Path:
+def write_model(folder: Path) -> Path:
     """The model file, as its owner believes it."""
     path = folder / "arm.xml"
-    path.write_text(ARM.format(damping=damping))
+    path.write_text(EXAMPLE.MODEL.format(elbow=EXAMPLE.BELIEVED))
     return path
 
 
 def swing(seed: int, seconds: float = 2.0) -> dict[str, np.ndarray]:
     """Columns of one log of the true arm: a sum of sines is asked of each joint, the PD torque enters as a force."""
     rng = np.random.default_rng(seed)
-    model = mujoco.MjModel.from_xml_string(ARM.format(damping=TRUE))
+    model = mujoco.MjModel.from_xml_string(EXAMPLE.MODEL.format(elbow=EXAMPLE.TRUE))
     data, rows = mujoco.MjData(model), round(seconds / PERIOD_S)
     time = np.arange(rows) * PERIOD_S
     size, rate, phase = rng.uniform(0.2, 0.5, (2, 3)), rng.uniform(0.4, 1.6, (2, 3)), rng.uniform(0, 6, (2, 3))
@@ -80,13 +69,7 @@ def write_csv(folder: Path, logs: int = 4) -> Path:
 def write_parquet(folder: Path, logs: int = 4) -> Path:
     """The logs in the documented form (docs/formats.md), written by pyarrow alone."""
     folder.mkdir(parents=True, exist_ok=True)
-    about = (
-        '{"format_version": 1, "robot": "arm", "sample_period_s": 0.001, "source": "plain MuJoCo", "terrain": [],'
-        ' "schedule": {"double_contact_s": 0.5, "rear_contact_s": 0.3, "flight_s": 1.2},'
-        ' "target": {"x_m": 0, "z_m": 0}}'
-    )
     for i in range(logs):
-        table = pa.table({name: pa.array(values) for name, values in swing(i).items()})
-        table = table.replace_schema_metadata({b"leapgap": about.encode()})
+        table = pa.table(swing(i)).replace_schema_metadata({"leapgap": json.dumps(EXAMPLE.INFO)})
         pq.write_table(table, folder / f"swing_{i}.parquet")
     return folder

@@ -93,7 +93,7 @@ class Version(argparse.Action):
     """Print the version of the installed package."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        """Print and end."""
+        """Print the installed version and end the command with exit code 0."""
         import leapgap
 
         print(f"leapgap {leapgap.__version__}")

@@ -153,7 +153,7 @@ class Wordless(Effect):
 
 @dataclass(frozen=True)
 class Nameless(Effect):
-    """Has no name."""
+    """A complete effect but for the class attribute ``name``."""
 
     pull: float = parameter(0.0, "N", 0.0, 1.0)
 
