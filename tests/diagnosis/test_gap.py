@@ -10,7 +10,7 @@ from leapgap.diagnosis.checks.free_fall import FreeFall
 from leapgap.diagnosis.checks.joint_clock import JointClock
 from leapgap.diagnosis.checks.planted_feet import PlantedFeet
 from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, headline_gap, headline_rows, noise_floor, scaled_errors
-from leapgap.diagnosis.localisation import PHASES, localise, phase_of_rows
+from leapgap.diagnosis.localisation import localise, phase_names, phase_of_rows
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
@@ -82,7 +82,8 @@ def test_judged_rows_end_at_touch_down_or_before_other_gains(robot: Robot, refer
 
 
 def test_phases_follow_the_schedule(reference: Log) -> None:
-    named = [PHASES[p] for p in phase_of_rows(reference)]
+    names = phase_names([reference])
+    named = [names[p] for p in phase_of_rows(reference, names)]
     assert [named[row] for row in (0, 499, 500, 749, 750, 849, 850, 1199, 1200)] == [
         "double_contact",
         "double_contact",

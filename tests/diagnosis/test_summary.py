@@ -37,6 +37,6 @@ def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robo
     conclusion = Conclusion("named", (("joint_damping",),), (belief,), (1.0,))
     judged = SimpleNamespace(logs=[SimpleNamespace(name="jump_0"), SimpleNamespace(name="jump_1")])
     words = sentence(conclusion, belief, 1.40, 0.11, Interval(1.08, 1.03, 1.13), judged)
-    assert words.endswith("explains all of the gap on jumps not fitted on: it shrinks from 1.40 to 0.11.")
+    assert words.endswith("explains all of the gap on logs not fitted on: it shrinks from 1.40 to 0.11.")
     words = sentence(conclusion, belief, 1.40, 0.31, Interval(0.85, 0.80, 0.91), judged)
-    assert "explains 85 % (95 %: 80 to 91) of the gap on jumps not fitted on: it shrinks from" in words
+    assert "explains 85 % (95 %: 80 to 91) of the gap on logs not fitted on: it shrinks from" in words

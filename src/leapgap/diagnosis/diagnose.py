@@ -164,7 +164,7 @@ def diagnose(
         where=tuple(places),
         causes=tuple(causes_of(result, conclusion, shares, heldout, settings.model_error)),
         checks=tuple(checks),
-        next_experiment=next_experiment(conclusion.answer, jumps, robot),
+        next_experiment=next_experiment(conclusion.answer, jumps),
         not_judged=tuple(not_judged(jumps, robot)),
         profiles=tuple(profiles_of(result)),
         gap_per_log=heldout_gap.gap_by_log(corrected),
@@ -234,9 +234,9 @@ def folds_of(judged: JudgedLogs, folds: int) -> list[int]:
     if number < 2:
         raise InputError(
             "diagnose.logs",
-            f"{number} jump",
-            "two or more: a cause is judged on jumps it was not fitted on",
-            "log another jump",
+            f"{number} log",
+            "two or more: a cause is judged on logs it was not fitted on",
+            "log another motion",
         )
     return (np.arange(number) % min(folds, number)).tolist()
 

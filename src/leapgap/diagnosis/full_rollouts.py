@@ -1,7 +1,7 @@
 """Search in full rollouts, used where a confirmed cause from short replays leaves most of the gap.
 
 Replays that restart from the log every 0.1 s are insensitive to slow influences: mass, inertia, centre of mass. Here
-sets of effects are fitted to replays from a log's first row to its touch-down, in the channels and scales of the
+sets of effects are fitted to replays over all judged rows of a log, in the channels and scales of the
 headline gap (Levenberg–Marquardt, finite differences), and judged on held-out logs.
 """
 
@@ -113,7 +113,7 @@ class FullRollouts:
             most = self.plan.promising if len(steps) == 1 else (self.plan.promising + 1) // 2
             tried = [self.fit(*start) for start in self.rank_extensions(steps[-1], hypotheses)[:most]]
             for fit in tried:
-                self.progress(f"whole jumps, {in_words(fit)}: squares {fit.loss:.0f}, held out {fit.heldout.sum():.0f}")
+                self.progress(f"whole logs, {in_words(fit)}: squares {fit.loss:.0f}, held out {fit.heldout.sum():.0f}")
             sensible = sorted((fit for fit in tried if fit.sensible), key=lambda fit: fit.loss)
             if not sensible or not self.is_convincing(steps[-1], sensible[0]):
                 break

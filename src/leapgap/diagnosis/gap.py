@@ -16,15 +16,17 @@ from leapgap.diagnosis.channels import (
 )
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.logs.contacts import has_feet_in_world, sole_heights
 from leapgap.logs.log import Log
-from leapgap.logs.state import motion_of
-from leapgap.robot.kinematics import feet_positions
+from leapgap.logs.segments import FLIGHT, TOUCH_DOWN
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 GAIN_CHANGE_MARGIN_S = 0.010
 """Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
+SURELY_IN_FLIGHT = 1 / 3
+"""After this share of the planned flight no foot can still be at the ground from before."""
 TOUCHING_M = 0.005
 """Largest height of a sole above the ground that counts as touching."""
 DIVERGED_ERROR = 100.0
@@ -40,21 +42,17 @@ def headline_rows(log: Log, robot: Robot) -> int:
 
 
 def touch_down_row(log: Log, robot: Robot) -> int:
-    """First row, in the second half of the planned flight or later, in which a sole is at the ground."""
-    schedule = log.info.schedule
-    if not robot.has_free_base or "base_pos_z" not in log or not robot.feet:
-        return min(len(log), int(np.searchsorted(log.time, schedule.landing_s)) + 1)
-    begin = int(np.searchsorted(log.time, schedule.take_off_s + schedule.flight_s / 2))
+    """First row after the beginning of flight in which a sole is at the ground; all rows of a log without a flight."""
+    segments = {segment.name: segment for segment in log.info.segments}
+    if not {FLIGHT, TOUCH_DOWN} <= set(segments):
+        return len(log)
+    flight = segments[FLIGHT]
+    if not has_feet_in_world(log, robot):
+        return min(len(log), int(np.searchsorted(log.time, flight.end_s)) + 1)
+    begin = int(np.searchsorted(log.time, flight.begin_s + SURELY_IN_FLIGHT * (flight.end_s - flight.begin_s)))
     if begin >= len(log):
         return len(log)
-    feet = feet_positions(robot, motion_of(log, robot, slice(begin, None)).qpos)
-    ground = np.zeros(feet.shape[:2])
-    for box in log.info.terrain:
-        inside = (np.abs(feet[..., 0] - box.x_m) < box.size_m[0] / 2) & (
-            np.abs(feet[..., 1] - box.y_m) < box.size_m[1] / 2
-        )
-        ground = np.where(inside, np.maximum(ground, box.top_m), ground)
-    touching = (feet[..., 2] - robot.foot_radius - ground < TOUCHING_M).any(axis=1)
+    touching = (sole_heights(log, robot, slice(begin, None)) < TOUCHING_M).any(axis=1)
     return begin + int(np.argmax(touching)) if touching.any() else len(log)
 
 
@@ -81,7 +79,7 @@ class JudgedLogs:
     def of(logs: Sequence[Log], robot: Robot) -> "JudgedLogs":
         """Choose rows and channels from the logs alone, so that every hypothesis is judged on the same ones."""
         if not logs:
-            raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
+            raise InputError("diagnose.logs", "no log", "one or more", "import or collect logs first")
         headline = tuple(c for c in scaled_channels(logs, robot) if c.name in HEADLINE or not robot.has_free_base)
         if not headline:
             raise InputError(

@@ -139,12 +139,12 @@ def sentence(
     verdict, answer = conclusion.verdict, conclusion.answer
     if verdict == "none":
         return (
-            f"The simulation agrees with the {len(judged.logs)} jumps within sensor noise and the tolerances of the "
-            f"model (gap {nominal:.2f})."
+            f"The simulation agrees with the {len(judged.logs)} logs within sensor noise and the tolerances of the "
+            f"model (gap {brief(nominal)})."
         )
     if not answer or closes is None:
         return (
-            f"A gap of {nominal:.2f} remains that no known effect explains on jumps it was not fitted on; the map "
+            f"A gap of {brief(nominal)} remains that no known effect explains on logs it was not fitted on; the map "
             "below says where it lies."
         )
     parts = [
@@ -155,13 +155,18 @@ def sentence(
     if closes.value < NOTICEABLE:
         return (
             f"{' and '.join(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
-            f"shrink the gap of whole jumps, which stays {nominal:.2f}."
+            f"shrink the gap of whole logs, which stays {brief(nominal)}."
         )
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
-        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on jumps not "
-        f"fitted on: it shrinks from {nominal:.2f} to {corrected:.2f}{rest}."
+        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on logs not "
+        f"fitted on: it shrinks from {brief(nominal)} to {brief(corrected)}{rest}."
     )
+
+
+def brief(gap: float) -> str:
+    """A gap with as many digits as it needs: ``0.94``, ``0.0042``."""
+    return f"{gap:.2f}" if gap >= 0.1 else f"{gap:.2g}"
 
 
 def share_in_words(closes: Interval) -> str:
@@ -179,13 +184,13 @@ def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, judged: Judge
     sizes = []
     for name in of_logs[0]:
         values = [of[name] for of in of_logs]
-        by_log = f", {min(values):.3g} to {max(values):.3g} by jump" if hypothesis.per_log else ""
+        by_log = f", {min(values):.3g} to {max(values):.3g} by log" if hypothesis.per_log else ""
         sizes.append(f"{name} {np.median(values):.3g}{by_log}")
     place = "" if hypothesis.location == "all" else f" at {hypothesis.location}"
     return f"{hypothesis.name}{place}: {', '.join(sizes)}"
 
 
-def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[str, Any] | None:
+def next_experiment(answer: Answer, logs: Sequence[Log]) -> dict[str, Any] | None:
     """Proposal of further experiments that tell apart causes that these logs cannot; None where it is not needed.
 
     ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
@@ -193,11 +198,11 @@ def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[s
     separates = next((list(names) for names in answer if len(names) > 1), None)
     if separates is None:
         return None
-    trace = f"These jumps leave the same trace for {' and '.join(separates)}: "
-    if not robot.has_free_base:
+    trace = f"These logs leave the same trace for {' and '.join(separates)}: "
+    if not all("target" in log.info.extra for log in logs):
         sentence = f"{trace}log faster and slower motions, and diagnose all logs together."
         return {"sentence": sentence, "separates": separates}
-    logged = np.array([log.info.target.x_m for log in logs])
+    logged = np.array([log.info.extra["target"]["x_m"] for log in logs])
     far = [x for x in OTHER_DISTANCES_M if np.abs(logged - x).min() > LOGGED_ALREADY_M] or list(OTHER_DISTANCES_M)
     number = max(len(far), min(2 * len(logs), MOST_FURTHER_JUMPS))
     low, high = OTHER_BLOCKS_M
