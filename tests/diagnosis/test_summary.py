@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.gap_reduction import Interval
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import sentence, share_in_words
 from leapgap.effects.joint_damping import JointDamping

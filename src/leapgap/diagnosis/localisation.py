@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.channels import Channel, channel_values, measured_values, scaled_channels, sensor_noise
-from leapgap.diagnosis.gap import JudgedLogs, state_noise
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.noise_floor import state_noise
 from leapgap.logs.log import Log
 from leapgap.logs.segments import segment_of_rows
 from leapgap.simulation.replay import Replayer, Rollout
@@ -73,9 +74,9 @@ def localise(
     Replays restart from the log every ``horizon_s``, so that an error counts in the phase in which it arises. The mean
     effect of sensor noise over ``draws`` is subtracted from the shares.
     """
+    names = phase_names(judged.logs)
     robot, channels = replayer.robot, scaled_channels(judged.logs, replayer.robot)
     sigma = {log.name: sensor_noise(log, channels) for log in judged.logs}
-    names = phase_names(judged.logs)
     pieces = [
         Piece(piece, phases, len(names), sigma[log.name])
         for log in judged.logs

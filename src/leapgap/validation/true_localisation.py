@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.channels import channel_values, measured_values, scaled_channels, sensor_noise
-from leapgap.diagnosis.gap import JudgedLogs
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of
 from leapgap.logs.log import Log
 from leapgap.simulation.replay import Rollout

@@ -31,4 +31,5 @@ class EvenClock(Check):
         says = f"the true period of a row changes by {100 * statistic:.1f} % within a log (standard deviation)" + (
             "" if passed else f", from {low:.2f} to {high:.2f} times the claimed one"
         )
-        return CheckResult(self.name, passed, statistic, threshold, says, spread)
+        of_logs = {name: tuple(clock.tolist()) for name, clock in clocks.items()}
+        return CheckResult(self.name, passed, statistic, threshold, says, spread, of_logs)

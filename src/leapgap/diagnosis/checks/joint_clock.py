@@ -1,6 +1,7 @@
 """Do the joints' positions follow from their velocities at the claimed sample period?"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
@@ -28,4 +29,5 @@ class JointClock(Check):
             )
             for log in logs
         }
-        return judge_clocks(self.name, "the joints", scales, threshold)
+        result = judge_clocks(self.name, "the joints", scales, threshold)
+        return replace(result, clocks={name: (scale,) for name, scale in scales.items()})
