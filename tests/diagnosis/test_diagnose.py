@@ -276,10 +276,10 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
 
 def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Log) -> None:
     """Other distances than were logged, as settings of `collect`; nothing where nothing is ambiguous."""
-    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4, robot)
+    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4)
     assert asked is not None
     assert asked["separates"] == ["torque_gain", "leg_mass"]
     section = OmegaConf.from_dotlist(asked["collect"]).collect
     assert section.jumps == 8
     assert all(abs(target[0] - target_of(reference).x_m) > 0.02 for target in section.targets)
-    assert next_experiment((("payload",),), [reference], robot) is None
+    assert next_experiment((("payload",),), [reference]) is None
