@@ -6,13 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.channels import channel_values, measured_values
+from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
@@ -55,18 +54,19 @@ def scaled_errors(
         for log, effects in zip(judged.logs, of_candidate, strict=True)
     ]
     motions = iter(replayer.motions(trials))
-    return [[scaled_error(next(motions), log, judged, replayer.robot) for log in judged.logs] for _ in candidates]
+    return [[scaled_error(next(motions), judged, log) for log in range(len(judged.logs))] for _ in candidates]
 
 
-def scaled_error(motion: Motion, log: Log, judged: JudgedLogs, robot: Robot) -> np.ndarray:
+def scaled_error(motion: Motion, judged: JudgedLogs, log: int) -> np.ndarray:
     """Simulated − measured, scaled, in the judged rows of a log, (rows, channels); ``motion`` may go on longer."""
-    difference = channel_values(motion[: len(log)], judged.channels, robot) - measured_values(log, judged.channels)
-    return np.clip(np.nan_to_num(difference / judged.scales, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
+    measured = judged.motions[log]
+    error = channel_errors(motion[: len(measured)], measured, judged.channels, judged.robot) / judged.scales
+    return np.clip(np.nan_to_num(error, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
 
 
-def motion_squares(motions: Sequence[Motion], judged: JudgedLogs, robot: Robot) -> np.ndarray:
+def motion_squares(motions: Sequence[Motion], judged: JudgedLogs) -> np.ndarray:
     """Sum of squared scaled errors of one motion for each log, (logs,)."""
-    errors = (scaled_error(motion, log, judged, robot) for motion, log in zip(motions, judged.logs, strict=True))
+    errors = (scaled_error(motion, judged, log) for log, motion in enumerate(motions))
     return np.array([float((error**2).sum()) for error in errors])
 
 
@@ -163,13 +163,18 @@ class HeldOutGap:
 
     @staticmethod
     def of(
-        logs: Sequence[Log], replayer: Replayer, folds: int, noise_draws: int, draws: int, rng: np.random.Generator
+        logs: Sequence[Log],
+        judged: JudgedLogs,
+        replayer: Replayer,
+        folds: int,
+        noise_draws: int,
+        draws: int,
+        rng: np.random.Generator,
     ) -> "HeldOutGap":
         """Replay the logs by the nominal robot, and measure the gap and its noise floor."""
-        judged = JudgedLogs.of(logs, replayer.robot)
         fold_of_log = folds_of(len(logs), folds)
         motions = replayer.motions([Rollout(log) for log in logs])
-        nominal = motion_squares(motions, judged, replayer.robot)
+        nominal = motion_squares(motions, judged)
         floor = noise_floor(judged, replayer, noise_draws, rng, motions)
         resampled = resamples(len(logs), draws, rng)
         return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, logs, motions)
@@ -191,7 +196,7 @@ class HeldOutGap:
         for candidate in new:
             motions = [next(found) for _ in self.logs]
             self.motions[id(candidate)] = motions
-            self.cache[id(candidate)] = candidate, motion_squares(motions, self.judged, self.replayer.robot)
+            self.cache[id(candidate)] = candidate, motion_squares(motions, self.judged)
         return [
             self.motions[id(candidate)] if candidate.hypotheses else self.nominal_motions for candidate in candidates
         ]

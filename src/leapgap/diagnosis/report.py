@@ -57,6 +57,16 @@ class Profile:
 
 
 @dataclass(frozen=True)
+class Headline:
+    """What the headline gap is the root mean square of."""
+
+    preset: str
+    """``jump``: the plane of a jump at fixed sizes; ``all``: every channel by its spread or a given size."""
+    sizes: Mapping[str, float]
+    """Channel → size by which its errors are divided, m, rad, m/s, rad/s."""
+
+
+@dataclass(frozen=True)
 class ReportContent:
     """All results of a diagnosis; ``report.json`` holds them."""
 
@@ -65,6 +75,7 @@ class ReportContent:
     gap_nominal: float
     gap_corrected: float
     noise_floor: float
+    headline: Headline
     answer: tuple[tuple[str, ...], ...]
     closure_of_answer: Interval | None
     closure_shared: Interval | None
@@ -108,6 +119,7 @@ class ReportContent:
                     "noise_floor": self.noise_floor,
                     "unit": "1",
                 },
+                "headline": asdict(self.headline),
                 "answer": [list(names) for names in self.answer],
                 "closure_of_answer": closure_to_json(closure) if closure else None,
                 "closure_shared": closure_to_json(self.closure_shared) if self.closure_shared else None,

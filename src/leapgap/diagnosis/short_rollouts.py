@@ -15,15 +15,14 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.channels import Channel, logged_channels
+from leapgap.diagnosis.channels import Channel, logged_channels, tangent_difference
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
-from leapgap.robot.rotations import turn_between
+from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 Effects = tuple[Effect, ...]
@@ -66,14 +65,7 @@ class StateChannels:
 
     def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
         """Simulated − logged in the channels, (rows, channels)."""
-        robot = self.robot
-        full = np.zeros((len(simulated), 2 * robot.model.nv))
-        if robot.has_free_base:
-            full[:, VELOCITY_SLICE] = simulated.base_position - logged.base_position
-            full[:, ANGULAR_VELOCITY_SLICE] = turn_between(logged.base_quaternion, simulated.base_quaternion)
-        full[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - logged.qpos[:, robot.joint_qpos]
-        full[:, robot.model.nv :] = simulated.qvel - logged.qvel
-        return full[:, self.entries]
+        return tangent_difference(simulated, logged, self.robot)[:, self.entries]
 
     def displace(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
         """Displace a state (nq + nv,) by ``by`` in one channel."""

@@ -20,7 +20,7 @@ from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
-from leapgap.robot.rotations import pitch_of, yaw_of
+from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
 
 FORMAT_VERSION = 2
@@ -175,6 +175,11 @@ class Log:
     def yaw(self) -> np.ndarray:
         """Heading of the base in the world, rad, positive to the left."""
         return yaw_of(self.stack(BASE_QUATERNION))
+
+    @cached_property
+    def angles(self) -> dict[str, np.ndarray]:
+        """Roll, pitch and yaw of the base, rad, by the names of their channels, (rows,) each."""
+        return {"base_roll": roll_of(self.stack(BASE_QUATERNION)), "base_pitch": self.pitch, "base_yaw": self.yaw}
 
     def pair_force(self, source: str) -> np.ndarray:
         """``mpc_force``, ``pd_force`` or ``train_force``: front x z, rear x z on the robot, N, (rows, 4)."""

@@ -76,7 +76,7 @@ class Report:
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
         if content.not_judged:
-            lines.append(f"not judged, for want of columns: {'; '.join(content.not_judged)}")
+            lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
 
     def save(self, folder: Path | str) -> Path:
