@@ -10,7 +10,7 @@ from leapgap.logs.noise import noise_of
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, VELOCITY_SLICE, Motion
-from leapgap.robot.rotations import pitch_of, turn_between
+from leapgap.robot.rotations import pitch_of, turn_between, turn_by
 
 BASE_TURNS = ("base_roll", "base_pitch", "base_yaw")
 PITCH = "base_pitch"
@@ -84,6 +84,17 @@ def tangent_difference(simulated: Motion, measured: Motion, robot: Robot) -> np.
         found[:, ANGULAR_VELOCITY_SLICE] = turn_between(measured.base_quaternion, simulated.base_quaternion)
     found[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - measured.qpos[:, robot.joint_qpos]
     found[:, nv:] = simulated.qvel - measured.qvel
+    return found
+
+
+def displaced(motion: Motion, by: np.ndarray, robot: Robot) -> Motion:
+    """The motion displaced by small steps (rows, 2 nv) in the tangent of its states, the inverse of the difference."""
+    nv, found = robot.model.nv, motion.copy()
+    if robot.has_free_base:
+        found.base_position[:] += by[:, VELOCITY_SLICE]
+        found.base_quaternion[:] = turn_by(motion.base_quaternion, by[:, ANGULAR_VELOCITY_SLICE])
+    found.qpos[:, robot.joint_qpos] += by[:, robot.joint_dofs]
+    found.qvel[:] += by[:, nv:]
     return found
 
 

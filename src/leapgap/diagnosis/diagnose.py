@@ -14,7 +14,7 @@ from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Headline, ReportContent
+from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
 from leapgap.diagnosis.sensitivities import FINE_STEP_S
 from leapgap.diagnosis.short_rollouts import ShortRollouts
@@ -148,6 +148,9 @@ def diagnose(
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
     judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
     shared = heldout_gap.shared_closure(selected) if conclusion.answer else None
+    horizons = tuple(
+        HorizonError(at.horizon_s, at.nominal, own, at.unmoved) for at, own in heldout_gap.gaps_at_horizons(selected)
+    )
     by_log = heldout_gap.gap_by_log(corrected.squares), heldout_gap.misplaced_by_log(replays)
     # Short steps: what the nominal simulation's own step does is no part of the gap.
     fine = replayer.with_steps(FINE_STEP_S)
@@ -158,7 +161,10 @@ def diagnose(
         gap_nominal=gap,
         gap_corrected=corrected.gap,
         noise_floor=floor,
-        headline=Headline(judged.preset, {channel.name: channel.scale for channel in judged.channels}),
+        headline=Headline(
+            judged.preset, {channel.name: channel.scale for channel in judged.channels}, heldout_gap.horizon_s
+        ),
+        horizons=horizons,
         answer=conclusion.answer,
         closure_of_answer=corrected.closure if conclusion.answer else None,
         closure_shared=shared,

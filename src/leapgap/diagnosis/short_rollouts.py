@@ -104,6 +104,15 @@ def smooth_start(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.nd
     return np.concatenate([qpos, qvel]), float(np.linalg.norm(weights))
 
 
+def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -> tuple[Starts, np.ndarray]:
+    """Smoothed states at some rows of a log, and the share of the noise that remains in each, (rows,)."""
+    found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
+    states = np.array([start for start, _ in found]).reshape(len(rows), robot.model.nq + robot.model.nv)
+    if robot.has_free_base:
+        states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
+    return Starts(rows, states), np.array([kept for _, kept in found])
+
+
 @dataclass(frozen=True)
 class Pieces:
     """The pieces of one log."""
@@ -120,17 +129,8 @@ class Pieces:
     def of(log: Log, rows: Sequence[int], state: StateChannels) -> "Pieces":
         """Pieces of a log that start at these rows."""
         logged = motion_of(log, state.robot)
-        found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
-        states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
-        if state.robot.has_free_base:
-            states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
-        return Pieces(
-            log,
-            logged,
-            Starts(rows, states),
-            state.noise(logged, log.info.sample_period_s),
-            np.array([kept for _, kept in found]),
-        )
+        starts, kept = smooth_starts(logged, rows, log, state.robot)
+        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept)
 
     def downsample(self, rows: int) -> "Pieces":
         """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
