@@ -281,14 +281,16 @@ def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> No
 def clock_of(checks: Sequence[CheckResult], judged: JudgedLogs, robot: Robot) -> Mapping[str, tuple[float, ...]] | None:
     """True over claimed period of each log by its joints, where that check failed; several where it changes within.
 
-    The joints are not scored in the headline gap, so this holds on held-out logs too.
+    The joints are not scored in the headline gap, so this holds on held-out logs too. A log that is too short or too
+    still to have a clock keeps the claimed one.
     """
+    claimed = {log.name: (1.0,) for log in judged.logs}
     failed = {check.name: check.per_log for check in checks if not check.passed}
     if "even_clock" in failed:
         local = local_clocks(judged.logs, robot) or {}
-        return {log: tuple(clock.tolist()) for log, clock in local.items()}
+        return claimed | {log: tuple(clock.tolist()) for log, clock in local.items()}
     if "joint_clock" in failed:
-        return {log: (value,) for log, value in failed["joint_clock"].items()}
+        return claimed | {log: (value,) for log, value in failed["joint_clock"].items()}
     return None
 
 

@@ -79,7 +79,7 @@ class SplitJob:
     config: TrainConfig
     split: Split
     keys: dict[str, str]
-    """By model."""
+    """Cache key of each model that is fitted on this split, by the model's name."""
     cache: ResultCache
 
     @property
