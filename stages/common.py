@@ -70,8 +70,9 @@ def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
 
 def with_leave_to_add(argument: str, extensible: str | None) -> str:
     """An override of a key in a section of the extensible section as Hydra takes it where conf/ has no such key."""
-    parts = argument.partition("=")[0].split(".")
-    return f"++{argument}" if len(parts) > 2 and parts[0] == extensible else argument
+    key, is_override, _ = argument.partition("=")
+    parts = key.split(".")
+    return f"++{argument}" if is_override and len(parts) > 2 and parts[0] == extensible else argument
 
 
 def params_with_overrides(arguments: list[str], extensible: str | None = None) -> DictConfig:

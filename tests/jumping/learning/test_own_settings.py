@@ -18,6 +18,7 @@ from leapgap.jumping.learning.models.kernel import KernelConfig
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Windows
+from stages.common import with_leave_to_add
 from stages.params import compose_params
 from stages.train import read_train_config
 from tests.code import ROOT
@@ -166,6 +167,25 @@ def test_a_wrong_setting_is_named(
     assert done.returncode == 2
     assert done.stderr.startswith(f"stages.train: {message}") and len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "models").exists()
+
+
+@pytest.mark.parametrize(
+    ("argument", "passed"),
+    [
+        ("train.slowing.time_constant_s=1", "++train.slowing.time_constant_s=1"),
+        ("train.slowing.time_constant_s=0.1,0.2", "++train.slowing.time_constant_s=0.1,0.2"),
+        ("train.models=[a.b.c]", "train.models=[a.b.c]"),
+        ("train/inputs=no_phase", "train/inputs=no_phase"),
+        ("+train.slowing.time_constant_s=1", "+train.slowing.time_constant_s=1"),
+        ("~train.kernel.inputs", "~train.kernel.inputs"),
+        ("train.networks.inputs", "train.networks.inputs"),  # as in --package train.networks.inputs
+        ("collect.sensing.seed=1", "collect.sensing.seed=1"),
+    ],
+)
+def test_only_overrides_inside_a_section_of_the_stage_may_add_keys(argument: str, passed: str) -> None:
+    """The rest of conf/ stays closed, so that a typo is refused by Hydra."""
+    assert with_leave_to_add(argument, "train") == passed
+    assert with_leave_to_add(argument, None) == argument
 
 
 def section(**changes: object):

@@ -10,7 +10,7 @@ from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
 from leapgap.jumping.learning.models.nominal import fit_gains
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, ModelSettings, configured_inputs
 from leapgap.jumping.learning.transitions import Transitions, extract_transitions
-from leapgap.jumping.learning.windows import RolloutInputs, Windows
+from leapgap.jumping.learning.windows import RolloutInputs, Windows, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
 from leapgap.jumping.models.rigid_body import RigidBody
 
@@ -146,7 +146,7 @@ class KernelForecast(KernelModel):
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
         """Roll out without forces."""
-        return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
+        return super().predict(drop_forces(inputs))
 
 
 def fit_forecast(windows: Windows, config: KernelConfig, curvature: float = 0.0) -> KernelForecast:

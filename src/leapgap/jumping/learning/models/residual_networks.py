@@ -18,7 +18,7 @@ from leapgap.jumping.learning.recipe import (
     configured_inputs,
 )
 from leapgap.jumping.learning.transitions import extract_transitions
-from leapgap.jumping.learning.windows import Windows
+from leapgap.jumping.learning.windows import Windows, drop_forces
 from leapgap.jumping.models.affine_model import check_names
 from leapgap.jumping.models.rigid_body import RigidBody
 
@@ -123,11 +123,6 @@ class NetworksForecastRecipe(ModelRecipe):
         start = initial_networks(blind.train, nothing, config, np.random.default_rng(task.run.seed))
         model, curve = train_networks(start, blind, config.fitting)
         return NetworkForecast(**vars(model)), curve
-
-
-def drop_forces(windows: Windows) -> Windows:
-    """The same motion with forces and feet at zero."""
-    return replace(windows, force=np.zeros_like(windows.force), foot=np.zeros_like(windows.foot))
 
 
 def train_networks(start: NetworkModel, task: FitTask, fitting: Fitting) -> tuple[NetworkModel, LearningCurve]:
