@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import leapgap as lg
 from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.checks.base import CheckResult
 from leapgap.diagnosis.checks.clocks import clock_scale, local_clock, local_clocks
@@ -67,6 +68,11 @@ def test_a_still_log_is_replayed_by_the_clock_that_it_claims(robot: Robot) -> No
     clock = clock_of(list(results(list(judged.logs), robot).values()), judged, robot)
     assert clock is not None and set(clock) == {"swinging", "standing"}
     assert clock["standing"] == (1.0,) and clock["swinging"] == pytest.approx((1.07,), abs=1e-3)
+
+
+def test_a_user_is_told_that_still_logs_cannot_be_checked(robot: Robot) -> None:
+    told = str(lg.check([standing(robot, 600)]))
+    assert told == "nothing could be checked: the logs lack the columns, or are short or still"
 
 
 def test_a_clock_of_noise_alone_is_still_a_number() -> None:
