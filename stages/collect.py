@@ -25,8 +25,8 @@ from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.task import Target, target_of
 from leapgap.logs import log as jump_log
-from leapgap.logs.segments import Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.corrected import read_corrected
@@ -125,7 +125,7 @@ def describe_result(result: CollectionResult) -> str:
     """One printed line: target, block, landing and fallbacks of a jump."""
     fallbacks = f", {sum(result.fallbacks.values())} fallbacks" if result.fallbacks else ""
     return (
-        f"{result.log.name}: {result.log.info.target.x_m:.2f} m from a {100 * result.block_m:.1f} cm block, lands "
+        f"{result.log.name}: {target_of(result.log).x_m:.2f} m from a {100 * result.block_m:.1f} cm block, lands "
         f"{landing_in_words(result.landing.error_cm)}, pitched {result.landing.pitch_deg:+.0f} degrees{fallbacks}"
     )
 

@@ -12,7 +12,7 @@ from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.jumping.planning.reference import Gains, name_of
 from leapgap.jumping.planning.reference_store import select_planar_robot
 from leapgap.jumping.planning.solve import solve_all
-from leapgap.logs.segments import ContactSchedule
+from leapgap.jumping.task import ContactSchedule
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected
 from stages.common import output_folder, read_config, run_stage

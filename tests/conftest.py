@@ -9,10 +9,10 @@ import pytest
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.importers import log_format
-from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
-from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
 
 A1_BODY = RigidBody(mass_kg=12.453, pitch_inertia_kgm2=0.347)
@@ -58,5 +58,5 @@ def standing(
         columns |= {f"joint_pos/{joint}": angle, f"joint_vel/{joint}": np.zeros(rows)}
         columns |= {f"cmd_tau/{joint}": np.zeros(rows), f"cmd_pos/{joint}": angle, f"cmd_vel/{joint}": np.zeros(rows)}
         columns |= {f"cmd_kp/{joint}": np.full(rows, kp), f"cmd_kd/{joint}": np.full(rows, kd)}
-    info = LogInfo("a1", 0.001, ContactSchedule(), Target(0.0), "made for a test")
+    info = jump_info("a1", 0.001, ContactSchedule(), Target(0.0), "made for a test")
     return Log("standing", columns | changed, info)

@@ -17,8 +17,8 @@ from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.trial_spec import TrialSpec
 from leapgap.jumping.learning import export
 from leapgap.jumping.learning.experiment import fit_task
+from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Target
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
 from leapgap.validation.case import further_jumps

@@ -6,7 +6,7 @@ writes into FOLDER
 
 - ``robot.xml``: the model, as its owner believes it. The elbow's damping is 0.05 N·m·s/rad there.
 - ``measured/swing_0.csv`` …: what the owner's logger wrote, angles in degrees, columns with names of its own.
-- ``logs/swing_0.parquet`` …: the same as jump logs in the form of docs/formats.md, written by pyarrow.
+- ``logs/swing_0.parquet`` …: the same in the form of docs/formats.md, written by pyarrow.
 
 The arm that swings has an elbow damping of 0.45 N·m·s/rad: the model is wrong by 0.40. ELBOW names another truth, as
 MuJoCo attributes of the elbow joint, such as ``'damping="0.05" stiffness="4"'``.
@@ -45,15 +45,7 @@ JOINTS = ("shoulder", "elbow")
 KP, KD = 60.0, 1.5  # of the joint PD, N·m/rad and N·m·s/rad
 PERIOD_S, LENGTH_S = 0.001, 2.0
 ANGLE_NOISE, SPEED_NOISE = 2e-4, 5e-3  # standard deviations, rad and rad/s
-INFO = {
-    "format_version": 1,
-    "robot": "arm",
-    "sample_period_s": PERIOD_S,
-    "source": "plain MuJoCo",
-    "terrain": [],
-    "schedule": {"double_contact_s": 0.5, "rear_contact_s": 0.3, "flight_s": 1.2},
-    "target": {"x_m": 0.0, "z_m": 0.0},
-}
+INFO = {"format_version": 2, "robot": "arm", "sample_period_s": PERIOD_S, "source": "plain MuJoCo"}
 
 
 def swing(seed: int, elbow: str) -> dict[str, np.ndarray]:

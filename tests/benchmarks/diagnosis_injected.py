@@ -22,9 +22,10 @@ from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose
-from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, noise_floor
-from leapgap.diagnosis.gap_reduction import closure, resamples
+from leapgap.diagnosis.gap import candidate_squares, closure, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot

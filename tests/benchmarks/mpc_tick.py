@@ -38,6 +38,7 @@ from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, columns, rows, selection
 from leapgap.jumping.models.rigid_body import GRAVITY
+from leapgap.jumping.task import schedule_of, target_of
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, per_axis
@@ -211,7 +212,7 @@ def estimates(jump: Log, robot: Robot) -> list[StateEstimate]:
     joint_pos, joint_vel = (jump.per_joint(c, robot.joints) for c in ("joint_pos", "joint_vel"))
     turning = np.stack([0 * jump.time, jump["base_angvel_y"], 0 * jump.time], axis=1)
     touching = np.ones(len(robot.feet), dtype=bool)
-    rows = [int(np.argmin(np.abs(jump.time - t))) for t in np.arange(0, jump.info.schedule.take_off_s - 1e-6, 0.025)]
+    rows = [int(np.argmin(np.abs(jump.time - t))) for t in np.arange(0, schedule_of(jump).take_off_s - 1e-6, 0.025)]
     measured = (position, quaternion, velocity, turning, joint_pos, joint_vel)
     return [StateEstimate(0.025 * i, *(part[row] for part in measured), touching) for i, row in enumerate(rows)]
 
@@ -219,7 +220,7 @@ def estimates(jump: Log, robot: Robot) -> list[StateEstimate]:
 def recorded_jumps(robot: Robot) -> tuple[str, list[tuple[Reference, list[StateEstimate]]]]:
     """Jumps with a reference to their target: real ones, where there are some, else simulated ones."""
     references = {
-        (j.info.target.x_m, j.info.target.z_m): Reference.of(j, robot)
+        (target_of(j).x_m, target_of(j).z_m): Reference.of(j, robot)
         for j in jump_log.read_logs(Path("data/references"))
     }
     for folder in ("real", "simulated"):
@@ -228,7 +229,7 @@ def recorded_jumps(robot: Robot) -> tuple[str, list[tuple[Reference, list[StateE
         found = [
             (references[key], estimates(jump, robot))
             for jump in jumps
-            if (key := (jump.info.target.x_m, jump.info.target.z_m)) in references
+            if (key := (target_of(jump).x_m, target_of(jump).z_m)) in references
         ]
         if len(found) >= 4:
             return folder, found

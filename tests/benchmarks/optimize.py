@@ -20,7 +20,7 @@ from leapgap.jumping.planning.layout import COORDINATES
 from leapgap.jumping.planning.nlp import JumpNlp, Label
 from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.jumping.planning.solve import solve
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target
 from tests.jumping.planning.lagrangian import residual
 
 TARGETS = [Target(0.4), Target(0.5), Target(0.6), Target(0.7), Target(0.6, 0.2)]

@@ -20,9 +20,10 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, headline_gap, noise_floor
-from leapgap.diagnosis.gap_reduction import closure, resamples
+from leapgap.diagnosis.gap import candidate_squares, closure, headline_gap, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.sensitivities import concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect

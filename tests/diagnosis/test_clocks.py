@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 import leapgap as lg
-from leapgap.diagnosis.checks import run_checks
+from leapgap.diagnosis.checks import clock_of, run_checks
 from leapgap.diagnosis.checks.base import CheckResult
 from leapgap.diagnosis.checks.clocks import clock_scale, local_clock, local_clocks
-from leapgap.diagnosis.diagnose import clock_of
-from leapgap.diagnosis.gap import JudgedLogs
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.conftest import standing
@@ -64,10 +62,12 @@ def test_a_still_log_is_left_out_of_the_clocks_of_the_others(robot: Robot) -> No
 def test_a_still_log_is_replayed_by_the_clock_that_it_claims(robot: Robot) -> None:
     """A diagnosis asks for the clock of each log where the others say that the loop is slow."""
     logs = [swinging(robot, 1.07), standing(robot, 600)]
-    judged = JudgedLogs.of(logs, robot)
-    clock = clock_of(list(results(list(judged.logs), robot).values()), judged, robot)
+    found = results(logs, robot)
+    clock = clock_of([found["joint_clock"]])
     assert clock is not None and set(clock) == {"swinging", "standing"}
     assert clock["standing"] == (1.0,) and clock["swinging"] == pytest.approx((1.07,), abs=1e-3)
+    uneven = clock_of([replace(found["even_clock"], passed=False)])
+    assert uneven is not None and uneven["standing"] == (1.0,) and len(uneven["swinging"]) == 30
 
 
 def test_a_user_is_told_that_still_logs_cannot_be_checked(robot: Robot) -> None:

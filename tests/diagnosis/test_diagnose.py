@@ -13,8 +13,8 @@ from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.summary import next_experiment
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.errors import InputError
-from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target, jump_info, target_of
+from leapgap.logs.log import Log
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer, Rollout
@@ -146,7 +146,7 @@ def test_provenance_tells_logs_apart_by_a_single_bit(robot: Robot) -> None:
 
 
 def test_one_jump_says_what_cannot_be_judged(robot: Robot, reference: Log) -> None:
-    with pytest.raises(InputError, match="a cause is judged on jumps it was not fitted on"):
+    with pytest.raises(InputError, match="a cause is judged on logs it was not fitted on"):
         diagnose(hardware(robot, reference), robot, FEW)
 
 
@@ -218,7 +218,7 @@ def test_a_robot_with_a_fixed_base_is_diagnosed_by_its_joints(tmp_path, robot: R
             columns |= {f"cmd_pos/{joint}": swing, f"cmd_vel/{joint}": np.gradient(swing, time)}
             columns |= {f"joint_pos/{joint}": 0 * time, f"joint_vel/{joint}": 0 * time, f"cmd_tau/{joint}": 0 * time}
             columns |= {f"cmd_kp/{joint}": 0 * time + 60.0, f"cmd_kd/{joint}": 0 * time + 1.0}
-        planned = Log(f"swing_{i}", columns, LogInfo("arm", 0.001, ContactSchedule(), Target(0.0), "a test"))
+        planned = Log(f"swing_{i}", columns, jump_info("arm", 0.001, ContactSchedule(), Target(0.0), "a test"))
         (motion,) = replayer.motions([Rollout(planned, damped)])
         log = replayer.as_log(motion, planned)
         noisy = {
@@ -258,10 +258,10 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
 
 def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Log) -> None:
     """Other distances than were logged, as settings of `collect`; nothing where nothing is ambiguous."""
-    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4, robot)
+    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4)
     assert asked is not None
     assert asked["separates"] == ["torque_gain", "leg_mass"]
     section = OmegaConf.from_dotlist(asked["collect"]).collect
     assert section.jumps == 8
-    assert all(abs(target[0] - reference.info.target.x_m) > 0.02 for target in section.targets)
-    assert next_experiment((("payload",),), [reference], robot) is None
+    assert all(abs(target[0] - target_of(reference).x_m) > 0.02 for target in section.targets)
+    assert next_experiment((("payload",),), [reference]) is None

@@ -5,11 +5,11 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.decision import Conclusion
+from leapgap.diagnosis.decision import Conclusion, conclude_from
 from leapgap.diagnosis.full_rollouts import Errors, FullRollouts, FullRolloutSettings, Slopes
-from leapgap.diagnosis.gap import JudgedLogs, candidate_squares
-from leapgap.diagnosis.gap_reduction import HeldOutGap, resamples
+from leapgap.diagnosis.gap import HeldOutGap, candidate_squares, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -31,7 +31,7 @@ def conclude_on_slow_clock(robot: Robot, reference: Log, *further: Effect) -> Co
     draws = resamples(JUMPS, 200, np.random.default_rng(0))
     plan = FullRolloutSettings(most_causes=2)
     heldout_gap = HeldOutGap(judged, replayer, folds, nominal, np.full(JUMPS, 1.0), draws)
-    return FullRollouts(heldout_gap, plan).conclude(first, hypotheses, 0.05)
+    return conclude_from(FullRollouts(heldout_gap, plan).search(first, hypotheses, 0.05))
 
 
 def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: Log) -> None:

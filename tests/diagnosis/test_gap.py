@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +10,16 @@ from leapgap.diagnosis.checks.base_clock import BaseClock
 from leapgap.diagnosis.checks.free_fall import FreeFall
 from leapgap.diagnosis.checks.joint_clock import JointClock
 from leapgap.diagnosis.checks.planted_feet import PlantedFeet
-from leapgap.diagnosis.gap import JudgedLogs, candidate_squares, headline_gap, headline_rows, noise_floor, scaled_errors
-from leapgap.diagnosis.localisation import PHASES, localise, phase_of_rows
-from leapgap.logs.log import Log
+from leapgap.diagnosis.gap import candidate_squares, headline_gap, scaled_errors
+from leapgap.diagnosis.judged_logs import JudgedLogs, headline_rows
+from leapgap.diagnosis.localisation import localise, phase_names, phase_of_rows
+from leapgap.diagnosis.noise_floor import noise_floor
+from leapgap.logs.log import Log, LogInfo, read_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
+from tests import plain_arm
 from tests.conftest import standing
 
 SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
@@ -82,7 +86,8 @@ def test_judged_rows_end_at_touch_down_or_before_other_gains(robot: Robot, refer
 
 
 def test_phases_follow_the_schedule(reference: Log) -> None:
-    named = [PHASES[p] for p in phase_of_rows(reference)]
+    names = phase_names([reference])
+    named = [names[p] for p in phase_of_rows(reference, names)]
     assert [named[row] for row in (0, 499, 500, 749, 750, 849, 850, 1199, 1200)] == [
         "double_contact",
         "double_contact",
@@ -139,3 +144,29 @@ def test_fall_and_planted_feet_pass_on_a_true_log_and_fail_on_a_false_one(robot:
         jump.info,
     )
     assert not PlantedFeet().run([false], robot, 0.01).passed
+
+
+def test_a_log_that_states_no_flight_is_judged_whole(tmp_path: Path) -> None:
+    """An arm that swings for two seconds is compared for two seconds, and not for the 1.2 s of a jump."""
+    arm = Robot.load(plain_arm.write_model(tmp_path))
+    logs = read_logs(plain_arm.write_parquet(tmp_path / "logs", logs=2))
+    assert JudgedLogs.of(logs, arm).rows == (2000, 2000)
+    assert {
+        place.phase for place in localise(JudgedLogs.of(logs, arm), Replayer(arm), 0.1, 1, np.random.default_rng(0))
+    } == {
+        "part_1",
+        "part_2",
+        "part_3",
+        "part_4",
+    }
+
+
+def test_flight_and_planted_feet_are_not_judged_of_a_robot_that_never_flies_or_stands(robot: Robot) -> None:
+    """Diagonal pairs of feet in turn, as in a trot: some foot always touches, and never all of them."""
+    rows = np.arange(1000)
+    first = ((rows // 250) % 2 == 0).astype(float)
+    contacts = {f"contact/{foot}": first if foot in ("FR", "RL") else 1 - first for foot in robot.feet}
+    trot = standing(robot, 1000, **contacts)
+    trot = Log("trot", trot.columns, LogInfo("a1", 0.001, "a test"))
+    assert FreeFall().run([trot], robot, 0.08) is None
+    assert PlantedFeet().run([trot], robot, 0.01) is None

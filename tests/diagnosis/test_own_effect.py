@@ -13,8 +13,8 @@ from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.base import Effect, parameter
 from leapgap.errors import InputError
-from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target, jump_info
+from leapgap.logs.log import Log
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected, write_corrected
@@ -75,7 +75,7 @@ def swung(elbow: str) -> list[Log]:
             columns |= {f"cmd_tau/{joint}": 0 * time, f"cmd_kp/{joint}": 0 * time + 60, f"cmd_kd/{joint}": 0 * time + 1}
         columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
         found.append(
-            Log(f"swing_{i}", columns, LogInfo("arm", 0.001, ContactSchedule(), Target(0.0), "made for a test"))
+            Log(f"swing_{i}", columns, jump_info("arm", 0.001, ContactSchedule(), Target(0.0), "made for a test"))
         )
     return found
 

@@ -11,8 +11,8 @@ from leapgap.diagnosis.checks.free_fall import GRAVITY, FreeFall
 from leapgap.diagnosis.checks.planted_feet import PlantedFeet
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.short_rollouts import Pieces, StateChannels
-from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target, jump_info, schedule_of
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -27,7 +27,7 @@ def log(robot: Robot, rate_hz: int, seconds: float = 1.3, **changed: np.ndarray)
 
 @pytest.mark.parametrize(("rate_hz", "rows"), [(1000, 20), (500, 10), (200, 4), (40, 1), (10, 1)])
 def test_a_time_is_as_many_rows_as_it_lasts_and_one_at_least(rate_hz: int, rows: int) -> None:
-    info = LogInfo("a1", 1 / rate_hz, ContactSchedule(), Target(0.0), "a test")
+    info = jump_info("a1", 1 / rate_hz, ContactSchedule(), Target(0.0), "a test")
     assert info.rows(0.02) == rows
 
 
@@ -50,7 +50,7 @@ def moving(jump: Log, robot: Robot) -> Log:
 @pytest.mark.parametrize("rate_hz", [1000, 200, 100])
 def test_a_fall_of_300_ms_is_judged_at_any_rate(robot: Robot, rate_hz: int) -> None:
     jump = log(robot, rate_hz)
-    since = np.clip(jump.time - jump.info.schedule.take_off_s, 0, None)
+    since = np.clip(jump.time - schedule_of(jump).take_off_s, 0, None)
     falling = replace(jump, columns=dict(jump.columns) | {"base_pos_z": 1.0 - GRAVITY * since**2 / 2})
     check = FreeFall().run([falling], robot, 0.08)
     assert check is not None

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.gap import JudgedLogs
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

@@ -11,8 +11,8 @@ from leapgap.diagnosis.decision import (
     probability,
     verdict_of,
 )
-from leapgap.diagnosis.gap import JudgedLogs
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.selection import MOST_SURPRISE, LinearGuess, Search, SearchSettings, broyden, covariance
 from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts

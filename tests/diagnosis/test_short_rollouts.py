@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.gap import JudgedLogs
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.short_rollouts import ShortRollouts, StateChannels, smooth_start, thin_evenly, turn_between
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of

@@ -7,8 +7,8 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.gap import JudgedLogs
 from leapgap.diagnosis.hypotheses import list_hypotheses, places
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.sensitivities import Sensitivities, tolerance
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError

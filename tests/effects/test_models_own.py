@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target, jump_info
+from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motors import MotorConstants
 from leapgap.simulation.replay import Motion, Replayer, Rollout
@@ -150,7 +150,7 @@ def swing(folder: Path, *found: effects.Effect) -> np.ndarray:
     robot, rows = Robot.load(folder / "pendulum.xml"), 300
     quantities = ("joint_pos", "joint_vel", "cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
     columns = {f"{quantity}/{joint}": np.zeros(rows) for quantity in quantities for joint in robot.joints}
-    info = LogInfo("pendulum", 0.001, ContactSchedule(), Target(0.0), "made for a test")
+    info = jump_info("pendulum", 0.001, ContactSchedule(), Target(0.0), "made for a test")
     jump = Log("fall", {"time": np.arange(rows) / 1000} | columns, info)
     return Replayer(robot).motions([Rollout(jump, found)])[0].qpos
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target, jump_info
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motors import MotorConstants
 from leapgap.simulation.replay import Replayer, Rollout
@@ -121,7 +121,7 @@ def spin_up(
     command = np.full(rows, torque)
     command[0] = torque if first is None else first
     still = {f"{q}/j": np.zeros(rows) for q in ("joint_pos", "joint_vel", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")}
-    info = LogInfo("disc", 0.001, ContactSchedule(), Target(0.0), "made for a test")
+    info = jump_info("disc", 0.001, ContactSchedule(), Target(0.0), "made for a test")
     jump = Log("disc", {"time": np.arange(rows) / 1000, "cmd_tau/j": command} | still, info)
     (motion,) = Replayer(disc).motions([Rollout(jump, (found,))])
     return motion.qvel[:, 0]

@@ -7,6 +7,7 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.jumping import published_a1
 from leapgap.jumping.published_a1 import PublishedA1
+from leapgap.jumping.task import target_of
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.csv import Csv
 from leapgap.logs.log import Log
@@ -84,7 +85,7 @@ def test_gains_of_the_landing_sequence_stand_in_its_rows(folder: Path, robot: Ro
 
 def test_target_and_block_are_inferred(folder: Path, robot: Robot) -> None:
     jump = read_one(folder, robot)
-    assert jump.info.target.x_m == 0.6
+    assert target_of(jump).x_m == 0.6
     (box,) = jump.info.terrain
     assert box.estimated
     assert box.top_m == pytest.approx(0.04, abs=0.001)

@@ -1,4 +1,5 @@
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
+from leapgap.logs.segments import segment_of_rows
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
 from tests.conftest import standing
@@ -91,3 +93,73 @@ def test_unreadable_files_are_input_errors(robot: Robot, tmp_path: Path) -> None
         jump_log.read_log(tmp_path / "foreign.parquet")
     with pytest.raises(InputError, match="no such file"):
         jump_log.read_log(tmp_path / "missing.parquet")
+
+
+def write_table(path: Path, columns: dict[str, np.ndarray], about: dict) -> Path:
+    """A log file written by pyarrow alone."""
+    table = pa.table(columns).replace_schema_metadata({"leapgap": json.dumps(about)})
+    pq.write_table(table, path)
+    return path
+
+
+def swing(seconds: float, **further: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of one joint that was asked to stay where it is, at 100 Hz."""
+    time = np.arange(round(100 * seconds)) / 100
+    names = ("joint_pos/j", "joint_vel/j", "cmd_tau/j", "cmd_pos/j", "cmd_vel/j", "cmd_kp/j", "cmd_kd/j")
+    return {"time": time} | {name: np.zeros(len(time)) for name in names} | further
+
+
+PLAIN = {"format_version": 2, "robot": "one", "sample_period_s": 0.01, "source": "a test"}
+
+
+def test_a_log_needs_no_schedule_target_or_terrain(tmp_path: Path) -> None:
+    read = jump_log.read_log(write_table(tmp_path / "a.parquet", swing(4.0), PLAIN))
+    assert (read.info.terrain, read.info.extra, read.info.segments) == ((), {}, ())
+    assert [(one.name, one.begin_s) for one in read.segments] == [
+        ("part_1", 0.0),
+        ("part_2", pytest.approx(3.99 / 4)),
+        ("part_3", pytest.approx(3.99 / 2)),
+        ("part_4", pytest.approx(3 * 3.99 / 4)),
+    ]
+    jump_log.write_log(read, tmp_path / "b.parquet")
+    assert jump_log.read_log(tmp_path / "b.parquet").info == read.info
+
+
+def test_stated_segments_come_back(tmp_path: Path) -> None:
+    stated = [{"name": "reach", "begin_s": 0.0, "end_s": 1.5}, {"name": "return", "begin_s": 2.0, "end_s": 3.0}]
+    read = jump_log.read_log(write_table(tmp_path / "a.parquet", swing(4.0), PLAIN | {"segments": stated}))
+    assert [one.name for one in read.segments] == ["reach", "return"]
+    rows = segment_of_rows(read.segments, read.time)
+    assert [rows[row] for row in (0, 149, 150, 199, 200, 299, 300)] == [0, 0, -1, -1, 1, 1, -1]
+    jump_log.write_log(read, tmp_path / "b.parquet")
+    assert jump_log.read_log(tmp_path / "b.parquet").info == read.info
+
+
+def test_feet_in_contact_divide_a_log_that_states_nothing(tmp_path: Path) -> None:
+    rows = np.arange(400)
+    left, right = ((rows // 100) % 2 == 0).astype(float), ((rows // 100) % 2 == 1).astype(float)
+    left[350:], right[350:] = 0.0, 0.0
+    columns = swing(4.0, **{"contact/L": left, "contact/R": right})
+    read = jump_log.read_log(write_table(tmp_path / "a.parquet", columns, PLAIN))
+    assert [one.name for one in read.segments] == ["L", "R", "L", "R", "no_foot"]
+    assert [one.begin_s for one in read.segments] == [0.0, 1.0, 2.0, 3.0, 3.5]
+
+
+def test_a_jump_of_version_1_has_its_phases_as_segments(tmp_path: Path) -> None:
+    about = PLAIN | {
+        "format_version": 1,
+        "schedule": {"double_contact_s": 0.4, "rear_contact_s": 0.3, "flight_s": 0.5},
+        "target": {"x_m": 0.6, "z_m": 0.0},
+        "terrain": [],
+    }
+    read = jump_log.read_log(write_table(tmp_path / "a.parquet", swing(2.0), about))
+    assert [(one.name, round(one.begin_s, 3)) for one in read.segments] == [
+        ("double_contact", 0.0),
+        ("rear_contact", 0.4),
+        ("lift_off", 0.65),
+        ("flight", 0.75),
+        ("touch_down", 1.2),
+    ]
+    del about["schedule"]["flight_s"]
+    with pytest.raises(InputError, match="flight_s"):
+        jump_log.read_log(write_table(tmp_path / "b.parquet", swing(2.0), about))

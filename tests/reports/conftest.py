@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from leapgap.logs.log import Log, LogInfo
+from leapgap.jumping.task import ContactSchedule, Target, jump_info
+from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
-from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.terrain import Box
 
 ROWS = 601
@@ -39,7 +39,7 @@ def make_hop(robot, speed_x=1.0, rows=ROWS, without=()):
     for foot in robot.feet:
         columns[f"contact/{foot}"] = (time < 0.2).astype(float)
     columns = {name: values for name, values in columns.items() if not name.startswith(tuple(without))}
-    info = LogInfo(
+    info = jump_info(
         robot=robot.name,
         sample_period_s=0.001,
         schedule=ContactSchedule(0.1, 0.1, 0.4),

@@ -109,8 +109,8 @@ def test_torque_is_feed_forward_and_joint_pd(hop_recording, hop):
 
 def test_phases_and_gain_change_are_marked(hop_recording):
     seconds, states = hop_recording.moving["/phases/planned"]["StateChange:state"]
-    np.testing.assert_allclose(seconds, [0.0, 0.1, 0.2])
-    assert [state[0] for state in states] == ["all feet", "rear feet", "flight"]
+    np.testing.assert_allclose(seconds, [0.0, 0.1, 0.15, 0.25])
+    assert [state[0] for state in states] == ["double contact", "rear contact", "lift off", "flight"]
     seconds, states = hop_recording.moving["/phases/switch_front"]["StateChange:state"]
     np.testing.assert_allclose(seconds, [0.0, 0.2])
     assert [state[0] for state in states] == ["contact", "air"]

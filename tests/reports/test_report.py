@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.gap_reduction import Interval
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.report import Cause
 from leapgap.reports.report import CORRECTED, closures, overlay, row_of
 from leapgap.robot.model import Robot

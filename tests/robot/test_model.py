@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
+from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import per_pair
-from leapgap.logs.segments import ContactSchedule
 from leapgap.robot.kinematics import feet_in_world, joint_torque_to_foot_force
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from leapgap.jumping.task import target_of
 from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
 from tests.code import ROOT
@@ -55,7 +56,7 @@ def test_import_of_foreign_logs(tmp_path: Path, robot: Robot) -> None:
     )
     assert result.returncode == 0, result.stderr
     assert "1 jumps imported" in result.stdout
-    assert jump_log.read_log(out / "jump_03.parquet").info.target.x_m == 0.6
+    assert target_of(jump_log.read_log(out / "jump_03.parquet")).x_m == 0.6
 
 
 def test_no_logs_is_a_stated_result(tmp_path: Path) -> None:

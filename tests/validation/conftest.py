@@ -4,8 +4,8 @@ import pytest
 
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Target
 from leapgap.validation.case import CaseSetup
 
 

@@ -1,11 +1,12 @@
 """Candidates of the search for causes: sets of hypotheses with fitted numbers and their held-out losses."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.effects.base import Effect
 
 LEAST_SPREADS = 2.0
 """A number differs from nominal when it is more than this many standard deviations away."""
@@ -46,6 +47,19 @@ class Candidate:
     def split(self, numbers: np.ndarray | None = None) -> list[np.ndarray]:
         """Numbers (by default the fitted ones) of each hypothesis."""
         return split_numbers(self.hypotheses, self.numbers if numbers is None else numbers)
+
+    def effects_on(self, log: str, fold: int | None) -> tuple[Effect, ...]:
+        """Its effects on one log, with the numbers fitted without a fold (None: on all logs)."""
+        numbers = self.numbers if fold is None else self.fold_numbers[fold]
+        return tuple(h.on(log, own) for h, own in zip(self.hypotheses, self.split(numbers), strict=True))
+
+    def typical_effects(self, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
+        """Its effects at the median of some logs' values; ``fold`` as in ``effects_on``."""
+        found = []
+        for same in zip(*(self.effects_on(log, fold) for log in logs), strict=True):
+            middle = {name: float(np.median([one.values[name] for one in same])) for name in same[0].values}
+            found.append(replace(same[0].with_profile(()), **middle))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -133,3 +147,16 @@ def clip_numbers(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.nd
     """Clip the numbers of hypotheses to their ranges."""
     parts = [h.clip(n) for h, n in zip(hypotheses, split_numbers(hypotheses, numbers), strict=True)]
     return np.concatenate(parts) if parts else numbers
+
+
+def effects_on_logs(
+    hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray], logs: Sequence[str]
+) -> list[list[tuple[Effect, ...]]]:
+    """Effects ``[number][log]`` for several vectors of numbers of the same hypotheses."""
+    return [
+        [
+            tuple(h.on(log, own) for h, own in zip(hypotheses, split_numbers(hypotheses, numbers), strict=True))
+            for log in logs
+        ]
+        for numbers in tried
+    ]

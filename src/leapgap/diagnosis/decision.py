@@ -1,12 +1,16 @@
 """Decision of a diagnosis: the verdict named, ambiguous, unknown or none, with probabilities of causes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
+from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, FullRolloutSettings
+from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.robust_least_squares import losses
+from leapgap.diagnosis.sensitivities import FINE_STEP_S
 
 Answer = tuple[tuple[str, ...], ...]
 
@@ -134,3 +138,76 @@ def decide(
     if verdict not in ("named", "ambiguous"):
         return Conclusion(verdict, ())
     return Conclusion(verdict, answer, result.steps, tuple(probability(names[0], result, shares) for names in answer))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A search for causes with its conclusion."""
+
+    result: SearchResult
+    """The search without causes that replays of whole logs contradict."""
+    shares: np.ndarray
+    """Share of the resamples in which each rival is best, (rivals,)."""
+    conclusion: Conclusion
+
+    @property
+    def selected(self) -> Candidate:
+        """The answer's fit; the nominal robot where there is no answer."""
+        return self.conclusion.steps[-1] if self.conclusion.steps else self.result.nominal
+
+    @property
+    def others(self) -> list[tuple[Candidate, float]]:
+        """One fit for each further hypothesis that was judged, with the probability of its newest effect.
+
+        That is the share of the resamples in which the effect is part of the best set; 0 if the answer has it.
+        """
+        known = {(h.name, h.location) for h in self.selected.hypotheses}
+        found: list[tuple[Candidate, float]] = []
+        for fit in self.result.alternatives:
+            newest = fit.hypotheses[-1]
+            if (newest.name, newest.location) not in known:
+                known.add((newest.name, newest.location))
+                share = probability(newest.name, self.result, self.shares)
+                found.append((fit, 0.0 if newest.name in self.selected.names else share))
+        return found
+
+
+def judge(
+    result: SearchResult,
+    heldout_gap: HeldOutGap,
+    hypotheses: Sequence[Hypothesis],
+    thresholds: DecisionThresholds,
+    full: FullRolloutSettings,
+    progress: Callable[[str], None],
+) -> Judgement:
+    """Judge a search by replays of whole logs on held-out logs.
+
+    Where a confirmed cause does not explain enough, the search goes on in these replays.
+    """
+    heldout_gap.replays(result.steps)
+    closed = [heldout_gap.closure_value(squares) for squares in heldout_gap.squares(result.steps)]
+    result = drop_contradicted_causes(result, closed, thresholds)
+    shares = best_set_shares(result, heldout_gap.draws) if result.rivals else np.zeros(0)
+    heldout_gap.squares([*result.steps, *result.alternatives])
+    gap = heldout_gap.gap(heldout_gap.nominal) / heldout_gap.gap(heldout_gap.floor)
+    # The nominal step's own error may hide what a small effect closes.
+    closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure, FINE_STEP_S)
+    conclusion = decide(result, shares, gap, closes, thresholds)
+    if conclusion.verdict == "unknown" and is_first_cause_confirmed(result):
+        causes = FullRollouts(heldout_gap, full, progress).search(result.before(1), hypotheses, thresholds.rival_share)
+        conclusion = conclude_from(causes)
+    return Judgement(result, shares, conclusion)
+
+
+def conclude_from(causes: Sequence[FullRolloutCause]) -> Conclusion:
+    """Conclusion from causes found in full rollouts."""
+    answer = tuple(cause.names for cause in causes)
+    verdict = "named" if all(len(names) == 1 for names in answer) else "ambiguous"
+    return Conclusion(
+        verdict, answer, tuple(cause.fit for cause in causes), tuple(cause.probability for cause in causes)
+    )
+
+
+def is_first_cause_confirmed(result: SearchResult) -> bool:
+    """Whether the first cause is one that a consistency check of the logs confirms."""
+    return bool(result.selected.hypotheses) and result.selected.hypotheses[0].per_log is not None

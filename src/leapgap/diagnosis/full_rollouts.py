@@ -1,7 +1,7 @@
 """Search in full rollouts, used where a confirmed cause from short replays leaves most of the gap.
 
 Replays that restart from the log every 0.1 s are insensitive to slow influences: mass, inertia, centre of mass. Here
-sets of effects are fitted to replays from a log's first row to its touch-down, in the channels and scales of the
+sets of effects are fitted to replays over all judged rows of a log, in the channels and scales of the
 headline gap (Levenberg–Marquardt, finite differences), and judged on held-out logs.
 """
 
@@ -11,12 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words, split_numbers
-from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.gap import candidate_squares, scaled_errors
-from leapgap.diagnosis.gap_reduction import HeldOutGap
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs, in_words
+from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.25
 """Step of finite differences, as a share of the moderate departure; wide, because contacts make full rollouts rough."""
@@ -53,6 +50,18 @@ class FullRolloutFit(Candidate):
     """Sum of squares, fitted on all logs."""
     heldout: np.ndarray
     """Sum of squares of each log, fitted without its fold, (logs,)."""
+
+
+@dataclass(frozen=True)
+class FullRolloutCause:
+    """One cause that full rollouts add to those before it."""
+
+    fit: FullRolloutFit
+    """The set of causes with this one."""
+    names: tuple[str, ...]
+    """The cause, then the rivals that cannot be told apart from it."""
+    probability: float
+    """Share of the resamples in which it is better than its rivals."""
 
 
 @dataclass(frozen=True)
@@ -100,32 +109,28 @@ class FullRollouts:
     plan: FullRolloutSettings
     progress: Callable[[str], None] = lambda _: None
 
-    def conclude(self, first: Candidate, hypotheses: Sequence[Hypothesis], rival_share: float) -> Conclusion:
+    def search(self, first: Candidate, hypotheses: Sequence[Hypothesis], rival_share: float) -> list[FullRolloutCause]:
         """Fit the first cause, then add one cause after the other while it is convincing.
 
         A rival that is best in ``rival_share`` of the resamples cannot be told apart.
         """
         draws = self.heldout_gap.draws
-        steps = [self.fit(first.hypotheses, first.numbers)]
-        answer: list[tuple[str, ...]] = [first.names]
-        sure = [1.0]
-        while len(steps) < self.plan.most_causes:
-            most = self.plan.promising if len(steps) == 1 else (self.plan.promising + 1) // 2
-            tried = [self.fit(*start) for start in self.rank_extensions(steps[-1], hypotheses)[:most]]
+        causes = [FullRolloutCause(self.fit(first.hypotheses, first.numbers), first.names, 1.0)]
+        while len(causes) < self.plan.most_causes:
+            before = causes[-1].fit
+            most = self.plan.promising if len(causes) == 1 else (self.plan.promising + 1) // 2
+            tried = [self.fit(*start) for start in self.rank_extensions(before, hypotheses)[:most]]
             for fit in tried:
-                self.progress(f"whole jumps, {in_words(fit)}: squares {fit.loss:.0f}, held out {fit.heldout.sum():.0f}")
+                self.progress(f"whole logs, {in_words(fit)}: squares {fit.loss:.0f}, held out {fit.heldout.sum():.0f}")
             sensible = sorted((fit for fit in tried if fit.sensible), key=lambda fit: fit.loss)
-            if not sensible or not self.is_convincing(steps[-1], sensible[0]):
+            if not sensible or not self.is_convincing(before, sensible[0]):
                 break
-            steps.append(sensible[0])
             best = np.array([fit.heldout[draws].sum(axis=1) for fit in sensible]).argmin(axis=0)
             shares = np.bincount(best, minlength=len(sensible)) / len(draws)
             names = [fit.names[-1] for fit in sensible]
             rivals = [name for name, share in zip(names[1:], shares[1:], strict=True) if share >= rival_share]
-            answer.append((names[0], *sorted(rivals)))
-            sure.append(float(shares[0]))
-        verdict = "named" if all(len(names) == 1 for names in answer) else "ambiguous"
-        return Conclusion(verdict, tuple(answer), tuple(steps), tuple(sure))
+            causes.append(FullRolloutCause(sensible[0], (names[0], *sorted(rivals)), float(shares[0])))
+        return causes
 
     def is_convincing(self, before: FullRolloutFit, after: FullRolloutFit) -> bool:
         """Whether a further cause closes enough more of the gap, on enough held-out logs."""
@@ -177,10 +182,8 @@ class FullRollouts:
             clip_numbers(hypotheses, numbers + scale * slopes.step(DAMPINGS[1], fold_of_value != fold))
             for fold in range(int(folds.max()) + 1)
         ]
-        candidates = self.effects_on_logs(hypotheses, of_folds)
-        heldout = candidate_squares(self.heldout_gap.judged, self.heldout_gap.replayer, candidates)[
-            folds, np.arange(len(folds))
-        ]
+        candidates = effects_on_logs(hypotheses, of_folds, self.heldout_gap.names)
+        heldout = self.heldout_gap.squares_with(candidates)[folds, np.arange(len(folds))]
         spread = self.covariance(slopes, scale)
         return FullRolloutFit(hypotheses, numbers, spread, np.array(of_folds), slopes.errors.squares, heldout)
 
@@ -207,27 +210,11 @@ class FullRollouts:
 
     def errors(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
         """Scaled errors ``[number][log]`` (rows, channels)."""
-        return scaled_errors(
-            self.heldout_gap.judged, self.heldout_gap.replayer, self.effects_on_logs(hypotheses, tried)
-        )
+        return self.heldout_gap.errors_with(effects_on_logs(hypotheses, tried, self.heldout_gap.names))
 
     def sample(self, errors: Sequence[np.ndarray]) -> Errors:
         """Scaled errors (rows, channels) of all logs, at the rows that are compared."""
         return Errors.of(errors, self.every)
-
-    def effects_on_logs(
-        self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]
-    ) -> list[list[tuple[Effect, ...]]]:
-        """Effects ``[number][log]`` for vectors of numbers."""
-        return [
-            [
-                tuple(
-                    h.on(log.name, own) for h, own in zip(hypotheses, split_numbers(hypotheses, numbers), strict=True)
-                )
-                for log in self.heldout_gap.judged.logs
-            ]
-            for numbers in tried
-        ]
 
     @cached_property
     def every(self) -> list[int]:

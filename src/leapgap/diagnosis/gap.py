@@ -1,106 +1,45 @@
-"""Size of the gap: the headline figure and its noise floor."""
+"""The headline gap of whole logs: of the nominal robot, and of candidates with effects on held-out logs."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from leapgap.diagnosis.channels import (
-    HEADLINE,
-    Channel,
-    channel_values,
-    measured_values,
-    scaled_channels,
-    sensor_noise,
-    state_channels,
-)
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.channels import channel_values, measured_values
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.logs.state import motion_of
-from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
-GAIN_CHANGE_MARGIN_S = 0.010
-"""Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
-TOUCHING_M = 0.005
-"""Largest height of a sole above the ground that counts as touching."""
 DIVERGED_ERROR = 100.0
 """Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors."""
 
 
-def headline_rows(log: Log, robot: Robot) -> int:
-    """Number of judged rows: up to touch-down or the first change of gains, whichever is first."""
-    rows = log.rows_before_gain_change
-    if rows < len(log):
-        rows -= round(GAIN_CHANGE_MARGIN_S / log.info.sample_period_s)
-    return max(2, min(rows, touch_down_row(log, robot)))
-
-
-def touch_down_row(log: Log, robot: Robot) -> int:
-    """First row, in the second half of the planned flight or later, in which a sole is at the ground."""
-    schedule = log.info.schedule
-    if not robot.has_free_base or "base_pos_z" not in log or not robot.feet:
-        return min(len(log), int(np.searchsorted(log.time, schedule.landing_s)) + 1)
-    begin = int(np.searchsorted(log.time, schedule.take_off_s + schedule.flight_s / 2))
-    if begin >= len(log):
-        return len(log)
-    feet = feet_positions(robot, motion_of(log, robot, slice(begin, None)).qpos)
-    ground = np.zeros(feet.shape[:2])
-    for box in log.info.terrain:
-        inside = (np.abs(feet[..., 0] - box.x_m) < box.size_m[0] / 2) & (
-            np.abs(feet[..., 1] - box.y_m) < box.size_m[1] / 2
-        )
-        ground = np.where(inside, np.maximum(ground, box.top_m), ground)
-    touching = (feet[..., 2] - robot.foot_radius - ground < TOUCHING_M).any(axis=1)
-    return begin + int(np.argmax(touching)) if touching.any() else len(log)
-
-
-def final_position_errors(motions: Sequence[Motion], judged: "JudgedLogs") -> list[float] | None:
-    """Error of the trunk's x in the last judged row (touch-down) of each replay, m; None without a base."""
-    if all(channel.name != "base_pos_x" for channel in judged.channels):
-        return None
-    return [
-        float(motion.qpos[rows - 1, 0] - log["base_pos_x"][rows - 1])
-        for motion, log, rows in zip(motions, judged.logs, judged.rows, strict=True)
-    ]
+LEAST_ABOVE = 0.05
+"""Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated."""
 
 
 @dataclass(frozen=True)
-class JudgedLogs:
-    """Logs with the rows and channels that are compared."""
+class Interval:
+    """A value with its 95 % interval over resampled logs."""
 
-    logs: tuple[Log, ...]
-    """Logs, cut after the judged rows."""
-    channels: tuple[Channel, ...]
-    """Headline channels that every log has."""
-
-    @staticmethod
-    def of(logs: Sequence[Log], robot: Robot) -> "JudgedLogs":
-        """Choose rows and channels from the logs alone, so that every hypothesis is judged on the same ones."""
-        if not logs:
-            raise InputError("diagnose.logs", "no jump log", "one or more", "import or collect jumps first")
-        headline = tuple(c for c in scaled_channels(logs, robot) if c.name in HEADLINE or not robot.has_free_base)
-        if not headline:
-            raise InputError(
-                logs[0].name,
-                "no base state in every log",
-                f"some of {', '.join(HEADLINE)}",
-                "log the base state",
-            )
-        return JudgedLogs(tuple(log.first_rows(headline_rows(log, robot)) for log in logs), headline)
+    value: float
+    low: float
+    high: float
 
     @property
-    def rows(self) -> tuple[int, ...]:
-        """Number of judged rows of each log."""
-        return tuple(len(log) for log in self.logs)
+    def capped_at_one(self) -> "Interval":
+        """The interval of a share, clipped to at most 1, with the value inside: the form for texts.
 
-    @property
-    def scales(self) -> np.ndarray:
-        """Scale of each channel, (channels,)."""
-        return np.array([c.scale for c in self.channels], dtype=float)
+        A corrected gap may be below the noise floor by chance, which gives a share above 1.
+        """
+        value = min(self.value, 1.0)
+        return Interval(value, min(self.low, value), max(min(self.high, 1.0), value))
 
 
 def scaled_errors(
@@ -138,56 +77,209 @@ def candidate_squares(
     return np.array([[float((e**2).sum()) for e in of_logs] for of_logs in scaled_errors(judged, replayer, candidates)])
 
 
-def value_counts(judged: JudgedLogs) -> np.ndarray:
-    """Number of values in each log's sum of squares, (logs,)."""
-    return np.array(judged.rows) * len(judged.channels)
-
-
 def headline_gap(sum_of_squares: np.ndarray, judged: JudgedLogs) -> float:
     """The headline gap: root mean square over rows, channels and logs."""
-    return float(np.sqrt(sum_of_squares.sum() / value_counts(judged).sum()))
+    return float(np.sqrt(sum_of_squares.sum() / judged.value_counts.sum()))
 
 
-def noise_floor(
-    judged: JudgedLogs,
-    replayer: Replayer,
-    draws: int,
-    rng: np.random.Generator,
-    nominal: Sequence[Motion] | None = None,
-) -> np.ndarray:
-    """Mean sum of squares that sensor noise alone gives for each log, (logs,), summed over rows and channels.
+def final_position_errors(motions: Sequence[Motion], judged: JudgedLogs) -> list[float]:
+    """Error of the trunk's x in the last judged row of each replay, m; nothing where it is not judged."""
+    if all(channel.name != "base_pos_x" for channel in judged.channels):
+        return []
+    return [
+        float(motion.qpos[rows - 1, 0] - log["base_pos_x"][rows - 1])
+        for motion, log, rows in zip(motions, judged.logs, judged.rows, strict=True)
+    ]
 
-    The motion of the nominal robot plus noise of each channel is taken as measured, and replayed from its noisy first
-    row. ``nominal`` are its motions, where they are known already.
+
+def above_noise(gap: float, floor: float) -> bool:
+    """Whether a headline gap is above its noise floor."""
+    return gap - floor > LEAST_ABOVE * floor
+
+
+def resamples(logs: int, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Bootstrap resamples of logs: indices (draws, logs)."""
+    return rng.integers(0, logs, size=(draws, logs))
+
+
+def closure(
+    nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: JudgedLogs, draws: np.ndarray
+) -> Interval:
+    """Share of the headline gap above its noise floor that is closed; arguments are sums of squares (logs,).
+
+    It is 0 where the gap is not above the noise floor.
     """
-    robot = replayer.robot
-    every = scaled_channels(judged.logs, robot)
-    total = np.zeros(len(judged.logs))
-    sigma = [dict(zip((c.name for c in every), sensor_noise(log, every), strict=True)) for log in judged.logs]
-    motions = nominal or replayer.motions([Rollout(log) for log in judged.logs])
-    true = [motion[: len(log)] for motion, log in zip(motions, judged.logs, strict=True)]
-    for _ in range(draws):
-        trials = []
-        for log, own in zip(judged.logs, sigma, strict=True):
-            state = replayer.first_state(Rollout(log))
-            trials.append(Rollout(log, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
-        for j, motion in enumerate(replayer.motions(trials)):
-            for c in judged.channels:
-                seen = c.values(true[j], robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]
-                total[j] += float((((c.values(motion, robot) - seen) / c.scale) ** 2).sum())
-    return total / draws
+    number = judged.value_counts
+
+    def of(chosen: np.ndarray) -> float:
+        values = number[chosen].sum()
+        before, after, least = (np.sqrt(s[chosen].sum() / values) for s in (nominal, corrected, floor))
+        return float((before - after) / (before - least)) if above_noise(before, least) else 0.0
+
+    sample = [of(chosen) for chosen in draws]
+    return Interval(of(np.arange(len(number))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
 
 
-def state_noise(sigma: Mapping[str, float], robot: Robot) -> np.ndarray:
-    """Noise of the first state, (nq + nv,), where it was measured; orientation only in pitch, about y.
+def folds_of(logs: int, folds: int) -> np.ndarray:
+    """Which fold each log is held out with, (logs,)."""
+    if logs < 2:
+        expected = "two or more: a cause is judged on logs it was not fitted on"
+        raise InputError("diagnose.logs", f"{logs} log", expected, "log another motion")
+    return np.arange(logs) % min(folds, logs)
 
-    ``sigma`` is the noise of the headline's and the joints' channels by name.
-    """
-    noise_of = Motion(np.zeros((1, robot.model.nq)), np.zeros((1, robot.model.nv)))
-    for channel in state_channels(robot):
-        known = float(sigma.get(channel.name, 0.0))
-        if channel.name == "base_pitch":
-            noise_of.base_quaternion[0, 2] = known / 2
-        elif channel.quantity != "base_turn":
-            channel.values(noise_of, robot)[:] = known
-    return noise_of.first_state
+
+@dataclass(frozen=True)
+class HeldOutFigures:
+    """What a candidate makes of the headline gap on held-out logs."""
+
+    squares: np.ndarray
+    """Sums of squares, (logs,)."""
+    gap: float
+    closure: Interval
+
+
+@dataclass(frozen=True)
+class HeldOutGap:
+    """The headline gap of candidates on held-out logs, in replays of whole logs; each candidate is replayed once."""
+
+    judged: JudgedLogs
+    replayer: Replayer
+    folds: np.ndarray
+    """Index of the fold of each log, (logs,)."""
+    nominal: np.ndarray
+    """Sums of squares of the nominal robot, (logs,)."""
+    floor: np.ndarray
+    """Sums of squares of noise alone, (logs,)."""
+    draws: np.ndarray
+    """Bootstrap resamples of logs, (draws, logs)."""
+    logs: Sequence[Log] = ()
+    """The logs with all their rows, beyond those that are judged."""
+    nominal_motions: Sequence[Motion] = ()
+    """Their replays by the nominal robot."""
+    cache: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
+    """Sums of squares by identity of the candidate, whose arrays cannot be hashed."""
+    motions: dict[int, Sequence[Motion]] = field(default_factory=dict)
+    """Replays of all rows, by identity of the candidate."""
+
+    @staticmethod
+    def of(
+        logs: Sequence[Log], replayer: Replayer, folds: int, noise_draws: int, draws: int, rng: np.random.Generator
+    ) -> "HeldOutGap":
+        """Replay the logs by the nominal robot, and measure the gap and its noise floor."""
+        judged = JudgedLogs.of(logs, replayer.robot)
+        fold_of_log = folds_of(len(logs), folds)
+        motions = replayer.motions([Rollout(log) for log in logs])
+        nominal = motion_squares(motions, judged, replayer.robot)
+        floor = noise_floor(judged, replayer, noise_draws, rng, motions)
+        resampled = resamples(len(logs), draws, rng)
+        return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, logs, motions)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the logs."""
+        return [log.name for log in self.judged.logs]
+
+    def replays(self, candidates: Sequence[Candidate]) -> list[Sequence[Motion]]:
+        """Replays of all rows by several candidates, each log with the numbers fitted without its fold."""
+        new = list({id(c): c for c in candidates if id(c) not in self.motions and c.hypotheses}.values())
+        trials = [
+            Rollout(log, extend_to_whole_log(candidate.effects_on(log.name, fold), rows, len(log)))
+            for candidate in new
+            for log, fold, rows in zip(self.logs, self.folds.tolist(), self.judged.rows, strict=True)
+        ]
+        found = iter(self.replayer.motions(trials))
+        for candidate in new:
+            motions = [next(found) for _ in self.logs]
+            self.motions[id(candidate)] = motions
+            self.cache[id(candidate)] = candidate, motion_squares(motions, self.judged, self.replayer.robot)
+        return [
+            self.motions[id(candidate)] if candidate.hypotheses else self.nominal_motions for candidate in candidates
+        ]
+
+    def squares(self, candidates: Sequence[Candidate]) -> list[np.ndarray]:
+        """Sums of squares (logs,) on held-out logs; candidates that are not in the cache are replayed as one batch."""
+        new = list({id(c): c for c in candidates if id(c) not in self.cache and c.hypotheses}.values())
+        effect_sets = [
+            [candidate.effects_on(log, fold) for log, fold in zip(self.names, self.folds.tolist(), strict=True)]
+            for candidate in new
+        ]
+        for candidate, found in zip(new, self.squares_with(effect_sets), strict=True):
+            self.cache[id(candidate)] = candidate, found
+        return [self.cache[id(candidate)][1] if candidate.hypotheses else self.nominal for candidate in candidates]
+
+    def squares_with(self, effect_sets: Sequence[Sequence[tuple[Effect, ...]]]) -> np.ndarray:
+        """Sums of squares with effects ``[set][log]``, (sets, logs)."""
+        if not effect_sets:
+            return np.zeros((0, len(self.judged.logs)))
+        return candidate_squares(self.judged, self.replayer, effect_sets)
+
+    def shared_closure(self, candidate: Candidate) -> Interval:
+        """Closure where each log gets the median of the values of other folds instead of its own."""
+        if not any(hypothesis.per_log for hypothesis in candidate.hypotheses):
+            return self.closure(*self.squares([candidate]))
+        effects = []
+        for fold in self.folds.tolist():
+            others = [log for log, own in zip(self.names, self.folds, strict=True) if own != fold]
+            effects.append(candidate.typical_effects(others, fold))
+        return self.closure(self.squares_with([effects])[0])
+
+    def errors_with(self, effect_sets: Sequence[Sequence[tuple[Effect, ...]]]) -> list[list[np.ndarray]]:
+        """Scaled errors ``[set][log]`` (rows, channels) with effects ``[set][log]``."""
+        return scaled_errors(self.judged, self.replayer, effect_sets)
+
+    def figures(self, candidates: Sequence[Candidate]) -> list[HeldOutFigures]:
+        """Gap and closure of several candidates on held-out logs."""
+        return [HeldOutFigures(s, self.gap(s), self.closure(s)) for s in self.squares(candidates)]
+
+    def closure(self, corrected: np.ndarray) -> Interval:
+        """Share of the gap that is closed where sums of squares (logs,) remain, with its interval."""
+        return closure(self.nominal, corrected, self.floor, self.judged, self.draws)
+
+    def closure_value(self, corrected: np.ndarray) -> float:
+        """Share of the gap that is closed, without an interval."""
+        return closure(self.nominal, corrected, self.floor, self.judged, self.draws[:1]).value
+
+    def best_closure(self, candidate: Candidate, enough: float, fine_step_s: float) -> float | None:
+        """Share of the gap that a candidate closes, by fine steps of the simulation where that is not ``enough``.
+
+        None where there is nothing to close.
+        """
+        if not candidate.hypotheses or not self.has_gap:
+            return None
+        closes = self.closure_value(*self.squares([candidate]))
+        if closes >= enough:
+            return closes
+        finer = self.with_steps(fine_step_s)
+        return max(closes, finer.closure_value(*finer.squares([candidate])))
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether replays of whole logs have a gap above noise."""
+        return above_noise(self.gap(self.nominal), self.gap(self.floor))
+
+    def gap(self, corrected: np.ndarray) -> float:
+        """Headline gap from sums of squares (logs,)."""
+        return headline_gap(corrected, self.judged)
+
+    def gap_by_log(self, corrected: np.ndarray) -> dict[str, dict[str, float]]:
+        """Headline gap of each log, nominal and corrected."""
+        both = np.sqrt(np.stack([self.nominal, corrected]) / self.judged.value_counts)
+        return {n: {"nominal": float(a), "corrected": float(b)} for n, a, b in zip(self.names, *both, strict=True)}
+
+    def misplaced_by_log(self, corrected: Sequence[Motion]) -> dict[str, dict[str, float]]:
+        """Error of the trunk's x in the last judged row of each log, m, nominal and corrected; empty without a base."""
+        before = final_position_errors(self.nominal_motions, self.judged)
+        after = final_position_errors(corrected, self.judged)
+        of_logs = zip(self.names, before, after, strict=False)
+        return {log: {"nominal": nominal, "corrected": own} for log, nominal, own in of_logs}
+
+    def with_steps(self, largest_step_s: float) -> "HeldOutGap":
+        """The same with another largest step of the simulation."""
+        replayer = self.replayer.with_steps(largest_step_s)
+        nominal = candidate_squares(self.judged, replayer, [[()] * len(self.judged.logs)])[0]
+        return replace(self, replayer=replayer, nominal=nominal, cache={}, motions={})
+
+
+def extend_to_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> tuple[Effect, ...]:
+    """Effects fitted on the first ``rows`` rows of a log, extended to all its rows."""
+    return tuple(effect.extend_to(rows, all_rows) for effect in effects)

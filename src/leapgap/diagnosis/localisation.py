@@ -6,20 +6,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.channels import Channel, channel_values, measured_values, scaled_channels, sensor_noise
-from leapgap.diagnosis.gap import JudgedLogs, state_noise
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.noise_floor import state_noise
 from leapgap.logs.log import Log
+from leapgap.logs.segments import segment_of_rows
 from leapgap.simulation.replay import Replayer, Rollout
 
-PHASES = ("double_contact", "rear_contact", "lift_off", "flight", "touch_down")
-LIFT_OFF_WINDOW_S = 0.050
-"""Half width of the phase of lift-off about the planned take-off, s."""
+OUTSIDE = "outside"
+"""Name of the rows that are in none of the log's segments."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Share and size of the gap in one phase and channel."""
+    """Share and size of the gap in one segment of the logs and one channel."""
 
     phase: str
+    """Name of the segment."""
     channel: str
     share: float
     """Share of the whole squared gap above noise, each channel in units of its noise."""
@@ -28,18 +30,16 @@ class Place:
     unit: str
 
 
-def phase_of_rows(log: Log) -> np.ndarray:
-    """Index into ``PHASES`` of each row, by the planned schedule, (rows,)."""
-    schedule = log.info.schedule
-    return np.digitize(
-        log.time + 1e-6,
-        [
-            schedule.front_lift_off_s,
-            schedule.take_off_s - LIFT_OFF_WINDOW_S,
-            schedule.take_off_s + LIFT_OFF_WINDOW_S,
-            schedule.landing_s,
-        ],
-    )
+def phase_names(logs: Sequence[Log]) -> tuple[str, ...]:
+    """Names of the segments of all logs, in the order of their first begin, then ``outside``."""
+    segments = sorted((one for log in logs for one in log.segments), key=lambda one: one.begin_s)
+    return (*dict.fromkeys(one.name for one in segments), OUTSIDE)
+
+
+def phase_of_rows(log: Log, names: Sequence[str]) -> np.ndarray:
+    """Index into ``names`` of the segment of each row, (rows,)."""
+    of_segments = np.array([*(names.index(one.name) for one in log.segments), names.index(OUTSIDE)])
+    return of_segments[segment_of_rows(log.segments, log.time)]
 
 
 @dataclass(frozen=True)
@@ -48,19 +48,22 @@ class Piece:
 
     log: Log
     phases: np.ndarray
-    """Index into ``PHASES`` of each row, (rows,)."""
+    """Index of the phase of each row, (rows,)."""
+    phase_number: int
+    """Number of phases of all logs."""
     sigma: np.ndarray
     """Sensor noise of each channel of its log, (channels,)."""
 
     def squares(self, errors: np.ndarray) -> np.ndarray:
         """Sums of squares of errors (rows, channels) by phase, (phases, channels)."""
         half = len(errors) // 2
-        return np.stack([(errors[half:][self.phases[half:] == p] ** 2).sum(axis=0) for p in range(len(PHASES))])
+        phases = self.phases[half:]
+        return np.stack([(errors[half:][phases == p] ** 2).sum(axis=0) for p in range(self.phase_number)])
 
     @property
     def counts(self) -> np.ndarray:
         """Number of compared rows of each phase, (phases,)."""
-        return np.bincount(self.phases[len(self.phases) // 2 :], minlength=len(PHASES))
+        return np.bincount(self.phases[len(self.phases) // 2 :], minlength=self.phase_number)
 
 
 def localise(
@@ -71,10 +74,13 @@ def localise(
     Replays restart from the log every ``horizon_s``, so that an error counts in the phase in which it arises. The mean
     effect of sensor noise over ``draws`` is subtracted from the shares.
     """
+    names = phase_names(judged.logs)
     robot, channels = replayer.robot, scaled_channels(judged.logs, replayer.robot)
     sigma = {log.name: sensor_noise(log, channels) for log in judged.logs}
     pieces = [
-        Piece(piece, phases, sigma[log.name]) for log in judged.logs for piece, phases in pieces_of(log, horizon_s)
+        Piece(piece, phases, len(names), sigma[log.name])
+        for log in judged.logs
+        for piece, phases in pieces_of(log, names, horizon_s)
     ]
     least = np.array([least_noise(c) for c in channels])
     motions = replayer.motions([Rollout(piece.log) for piece in pieces])
@@ -92,8 +98,8 @@ def localise(
     number = sum_of(piece.counts for piece in pieces)
     square = sum_of(piece.squares(e) for piece, e in zip(pieces, errors, strict=True))
     places = [
-        Place(PHASES[p], c.name, float(shares[p, k]), float(np.sqrt(square[p, k] / number[p])), c.unit)
-        for p in range(len(PHASES))
+        Place(names[p], c.name, float(shares[p, k]), float(np.sqrt(square[p, k] / number[p])), c.unit)
+        for p in range(len(names))
         for k, c in enumerate(channels)
         if number[p]
     ]
@@ -137,10 +143,10 @@ def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:
     return np.sum(list(arrays), axis=0)
 
 
-def pieces_of(log: Log, horizon_s: float) -> list[tuple[Log, np.ndarray]]:
+def pieces_of(log: Log, names: Sequence[str], horizon_s: float) -> list[tuple[Log, np.ndarray]]:
     """Pieces of one horizon of the judged rows, with the phase of each row."""
     length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
-    phases = phase_of_rows(log)
+    phases = phase_of_rows(log, names)
     starts = range(0, len(log) - length + 1, length - 1)
     return [
         (replace(log, columns={k: v[s : s + length] for k, v in log.columns.items()}), phases[s : s + length])

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from leapgap.diagnosis.checks import CheckResult
-from leapgap.diagnosis.gap_reduction import Interval
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.provenance import Provenance
 
@@ -120,7 +120,7 @@ class ReportContent:
                     }
                     for cause in self.causes
                 ],
-                "checks": [asdict(check) for check in self.checks],
+                "checks": [check.to_json() for check in self.checks],
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
                 "gap_per_log": self.gap_per_log,

@@ -79,7 +79,7 @@ class SearchSettings:
 
 
 def find_causes(
-    bare: ShortRollouts,
+    whole: ShortRollouts,
     coarse: ShortRollouts,
     hypotheses: Sequence[Hypothesis],
     tolerances: Mapping[str, float],
@@ -99,9 +99,9 @@ def find_causes(
         around = list(zip(best.hypotheses, best.split(), strict=True))
         names = {*first.rank_effects(best, hypotheses), *(fit.names[0] for fit in refined)}
         hopeful = [h for h in hypotheses if h.name in names]
-        search = Search(Sensitivities.of(bare, hopeful, tolerances, around), fold_of_log, plan, progress)
+        search = Search(Sensitivities.of(whole, hopeful, tolerances, around), fold_of_log, plan, progress)
         return search.select_forward(hopeful, search.refit(refined))
-    search = Search(Sensitivities.of(bare, hypotheses, tolerances), fold_of_log, plan, progress)
+    search = Search(Sensitivities.of(whole, hypotheses, tolerances), fold_of_log, plan, progress)
     return search.select_forward(hypotheses, search.singles(hypotheses))
 
 

@@ -168,7 +168,9 @@ class ShortRollouts:
         rows = thin_evenly([np.arange(0, len(log) - length + 1, length - 1) for log in logs], most)
         if not any(map(len, rows)):
             longest = max(len(log) for log in logs) * period
-            raise InputError("diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log whole jumps")
+            raise InputError(
+                "diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions"
+            )
         pieces = [Pieces.of(log, own.tolist(), state) for log, own in zip(logs, rows, strict=True)]
         return ShortRollouts(state, replayer, tuple(pieces), ages, ())
 

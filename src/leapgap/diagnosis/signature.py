@@ -13,7 +13,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.atomic_io import write_text
-from leapgap.diagnosis.localisation import PHASES, phase_of_rows
+from leapgap.diagnosis.localisation import phase_names, phase_of_rows
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
@@ -96,7 +96,7 @@ def signature(
     replayer = Replayer(robot, terrain_slots=max(1, len(reference.info.terrain)))
     (motion,) = replayer.motions([Rollout(reference)])
     pieces = pieces_of_phases(replayer.as_log(motion, reference), horizon_s)
-    phases = tuple(phase for phase in PHASES if any(p == phase for p, _ in pieces))
+    phases = tuple(phase for phase in phase_names([reference]) if any(p == phase for p, _ in pieces))
     candidates: Sequence[tuple[Effect, ...]] = [(), *((one,) for one in effects_by_label.values())]
     trials = [Rollout(piece, of) for of in candidates for _, piece in pieces]
     true = replayer.true_motions(trials)
@@ -116,13 +116,14 @@ def signature(
 def pieces_of_phases(log: Log, horizon_s: float) -> list[tuple[str, Log]]:
     """Pieces of one horizon that lie within one phase each."""
     length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
-    phases = phase_of_rows(log)
+    names = phase_names([log])
+    phases = phase_of_rows(log, names)
     found = []
     for start in range(0, len(log) - length + 1, length - 1):
         own = phases[start : start + length]
         if own[0] == own[-2]:
             columns = {name: values[start : start + length] for name, values in log.columns.items()}
-            found.append((PHASES[own[0]], replace(log, columns=columns)))
+            found.append((names[own[0]], replace(log, columns=columns)))
     return found
 
 

@@ -1,7 +1,6 @@
 """Summary of a diagnosis: causes with their numbers, one sentence, the next experiment, and missing columns."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,12 +8,10 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import HEADLINE, is_logged
-from leapgap.diagnosis.decision import Answer, Conclusion, probability
-from leapgap.diagnosis.gap import JudgedLogs, candidate_squares
-from leapgap.diagnosis.gap_reduction import HeldOutGap, HeldOutReplays, Interval, effects_on
+from leapgap.diagnosis.decision import Answer, Conclusion, Judgement
+from leapgap.diagnosis.gap import HeldOutFigures, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
-from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -28,40 +25,24 @@ NOTICEABLE = 0.05
 
 
 def causes_of(
-    result: SearchResult,
-    conclusion: Conclusion,
-    shares: np.ndarray,
-    heldout: HeldOutReplays,
-    model_error: float,
+    judgement: Judgement, figures: Sequence[HeldOutFigures], logs: Sequence[str], model_error: float
 ) -> list[Cause]:
     """Selected effects, then their confusable alternatives, then all single effects, by probability.
 
-    ``model_error`` as in ``Settings``.
+    ``figures`` are those of the conclusion's steps, then of the judgement's others. ``model_error`` as in ``Settings``.
     """
-    heldout_gap = heldout.heldout_gap
-
-    def held_out_cause(
-        candidate: Candidate, which: int, step: Candidate, sure: float, rivals: tuple[str, ...]
-    ) -> Cause:
-        (squares_left,) = heldout.squares([step])
-        closes, gap = heldout_gap.closure(squares_left), heldout_gap.gap(squares_left)
-        return cause_of(candidate, which, sure, rivals, closes, gap, heldout_gap.judged, model_error)
-
-    selected = conclusion.steps[-1] if conclusion.steps else result.nominal
+    conclusion, others = judgement.conclusion, judgement.others
     causes = [
-        held_out_cause(selected, k, step, sure, names[1:])
-        for k, (names, step, sure) in enumerate(
-            zip(conclusion.answer, conclusion.steps, conclusion.probabilities, strict=True)
+        cause_of(judgement.selected, k, sure, names[1:], own, logs, model_error)
+        for k, (names, sure, own) in enumerate(
+            zip(conclusion.answer, conclusion.probabilities, figures[: len(conclusion.steps)], strict=True)
         )
     ]
-    known, others = {(cause.effect, cause.location) for cause in causes}, []
-    for fit in result.alternatives:
-        newest = fit.hypotheses[-1]
-        if (newest.name, newest.location) not in known:
-            known.add((newest.name, newest.location))
-            sure = probability(newest.name, result, shares) if newest.name not in selected.names else 0.0
-            others.append(held_out_cause(fit, len(fit.hypotheses) - 1, fit, sure, ()))
-    return causes + sorted(others, key=lambda cause: -cause.probability)
+    alone = [
+        cause_of(fit, -1, sure, (), own, logs, model_error)
+        for (fit, sure), own in zip(others, figures[len(conclusion.steps) :], strict=True)
+    ]
+    return causes + sorted(alone, key=lambda cause: -cause.probability)
 
 
 def cause_of(
@@ -69,15 +50,13 @@ def cause_of(
     which: int,
     sure: float,
     rivals: tuple[str, ...],
-    closes: Interval,
-    gap: float,
-    judged: JudgedLogs,
+    figures: HeldOutFigures,
+    logs: Sequence[str],
     model_error: float,
 ) -> Cause:
-    """One hypothesis of a fit as a cause of the report."""
+    """One hypothesis of a fit as a cause of the report; ``figures`` are those of the fit."""
     hypothesis, numbers = fit.hypotheses[which], fit.split()[which]
     spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
-    logs = [log.name for log in judged.logs]
     half = SIGMAS * np.hypot(spread, model_error * np.abs(numbers - hypothesis.nominal))
 
     def typical_value(of: np.ndarray, name: str) -> float:
@@ -90,30 +69,7 @@ def cause_of(
             typical_value(numbers, p.name), (ends[0], ends[1]), p.nominal, p.unit, hypothesis.at_bound(numbers)
         )
     per_log = {} if hypothesis.per_log is None else {log: hypothesis.values(log, numbers) for log in logs}
-    return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, closes, gap, rivals)
-
-
-def shared_closure(selected: Candidate, heldout: np.ndarray, heldout_gap: HeldOutGap) -> Interval | None:
-    """Closure of the answer where each log gets the median of the values of other folds instead of its own."""
-    if not selected.hypotheses:
-        return None
-    if not any(h.per_log for h in selected.hypotheses):
-        return heldout_gap.closure(heldout)
-    judged, candidate = heldout_gap.judged, []
-    for fold in heldout_gap.folds.tolist():
-        others = [log.name for log, f in zip(judged.logs, heldout_gap.folds, strict=True) if f != fold]
-        candidate.append(typical(selected, others, fold))
-    return heldout_gap.closure(candidate_squares(judged, heldout_gap.replayer, [candidate])[0])
-
-
-def typical(fit: Candidate, logs: Sequence[str], fold: int | None = None) -> tuple[Effect, ...]:
-    """The effects of a fit at the median of some logs' values."""
-    of_logs = [effects_on(fit, log, fold) for log in logs]
-    found = []
-    for same in zip(*of_logs, strict=True):
-        middle = {name: float(np.median([one.values[name] for one in same])) for name in same[0].values}
-        found.append(replace(same[0].with_profile(()), **middle))
-    return tuple(found)
+    return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, figures.closure, figures.gap, rivals)
 
 
 def profiles_of(result: SearchResult) -> list[Profile]:
@@ -128,40 +84,40 @@ def profiles_of(result: SearchResult) -> list[Profile]:
 
 
 def sentence(
-    conclusion: Conclusion,
-    selected: Candidate,
-    nominal: float,
-    corrected: float,
-    closes: Interval | None,
-    judged: JudgedLogs,
+    conclusion: Conclusion, selected: Candidate, nominal: float, corrected: HeldOutFigures, logs: Sequence[str]
 ) -> str:
     """The report in one sentence, with numbers."""
-    verdict, answer = conclusion.verdict, conclusion.answer
+    verdict, answer, closes = conclusion.verdict, conclusion.answer, corrected.closure
     if verdict == "none":
         return (
-            f"The simulation agrees with the {len(judged.logs)} jumps within sensor noise and the tolerances of the "
-            f"model (gap {nominal:.2f})."
+            f"The simulation agrees with the {len(logs)} logs within sensor noise and the tolerances of the "
+            f"model (gap {brief(nominal)})."
         )
-    if not answer or closes is None:
+    if not answer:
         return (
-            f"A gap of {nominal:.2f} remains that no known effect explains on jumps it was not fitted on; the map "
+            f"A gap of {brief(nominal)} remains that no known effect explains on logs it was not fitted on; the map "
             "below says where it lies."
         )
     parts = [
-        f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, judged)})"
+        f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, logs)})"
         + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(selected.hypotheses, selected.split(), answer, strict=True)
     ]
     if closes.value < NOTICEABLE:
         return (
             f"{' and '.join(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
-            f"shrink the gap of whole jumps, which stays {nominal:.2f}."
+            f"shrink the gap of whole logs, which stays {brief(nominal)}."
         )
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
-        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on jumps not "
-        f"fitted on: it shrinks from {nominal:.2f} to {corrected:.2f}{rest}."
+        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on logs not "
+        f"fitted on: it shrinks from {brief(nominal)} to {brief(corrected.gap)}{rest}."
     )
+
+
+def brief(gap: float) -> str:
+    """A gap with as many digits as it needs: ``0.94``, ``0.0042``."""
+    return f"{gap:.2f}" if gap >= 0.1 else f"{gap:.2g}"
 
 
 def share_in_words(closes: Interval) -> str:
@@ -173,19 +129,19 @@ def share_in_words(closes: Interval) -> str:
     return "all of the gap" if low == "100" else f"all of the gap (95 %: {low} % or more)"
 
 
-def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, judged: JudgedLogs) -> str:
+def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, logs: Sequence[str]) -> str:
     """``joint_damping at RR: damping 0.4``; the median and range where values differ by log."""
-    of_logs = [hypothesis.values(log.name, numbers) for log in judged.logs]
+    of_logs = [hypothesis.values(log, numbers) for log in logs]
     sizes = []
     for name in of_logs[0]:
         values = [of[name] for of in of_logs]
-        by_log = f", {min(values):.3g} to {max(values):.3g} by jump" if hypothesis.per_log else ""
+        by_log = f", {min(values):.3g} to {max(values):.3g} by log" if hypothesis.per_log else ""
         sizes.append(f"{name} {np.median(values):.3g}{by_log}")
     place = "" if hypothesis.location == "all" else f" at {hypothesis.location}"
     return f"{hypothesis.name}{place}: {', '.join(sizes)}"
 
 
-def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[str, Any] | None:
+def next_experiment(answer: Answer, logs: Sequence[Log]) -> dict[str, Any] | None:
     """Proposal of further experiments that tell apart causes that these logs cannot; None where it is not needed.
 
     ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
@@ -193,11 +149,11 @@ def next_experiment(answer: Answer, logs: Sequence[Log], robot: Robot) -> dict[s
     separates = next((list(names) for names in answer if len(names) > 1), None)
     if separates is None:
         return None
-    trace = f"These jumps leave the same trace for {' and '.join(separates)}: "
-    if not robot.has_free_base:
+    trace = f"These logs leave the same trace for {' and '.join(separates)}: "
+    if not all("target" in log.info.extra for log in logs):
         sentence = f"{trace}log faster and slower motions, and diagnose all logs together."
         return {"sentence": sentence, "separates": separates}
-    logged = np.array([log.info.target.x_m for log in logs])
+    logged = np.array([log.info.extra["target"]["x_m"] for log in logs])
     far = [x for x in OTHER_DISTANCES_M if np.abs(logged - x).min() > LOGGED_ALREADY_M] or list(OTHER_DISTANCES_M)
     number = max(len(far), min(2 * len(logs), MOST_FURTHER_JUMPS))
     low, high = OTHER_BLOCKS_M

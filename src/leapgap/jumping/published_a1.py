@@ -11,10 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from leapgap.errors import InputError
+from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.importers.base import LogFormat
-from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
-from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
@@ -102,7 +102,7 @@ class PublishedA1(LogFormat):
         return Log(
             name,
             {key: np.ascontiguousarray(value) for key, value in columns.items()},
-            LogInfo(
+            jump_info(
                 robot=robot.name,
                 sample_period_s=options.sample_period_s,
                 schedule=ContactSchedule(double_contact_s=0.5, rear_contact_s=0.3, flight_s=0.4),

@@ -6,7 +6,7 @@ form (its planned motion in the measured columns), so the same code reads both.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -19,11 +19,13 @@ import pyarrow.parquet as pq
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.robot.terrain import Box
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+JUMP_VERSION = 1
+"""Version of the logs of jumps, which state ``schedule`` and ``target`` instead of segments."""
 METADATA_KEY = b"leapgap"
 
 
@@ -33,18 +35,38 @@ class LogInfo:
 
     robot: str
     sample_period_s: float
-    schedule: ContactSchedule
-    target: Target
     source: str
     terrain: tuple[Box, ...] = ()
+    stated_segments: tuple[Segment, ...] = ()
+    """Named intervals of the log, where it states them itself."""
+    extra: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """What applications store: of a jump its ``schedule`` and ``target``."""
 
     def rows(self, seconds: float) -> int:
         """Number of rows that last ``seconds``, rounded, at least one."""
         return max(1, round(seconds / self.sample_period_s))
 
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """Named intervals of the log: those stated, or the phases of a jump; empty where neither is stated."""
+        if self.stated_segments or "schedule" not in self.extra:
+            return self.stated_segments
+        return jump_segments(self.extra["schedule"])
+
     def to_json(self) -> str:
         """The JSON text that is stored under the Parquet key ``leapgap``."""
-        return json.dumps({"format_version": FORMAT_VERSION, **asdict(self)}, sort_keys=True)
+        version = JUMP_VERSION if {"schedule", "target"} <= set(self.extra) else FORMAT_VERSION
+        stated = {
+            "format_version": version,
+            "robot": self.robot,
+            "sample_period_s": self.sample_period_s,
+            "source": self.source,
+            "terrain": [asdict(box) for box in self.terrain],
+            **self.extra,
+        }
+        if self.stated_segments:
+            stated["segments"] = [asdict(segment) for segment in self.stated_segments]
+        return json.dumps(stated, sort_keys=True)
 
     @staticmethod
     def from_json(text: str | bytes, where: object) -> "LogInfo":
@@ -52,21 +74,24 @@ class LogInfo:
         try:
             raw: dict[str, Any] = json.loads(text)
             version = raw.pop("format_version")
-            if version != FORMAT_VERSION:
-                raise InputError(where, f"format_version {version}", str(FORMAT_VERSION), "import the logs anew")
-            return LogInfo(
-                robot=raw["robot"],
-                sample_period_s=float(raw["sample_period_s"]),
-                schedule=ContactSchedule(**raw["schedule"]),
-                target=Target(**raw["target"]),
-                source=raw["source"],
-                terrain=tuple(Box(**{**box, "size_m": tuple(box["size_m"])}) for box in raw["terrain"]),
+            if version not in (JUMP_VERSION, FORMAT_VERSION):
+                expected = f"{JUMP_VERSION} or {FORMAT_VERSION}"
+                raise InputError(where, f"format_version {version}", expected, "import the logs anew")
+            info = LogInfo(
+                robot=raw.pop("robot"),
+                sample_period_s=float(raw.pop("sample_period_s")),
+                source=raw.pop("source"),
+                terrain=tuple(Box(**{**box, "size_m": tuple(box["size_m"])}) for box in raw.pop("terrain", None) or ()),
+                stated_segments=tuple(Segment(**segment) for segment in raw.pop("segments", None) or ()),
+                extra={key: value for key, value in raw.items() if value is not None},
             )
+            _ = info.segments  # a schedule that lacks a phase is told here, where the file is known
+            return info
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 where,
                 f"metadata that do not fit ({error!r})",
-                "the jump log's metadata (docs/formats.md)",
+                "the log's metadata (docs/formats.md)",
                 "import the log anew",
             ) from None
 
@@ -134,6 +159,14 @@ class Log:
         return self.columns["time"]
 
     @cached_property
+    def segments(self) -> tuple[Segment, ...]:
+        """Named intervals of the log; where it states none, by the feet in contact, else equal parts of its time."""
+        feet = [name.removeprefix("contact/") for name in self.columns if name.startswith("contact/")]
+        if self.info.segments or not feet:
+            return self.info.segments or equal_segments(float(self.time[-1]))
+        return contact_segments(self.time, self.stack([f"contact/{foot}" for foot in feet]) > 0, feet)
+
+    @cached_property
     def pitch(self) -> np.ndarray:
         """Pitch of the base, rad, positive nose-down (about y of the roll-pitch-yaw angles)."""
         return pitch_of(self.stack(BASE_QUATERNION))
@@ -182,7 +215,7 @@ def check(log: Log) -> None:
         raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
     rows = len(log.columns["time"])
     if rows < 2:
-        raise InputError(where, f"{rows} rows", "two or more", "log the whole jump")
+        raise InputError(where, f"{rows} rows", "two or more", "log the whole motion")
     for name, values in log.columns.items():
         if values.shape != (rows,):
             raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
@@ -240,14 +273,14 @@ def write_log(log: Log, path: Path) -> None:
 def read_log(path: Path) -> Log:
     """Read one log; its name is the stem of the file's name."""
     if not path.is_file():
-        raise InputError(path, "no such file", "a jump log (Parquet)", "import or collect jumps first")
+        raise InputError(path, "no such file", "a log (Parquet)", "import or collect logs first")
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no readable Parquet ({error})", "a whole jump log", "import the log anew") from None
+        raise InputError(path, f"no readable Parquet ({error})", "a whole log", "import the log anew") from None
     metadata = table.schema.metadata or {}
     if METADATA_KEY not in metadata:
-        raise InputError(path, "no metadata 'leapgap'", "a jump log", "import it with stages.import_logs")
+        raise InputError(path, "no metadata 'leapgap'", "a log of this project", "import it: leapgap import")
     try:
         columns = {name: table[name].to_numpy().astype(np.float64) for name in table.column_names}
     except (ValueError, TypeError) as error:
@@ -259,5 +292,5 @@ def read_log(path: Path) -> Log:
 def read_logs(folder: Path) -> list[Log]:
     """All logs of a folder, in the order of their names; empty where there is none."""
     if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of jump logs", "import or collect jumps first")
+        raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
     return [read_log(path) for path in sorted(folder.glob("*.parquet"))]

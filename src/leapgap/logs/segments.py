@@ -1,49 +1,72 @@
-"""Which feet are planned to push when: the contact schedule of a jump."""
+"""Segments: named intervals of a log, such as the phases of a jump, in which errors are counted apart."""
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+ROUNDING_S = 1e-6
+"""Times this near to a boundary count as on it, so that 0.8 written as 8 × 0.1 does not fall before 0.8."""
+LIFT_OFF_WINDOW_S = 0.050
+"""Half width of a jump's segment ``lift_off`` about its planned take-off, s."""
+PHASE_LENGTHS = ("double_contact_s", "rear_contact_s", "flight_s")
+"""What the schedule of a jump states."""
+FLIGHT, TOUCH_DOWN = "flight", "touch_down"
+"""Names of segments that mean something to the diagnosis: a log that has both is judged up to its touch-down."""
+
 
 @dataclass(frozen=True)
-class ContactSchedule:
-    """Lengths of the phases of a jump, s, in their order.
+class Segment:
+    """One interval of a log: from its begin up to, and without, its end; s, by the log's time."""
 
-    The published jumps use 500/300/400 ms: all feet, rear feet, none.
+    name: str
+    begin_s: float
+    end_s: float
+
+
+def jump_segments(schedule: Mapping[str, float]) -> tuple[Segment, ...]:
+    """Segments of a jump with a planned schedule: lengths of the phases on all feet, on the rear feet and in flight, s.
+
+    Version 1 of the format knew no other motion, so that its logs state the schedule and not the segments.
     """
-
-    double_contact_s: float = 0.5
-    rear_contact_s: float = 0.3
-    flight_s: float = 0.4
-
-    @property
-    def front_lift_off_s(self) -> float:
-        """When the front pair is planned to leave the ground."""
-        return self.double_contact_s
-
-    @property
-    def take_off_s(self) -> float:
-        """When the rear pair leaves the ground too, and flight begins."""
-        return self.double_contact_s + self.rear_contact_s
-
-    @property
-    def landing_s(self) -> float:
-        """End of the scheduled flight: where the landing error is read."""
-        return self.take_off_s + self.flight_s
-
-    def in_contact(self, time_s: np.ndarray) -> np.ndarray:
-        """Planned contact of the (front, rear) pair; shape ``time_s.shape + (2,)``, bool.
-
-        A phase holds its first instant and not its last; times within a microsecond of a boundary count
-        as on it, so that 0.8 written as 8 × 0.1 does not push one tick too long.
-        """
-        t = np.asarray(time_s, dtype=float) + 1e-6
-        return np.stack([t < self.front_lift_off_s, t < self.take_off_s], axis=-1)
+    on_all_feet, on_rear_feet, in_air = (float(schedule[length]) for length in PHASE_LENGTHS)
+    lift_off = on_all_feet
+    take_off = lift_off + on_rear_feet
+    landing = take_off + in_air
+    names = ("double_contact", "rear_contact", "lift_off", FLIGHT, TOUCH_DOWN)
+    ends = (lift_off, take_off - LIFT_OFF_WINDOW_S, take_off + LIFT_OFF_WINDOW_S, landing, math.inf)
+    return tuple(Segment(*each) for each in zip(names, (0.0, *ends[:-1]), ends, strict=True))
 
 
-@dataclass(frozen=True)
-class Target:
-    """Where the jump was meant to land, relative to its start, m."""
+def equal_segments(duration_s: float, number: int = 4) -> tuple[Segment, ...]:
+    """Equal parts of a time, for a log that states no segments; the last is open at its end."""
+    bounds = np.linspace(0, duration_s, number + 1)[:-1].tolist()
+    ends = [*bounds[1:], math.inf]
+    return tuple(Segment(f"part_{k + 1}", begin, end) for k, (begin, end) in enumerate(zip(bounds, ends, strict=True)))
 
-    x_m: float
-    z_m: float = 0.0
+
+def contact_segments(time_s: np.ndarray, contact: np.ndarray, feet: Sequence[str]) -> tuple[Segment, ...]:
+    """Runs of rows with the same feet in contact (bool, (rows, feet)), named by these feet."""
+    begins = np.flatnonzero(np.concatenate([[True], (contact[1:] != contact[:-1]).any(axis=1)]))
+    ends = [*time_s[begins[1:]].tolist(), math.inf]
+    return tuple(
+        Segment(name_of_stance(contact[row], feet), float(time_s[row]), end)
+        for row, end in zip(begins, ends, strict=True)
+    )
+
+
+def name_of_stance(contact: np.ndarray, feet: Sequence[str]) -> str:
+    """Name of a set of feet in contact: ``all_feet``, ``no_foot``, or ``FL+RR``."""
+    if contact.all():
+        return "all_feet"
+    return "+".join(foot for foot, touches in zip(feet, contact, strict=True) if touches) or "no_foot"
+
+
+def segment_of_rows(segments: Sequence[Segment], time_s: np.ndarray) -> np.ndarray:
+    """Index of the segment of each row, (rows,); −1 outside of all; where segments overlap the later begin counts."""
+    found = np.full(len(time_s), -1)
+    time_s = time_s + ROUNDING_S
+    for k, segment in sorted(enumerate(segments), key=lambda one: one[1].begin_s):
+        found[(time_s >= segment.begin_s) & (time_s < segment.end_s)] = k
+    return found

@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import rerun as rr
 
-from leapgap.logs.log import Log
+from leapgap.logs.log import Log, LogInfo
 from leapgap.reports.layout import jump_blueprint
 from leapgap.reports.plots import NO_SUBSTITUTES, log_base, log_ground_forces, log_joints, log_phases
 from leapgap.reports.recorder import Recorder, recording
@@ -60,9 +60,8 @@ def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
     lines = [
         f"# {title}",
         *([says] if says else []),
-        f"Target {info.target.x_m:g} m ahead, {info.target.z_m:g} m up; phases "
-        f"{info.schedule.double_contact_s:g} s on all feet, {info.schedule.rear_contact_s:g} s on the rear "
-        f"feet, {info.schedule.flight_s:g} s of flight. World frame x forward, y left, z up; pitch positive "
+        *in_words(info),
+        "World frame x forward, y left, z up; pitch positive "
         "nose-down. Contact lanes show a pair in contact as soon as one of its feet is.",
         "",
     ]
@@ -83,6 +82,17 @@ def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
             f"(yellow), {100 / METRES_PER_NEWTON / 1000:g} N a 10 cm"
         )
     return "\n".join(lines) + "\n"
+
+
+def in_words(info: LogInfo) -> list[str]:
+    """Target and segments of a log, where it states them."""
+    lines = []
+    if "target" in info.extra:
+        lines.append("Target {x_m:g} m ahead, {z_m:g} m up.".format(**info.extra["target"]))
+    if info.segments:
+        parts = (f"{one.name.replace('_', ' ')} from {one.begin_s:g} s" for one in info.segments)
+        lines.append(f"Segments: {', '.join(parts)}.")
+    return lines
 
 
 GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}

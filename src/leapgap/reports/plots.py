@@ -24,12 +24,8 @@ FORCE_COLOURS: dict[str, Colour] = {
     "train_force": (74, 144, 255),
 }
 FOOT_COLOURS: tuple[Colour, ...] = ((74, 144, 255), (120, 200, 220), (255, 140, 40), (240, 200, 60))
-PHASE_COLOURS = {
-    "all feet": (74, 144, 255),
-    "rear feet": (255, 140, 40),
-    "flight": (150, 110, 230),
-    "landed": (120, 126, 136),
-}
+PHASE_COLOURS = ((74, 144, 255), (255, 140, 40), (240, 200, 60), (150, 110, 230), (120, 126, 136))
+"""Colours of the segments of a log, in turn."""
 SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "regular": (70, 74, 84)}
 HELD_S = 0.025
 """Period between two updates of a controller, for which a substitute command is held."""
@@ -169,21 +165,19 @@ def log_phases(
 
     ``substitutes``: for each controller, by its robot's label, times in s and reasons of its fallback commands.
     """
-    jump, schedule = actor.jump, actor.jump.info.schedule
-    starts = np.array([0.0, schedule.front_lift_off_s, schedule.take_off_s, schedule.landing_s])
-    names = list(PHASE_COLOURS)
-    shown = [i for i in range(4) if starts[i] < jump.time[-1] and (i == 3 or starts[i] < starts[i + 1])]
-    log_lane(to, "phases/planned", starts[shown], [names[i] for i in shown], PHASE_COLOURS)
+    jump = actor.jump
+    segments = [segment for segment in jump.info.segments if segment.begin_s < jump.time[-1]]
+    names = [segment.name.replace("_", " ") for segment in segments]
+    if segments:
+        unique = list(dict.fromkeys(names))
+        colours = {name: PHASE_COLOURS[k % len(PHASE_COLOURS)] for k, name in enumerate(unique)}
+        log_lane(to, "phases/planned", np.array([segment.begin_s for segment in segments]), names, colours)
     for pair in switched_pairs(actor):
         closed = np.any([jump[f"contact/{foot}"] > 0 for foot in actor.robot.feet_of_pair(pair)], axis=0)
         changes = np.flatnonzero(np.diff(closed.astype(int), prepend=2))
         states = ["contact" if closed[row] else "air" for row in changes]
         log_lane(to, f"phases/switch_{pair}", jump.time[changes], states, CONTACT_COLOURS)
-    events = [
-        (schedule.front_lift_off_s, "front feet planned to lift off"),
-        (schedule.take_off_s, "rear feet planned to lift off: flight"),
-        (schedule.landing_s, "planned landing"),
-    ]
+    events = [(one.begin_s, f"{name} begins") for one, name in zip(segments, names, strict=True) if one.begin_s > 0]
     if jump.rows_before_gain_change < len(jump):
         events.append((float(jump.time[jump.rows_before_gain_change]), "joint gains change"))
     for label, times_and_reasons in substitutes.items():

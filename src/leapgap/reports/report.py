@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from leapgap.diagnosis.channels import HEADLINE, is_logged, logged_values
-from leapgap.diagnosis.localisation import PHASES
+from leapgap.diagnosis.localisation import phase_names
 from leapgap.diagnosis.report import ReportContent
 from leapgap.logs.log import Log
 from leapgap.logs.schema import QUANTITIES
@@ -42,12 +42,12 @@ SHOWN_EVERY_S = 0.004
 
 
 def html(
-    report: ReportContent, jumps: Sequence[Log], robot: Robot, nominal: Mapping[str, Log], corrected: Mapping[str, Log]
+    report: ReportContent, logs: Sequence[Log], robot: Robot, nominal: Mapping[str, Log], corrected: Mapping[str, Log]
 ) -> str:
     """The page as HTML text; equal reports give equal bytes."""
     figures = {
-        "map": gap_map(report, robot),
-        "overlay": overlay(report, jumps, nominal, corrected),
+        "map": gap_map(report, robot, phase_names(logs)),
+        "overlay": overlay(report, logs, nominal, corrected),
         "closure": closures(report),
         "profiles": profiles(report),
         "logs": gap_per_log(report),
@@ -58,28 +58,29 @@ def html(
         report=report,
         loudest=list(report.where[:6]),
         labels=LABELS,
-        jumps=len(jumps),
-        judged_until=max(jump.time[-1] for jump in jumps),
+        number_of_logs=len(logs),
+        segments=[segment.name for segment in logs[0].info.segments],
+        judged_until=max(log.time[-1] for log in logs),
     )
 
 
-def gap_map(report: ReportContent, robot: Robot) -> go.Figure:
-    """Share of the squared gap by phase and channel; joints summed over the legs of a pair."""
+def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Figure:
+    """Share of the squared gap by phase, in the order given, and channel; joints summed over the legs of a pair."""
     import plotly.graph_objects as go
 
     rows: dict[str, np.ndarray] = {}
     for place in report.where:
-        rows.setdefault(row_of(place.channel, robot), np.zeros(len(PHASES)))[PHASES.index(place.phase)] += place.share
+        rows.setdefault(row_of(place.channel, robot), np.zeros(len(phases)))[phases.index(place.phase)] += place.share
     order = [
         *(LABELS[name] for name in HEADLINE if LABELS[name] in rows),
         *sorted(set(rows) - set(LABELS.values())),
     ]
-    shown = [p for p, _ in enumerate(PHASES) if any(rows[name][p] for name in order)]
+    shown = [p for p, _ in enumerate(phases) if any(rows[name][p] for name in order)]
     values = 100 * np.array([[rows[name][p] for p in shown] for name in order])
     figure = go.Figure(
         go.Heatmap(
             z=values,
-            x=[PHASES[p].replace("_", " ") for p in shown],
+            x=[phases[p].replace("_", " ") for p in shown],
             y=order,
             colorscale="OrRd",
             zmin=0,
@@ -116,13 +117,13 @@ def row_of(channel: str, robot: Robot) -> str:
 
 
 def overlay(
-    report: ReportContent, jumps: Sequence[Log], nominal: Mapping[str, Log], corrected: Mapping[str, Log]
+    report: ReportContent, logs: Sequence[Log], nominal: Mapping[str, Log], corrected: Mapping[str, Log]
 ) -> go.Figure:
-    """Log, nominal and corrected replay of one jump after another, chosen from a list."""
+    """Log, nominal and corrected replay of one log after another, chosen from a list."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    channels = overlay_channels(report, jumps)
+    channels = overlay_channels(report, logs)
     rows = math.ceil(len(channels) / 3)
     figure = make_subplots(
         rows=rows,
@@ -133,13 +134,13 @@ def overlay(
     )
     first = report.median_log
     owners: list[str] = []
-    for jump in jumps:
-        sources = [("measured", jump, REAL, 2.4), ("nominal simulation", nominal[jump.name], NOMINAL, 1.6)]
+    for log in logs:
+        sources = [("measured", log, REAL, 2.4), ("nominal simulation", nominal[log.name], NOMINAL, 1.6)]
         if report.answer:
-            sources.append(("corrected, not fitted on this jump", corrected[jump.name], CORRECTED, 1.6))
+            sources.append(("corrected, not fitted on this log", corrected[log.name], CORRECTED, 1.6))
         for c, channel in enumerate(channels):
             for name, source, colour, width in sources:
-                shown = slice(0, min(len(jump), len(source)), jump.info.rows(SHOWN_EVERY_S))
+                shown = slice(0, min(len(log), len(source)), log.info.rows(SHOWN_EVERY_S))
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(source.time[shown], 3),
@@ -147,24 +148,24 @@ def overlay(
                         name=name,
                         legendgroup=name,
                         showlegend=c == 0,
-                        visible=jump.name == first,
+                        visible=log.name == first,
                         line={"color": colour, "width": width},
                         mode="lines",
                     ),
                     row=c // 3 + 1,
                     col=c % 3 + 1,
                 )
-                owners.append(jump.name)
-    schedule = jumps[0].info.schedule
-    for boundary in (schedule.front_lift_off_s, schedule.take_off_s):
-        figure.add_vline(x=boundary, line={"color": GREY, "width": 1, "dash": "dot"})
+                owners.append(log.name)
+    for segment in logs[0].info.segments:
+        if 0 < segment.begin_s < logs[0].time[-1]:
+            figure.add_vline(x=segment.begin_s, line={"color": GREY, "width": 1, "dash": "dot"})
     buttons = [
         {
-            "label": jump.name,
+            "label": log.name,
             "method": "update",
-            "args": [{"visible": [owner == jump.name for owner in owners]}],
+            "args": [{"visible": [owner == log.name for owner in owners]}],
         }
-        for jump in jumps
+        for log in logs
     ]
     figure.update_layout(
         height=280 * rows,
@@ -173,7 +174,7 @@ def overlay(
         updatemenus=[
             {
                 "buttons": buttons,
-                "active": [jump.name for jump in jumps].index(first),
+                "active": [log.name for log in logs].index(first),
                 "x": 0,
                 "xanchor": "left",
                 "y": 1.2,
@@ -185,9 +186,9 @@ def overlay(
     return figure
 
 
-def overlay_channels(report: ReportContent, jumps: Sequence[Log]) -> list[str]:
+def overlay_channels(report: ReportContent, logs: Sequence[Log]) -> list[str]:
     """Channels of the overlay: those of the headline; on a robot with a fixed base, those with the largest gap."""
-    headline = [name for name in HEADLINE if all(is_logged(jump, name) for jump in jumps)]
+    headline = [name for name in HEADLINE if all(is_logged(log, name) for log in logs)]
     return headline or list(dict.fromkeys(place.channel for place in report.where))[: len(HEADLINE)]
 
 
@@ -200,7 +201,7 @@ def channel_title(channel: str) -> str:
 
 
 def closures(report: ReportContent) -> go.Figure:
-    """Share of the gap that each hypothesis closes on held-out jumps, with 95 % intervals.
+    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals.
 
     Blue are the selected effects, each at the place that was selected. They are the first causes of the report.
     """
@@ -227,7 +228,7 @@ def closures(report: ReportContent) -> go.Figure:
         )
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
-    figure.update_xaxes(title_text="share of the gap above the noise floor that goes away on jumps not fitted on, %")
+    figure.update_xaxes(title_text="share of the gap above the noise floor that goes away on logs not fitted on, %")
     return figure
 
 
@@ -272,7 +273,7 @@ def gap_per_log(report: ReportContent) -> go.Figure:
 
     names = list(report.gap_per_log)
     figure = go.Figure()
-    shown = [("nominal", "nominal", NOMINAL), ("corrected", "corrected, not fitted on this jump", CORRECTED)]
+    shown = [("nominal", "nominal", NOMINAL), ("corrected", "corrected, not fitted on this log", CORRECTED)]
     for key, label, colour in shown if report.answer else shown[:1]:
         figure.add_bar(x=names, y=[report.gap_per_log[name][key] for name in names], name=label, marker_color=colour)
     figure.add_hline(y=report.noise_floor, line={"color": REAL, "dash": "dot", "width": 1})

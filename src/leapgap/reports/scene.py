@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from leapgap.logs.log import Log
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
+from leapgap.logs.segments import FLIGHT, TOUCH_DOWN, segment_of_rows
 from leapgap.reports.plots import has_pair_force
 from leapgap.reports.recorder import Recorder
 from leapgap.reports.shown_robot import Colour, ShownRobot
@@ -23,6 +25,11 @@ BOX_COLOUR = (184, 158, 122)
 TARGET_COLOUR = (240, 200, 60)
 FORCES = {"mpc_force": (240, 70, 70), "pd_force": (240, 200, 60)}
 GHOST_ALPHA = 70
+PUSHING = dict.fromkeys(("rear_contact", "lift_off"), (False, True)) | {
+    FLIGHT: (False, False),
+    TOUCH_DOWN: (False, False),
+}
+"""Segments of a jump in which not both pairs of feet are planned to push: (front, rear)."""
 
 
 def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
@@ -76,19 +83,19 @@ def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
                 [[target_at - aside, target_at + aside]],
                 radii=0.006,
                 colors=TARGET_COLOUR,
-                labels=f"target {jump.info.target.x_m:g} m",
+                labels="target {x_m:g} m".format(**jump.info.extra["target"]),
                 show_labels=True,
             ),
         )
 
 
 def target_place(actor: ShownRobot) -> np.ndarray | None:
-    """Target of the base on the surface there, m, (3,); None where the log has no base."""
-    jump, target = actor.jump, actor.jump.info.target
-    if not {"base_pos_x", "base_quat_w"} <= set(jump.columns):
+    """Target of the base on the surface there, m, (3,); None where the log has no base or states no target."""
+    jump, target = actor.jump, actor.jump.info.extra.get("target")
+    if target is None or not {"base_pos_x", "base_quat_w"} <= set(jump.columns):
         return None
     ahead = np.array([np.cos(jump.yaw[0]), np.sin(jump.yaw[0])])
-    return np.array([*(actor.poses.base[0, :2] + target.x_m * ahead), target.z_m + 0.004])
+    return np.array([*(actor.poses.base[0, :2] + target["x_m"] * ahead), target["z_m"] + 0.004])
 
 
 def log_terrain(to: Recorder, boxes: Sequence[Box]) -> None:
@@ -243,11 +250,17 @@ def log_forces(to: Recorder, actor: ShownRobot) -> None:
         vectors[:, :, WORLD_X_Z] = METRES_PER_NEWTON * force
         entity = f"{WORLD}/{actor.key}/{source}"
         to.static(entity, rr.Arrows3D.from_fields(colors=[colour], radii=[0.006]))
-        pushing = jump.info.schedule.in_contact(actor.time)
+        pushing = is_pushing(jump, actor.time)
         columns = rr.Arrows3D.columns(
             vectors=vectors[pushing].astype(np.float32), origins=origins[pushing].astype(np.float32)
         )
         to.over_time(entity, actor.time, columns.partition(pushing.sum(axis=1)))
+
+
+def is_pushing(jump: Log, time_s: np.ndarray) -> np.ndarray:
+    """Whether the front and the rear pair are planned to push, bool, (rows, 2), by the segments of the log."""
+    pushing = np.array([*(PUSHING.get(one.name, (True, True)) for one in jump.info.segments), (True, True)])
+    return np.asarray(pushing[segment_of_rows(jump.info.segments, time_s)])
 
 
 def log_contacts(to: Recorder, actor: ShownRobot) -> None:

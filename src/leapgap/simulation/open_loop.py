@@ -12,13 +12,11 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
-from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.state import columns_of, motion_of, pd_torques
+from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, Motion
 from leapgap.robot.terrain import Box
-from leapgap.simulation.pair_forces import pd_pair_force
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 
@@ -53,7 +51,7 @@ class PreparedRun:
 
     plan: MotionPlan
     commanded: Log
-    """The reference, extended beyond the landing, on the plan's terrain."""
+    """The reference, extended beyond its end, on the plan's terrain."""
     start: np.ndarray
     """True state after standing for a while, (nq + nv,)."""
 
@@ -164,14 +162,8 @@ def raise_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray:
 
 
 def log_of(name: str, commanded: Log, measured: Motion, robot: Robot) -> Log:
-    """Log of a measured motion and its commands, with planned pair forces and those equivalent to the joint PD."""
-    joint_pos, joint_vel = measured.qpos[:, robot.joint_qpos], measured.qvel[:, robot.joint_dofs]
+    """Log of a measured motion and its commands, with the planned forces of the pairs where there are any."""
     columns = {"time": commanded.time} | columns_of(measured, robot)
     columns |= {key: values for key, values in commanded.columns.items() if key.startswith(("cmd_", "mpc_force/"))}
-    spring, damper = pd_torques(commanded, robot.joints, joint_pos, joint_vel)
-    pd_force = pd_pair_force(
-        robot, commanded.info.schedule, commanded.time, measured.base_quaternion, joint_pos, spring + damper
-    )
-    columns |= {f"pd_force/{axis}": pd_force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
     info = replace(commanded.info, robot=robot.name, source="simulated hardware")
     return Log(name, {key: np.ascontiguousarray(values) for key, values in columns.items()}, info)

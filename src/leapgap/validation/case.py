@@ -11,7 +11,9 @@ import numpy as np
 from leapgap import effects
 from leapgap.atomic_io import sha256
 from leapgap.diagnosis.channels import HEADLINE, logged_values
-from leapgap.diagnosis.gap import JudgedLogs, headline_gap, noise_floor, value_counts
+from leapgap.diagnosis.gap import headline_gap
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
@@ -168,7 +170,7 @@ def difference(jumps: Sequence[Log], motions: Sequence[Any], judged: JudgedLogs,
         for c in judged.channels:
             error = c.values(motion, robot)[:rows] - logged_values(jump, c.name)[:rows]
             total += float(((error / HEADLINE[c.name]) ** 2).sum())
-    return float(np.sqrt(total / value_counts(judged).sum()))
+    return float(np.sqrt(total / judged.value_counts.sum()))
 
 
 def write_case(withheld: WithheldCase, logs: Path, proof: Path) -> dict[str, Any]:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.channels import channel_values, measured_values, scaled_channels, sensor_noise
-from leapgap.diagnosis.gap import JudgedLogs
-from leapgap.diagnosis.localisation import PHASES, least_noise, pieces_of
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of
 from leapgap.logs.log import Log
 from leapgap.simulation.replay import Rollout
 from leapgap.validation.generator import Generator
@@ -25,10 +25,11 @@ def true_localisation(
     """
     robot = generator.robot
     channels = scaled_channels(judged.logs, robot)
-    square = np.zeros((len(PHASES), len(channels)))
+    names = phase_names(logs)
+    square = np.zeros((len(names), len(channels)))
     for log, trial, rows in zip(logs, off, judged.rows, strict=True):
         scale = np.maximum(sensor_noise(log.first_rows(rows), channels), [least_noise(c) for c in channels])
-        pieces = pieces_of(trial.log.first_rows(rows), horizon_s)
+        pieces = pieces_of(trial.log.first_rows(rows), names, horizon_s)
         motions = generator.motions([replace(trial, log=piece) for piece, _ in pieces])
         for (piece, phases), motion in zip(pieces, motions, strict=True):
             half = len(piece) // 2
@@ -37,8 +38,8 @@ def true_localisation(
                 square[phase] += ((error[half:][phases[half:] == phase] / scale) ** 2).sum(axis=0)
     share = square / max(square.sum(), 1e-300)
     fields: list[dict[str, Any]] = [
-        {"phase": PHASES[p], "channel": c.name, "share": round(float(share[p, k]), 5)}
-        for p in range(len(PHASES))
+        {"phase": names[p], "channel": c.name, "share": round(float(share[p, k]), 5)}
+        for p in range(len(names))
         for k, c in enumerate(channels)
     ]
     return sorted((f for f in fields if f["share"] >= 0.001), key=lambda f: -f["share"])

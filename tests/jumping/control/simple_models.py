@@ -5,7 +5,7 @@ import numpy as np
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBody, X, Z, advance
-from leapgap.logs.segments import ContactSchedule
+from leapgap.jumping.task import ContactSchedule
 from leapgap.simulation.controller import StateEstimate
 
 CROUCH = np.tile([0.0, 1.2566371, -2.3561945], 4)

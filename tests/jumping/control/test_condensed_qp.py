@@ -10,8 +10,8 @@ from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel
 from leapgap.jumping.models.rigid_body import advance
+from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
-from leapgap.logs.segments import ContactSchedule
 from tests.conftest import A1_BODY
 
 WEIGHTS = np.array([50, 2.5, 50, 10, 0.2, 10.0])

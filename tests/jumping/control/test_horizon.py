@@ -5,7 +5,7 @@ import pytest
 
 from leapgap.jumping.control.horizon import horizon
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.logs.segments import ContactSchedule
+from leapgap.jumping.task import ContactSchedule
 
 GRIDS = [TimeGrid(0.025, 0.1, 10), TimeGrid(0.025, 0.025, 22), TimeGrid(0.05, 0.05, 10), TimeGrid(0.03, 0.09, 7)]
 SCHEDULES = [ContactSchedule(), ContactSchedule(0.41, 0.22, 0.37)]

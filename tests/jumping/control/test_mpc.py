@@ -13,8 +13,8 @@ from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, X, Z
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
-from leapgap.logs.segments import ContactSchedule
 from tests.conftest import A1_BODY
 from tests.jumping.control.simple_models import Counting, rigid_reference
 

@@ -9,6 +9,7 @@ from leapgap.cache import ResultCache
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.trial import TrialSetup
+from leapgap.jumping.task import target_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -17,7 +18,7 @@ from leapgap.robot.model import Robot
 def bench(robot: Robot, reference: Log, tmp_path: Path) -> Bench:
     """On which jumps of 50 cm are planned."""
     runner = TrialRunner(ResultCache(tmp_path / "runs"), map)
-    return Bench("ideal", (), TrialSetup(robot), {reference.info.target: reference}, runner, seed=1)
+    return Bench("ideal", (), TrialSetup(robot), {target_of(reference): reference}, runner, seed=1)
 
 
 @pytest.fixture

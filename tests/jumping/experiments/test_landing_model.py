@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples, best_goal, target_pose
-from leapgap.logs.segments import Target
+from leapgap.jumping.task import Target
 
 BOX = Target(0.6, 0.2)
 

@@ -21,8 +21,8 @@ from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import GoalOffsets, PracticeConfig, run_practice
 from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
 from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Target
 
 CONDUCT = RunMetrics(0.4, 200.0, 0.02, 30.0, 0.1)
 CONFIG = PracticeConfig(identify_jumps=2, random_jumps=12, rounds=(6,))

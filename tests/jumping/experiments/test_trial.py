@@ -16,7 +16,7 @@ from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
 from leapgap.jumping.experiments.trial_spec import landing_pose, landing_samples
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target
 
 TASK = JumpTask("jump_50", 0.5)
 

@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 from leapgap.jumping.learning import window_extraction
 from leapgap.jumping.learning.windows import TimeGrid, Windows
 from leapgap.jumping.models.rigid_body import advance
-from leapgap.logs.log import Log, LogInfo
+from leapgap.jumping.task import ContactSchedule, Target, jump_info
+from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_pair
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
-from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from tests.conftest import A1_BODY
@@ -64,7 +64,7 @@ def synthetic_jump(
         columns |= {f"{command}/{joint}": np.zeros(len(clock)) for command in COMMANDS}
     for i, axis in enumerate(PAIR_FORCE_AXES):
         columns[f"mpc_force/{axis}"], columns[f"pd_force/{axis}"] = 0.75 * held[:, i], 0.25 * held[:, i]
-    return Log(name, columns, LogInfo("a1", PERIOD_S, schedule, Target(0.5), "synthetic"))
+    return Log(name, columns, jump_info("a1", PERIOD_S, schedule, Target(0.5), "synthetic"))
 
 
 @pytest.fixture(scope="session")

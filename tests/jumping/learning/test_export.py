@@ -23,7 +23,7 @@ from leapgap.jumping.learning.models.residual_networks import NetworksConfig, in
 from leapgap.jumping.learning.windows import Purpose, TimeGrid, Windows
 from leapgap.jumping.models.affine_model import FEATURES, Situation
 from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.logs.segments import ContactSchedule
+from leapgap.jumping.task import ContactSchedule
 from tests.conftest import A1_BODY
 
 NAMES = [name for name in FEATURES if name not in ("x_from_start", "z_from_start")]

@@ -4,7 +4,7 @@ import numpy as np
 
 from leapgap.jumping.learning import window_extraction, windows
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid
-from leapgap.logs.segments import ContactSchedule
+from leapgap.jumping.task import ContactSchedule
 from tests.jumping.learning.conftest import jumps  # noqa: F401 - fixture
 
 PUBLISHED_ROWS = [*range(0, 776, 25), *range(800, 1201, 100)]

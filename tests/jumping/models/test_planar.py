@@ -13,8 +13,8 @@ from leapgap.jumping.planning.layout import CROUCH
 from leapgap.jumping.planning.problem import Problem
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import solve
+from leapgap.jumping.task import Target
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
-from leapgap.logs.segments import Target
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from tests.robot.quadrupeds import FIGURES, write

@@ -4,8 +4,8 @@ import pytest
 from leapgap.jumping.planning.problem import Problem
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import Solution, solve
+from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Target
 
 # Optimal cost of the published references (their files' own cost, by the published weights).
 PUBLISHED_COST = {

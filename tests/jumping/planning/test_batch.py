@@ -5,8 +5,8 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.jumping.planning.batch import metrics, read_targets, timing, write_references
 from leapgap.jumping.planning.reference import Gains
+from leapgap.jumping.task import Target, target_of
 from leapgap.logs.log import read_log
-from leapgap.logs.segments import Target
 
 
 def test_index_lists_the_references_in_order(solutions, tmp_path):
@@ -19,7 +19,7 @@ def test_index_lists_the_references_in_order(solutions, tmp_path):
     ]
     assert all(set(row) == {"x_m", "z_m", "cost", "max_violation", "status", "file"} for row in index)
     jump = read_log(tmp_path / index[0]["file"])
-    assert jump.info.target == Target(0.6, 0.2)
+    assert target_of(jump) == Target(0.6, 0.2)
     assert set(jump["cmd_kp/FR_hip"]) == {80.0}
 
 

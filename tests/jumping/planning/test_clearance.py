@@ -13,7 +13,7 @@ from leapgap.jumping.planning.dynamics import legs
 from leapgap.jumping.planning.nlp import ROUNDED_M, SWING_RISE_M
 from leapgap.jumping.planning.problem import Aim, Limits, Problem, start_feet
 from leapgap.jumping.planning.solve import Solution, planner_of, solve
-from leapgap.logs.segments import Target
+from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
 
 FREE = Limits(friction=0.6, knee_clearance_m=0.04)

@@ -5,8 +5,8 @@ from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.boxes import terrain
 from leapgap.jumping.planning.dynamics import centre_of_mass
 from leapgap.jumping.planning.reference import motion, name_of
+from leapgap.jumping.task import Target, target_of
 from leapgap.logs.log import read_log, write_log
-from leapgap.logs.segments import Target
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from tests.jumping.planning.conftest import PUBLISHED_COST
@@ -30,7 +30,7 @@ def test_standing_feet_stay_on_the_floor_in_the_robots_model(references, a1, nam
         stands = jump[f"contact/{leg}"] == 1
         assert np.linalg.norm(feet[stands, foot] - feet[0, foot], axis=1).max() < 1e-3
     assert (feet[:, :, 2] > PlanarRobot().foot_radius - 5e-4).all()
-    target = jump.info.target
+    target = target_of(jump)
     np.testing.assert_allclose(feet[-1] - feet[0], np.tile([target.x_m, 0, target.z_m], (4, 1)), atol=1e-7)
 
 

@@ -7,8 +7,8 @@ import pytest
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.reference import name_of
 from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.task import ContactSchedule, Target, schedule_of
 from leapgap.logs.log import write_log
-from leapgap.logs.segments import ContactSchedule, Target
 
 TARGET = Target(0.4)
 
@@ -19,5 +19,5 @@ def test_a_file_serves_only_the_schedule_it_was_planned_for(tmp_path: Path) -> N
     assert reference_to(TARGET, tmp_path, PlanarRobot()).info == planned.info
     short = ContactSchedule(0.5, 0.25, 0.35)
     found = reference_to(TARGET, tmp_path, PlanarRobot(), short)
-    assert found.info.schedule == short
+    assert schedule_of(found) == short
     assert found.time[-1] == pytest.approx(1.1)

@@ -13,7 +13,7 @@ from leapgap.jumping.planning.dynamics import centre_of_mass, legs
 from leapgap.jumping.planning.layout import CROUCH, JOINT, X, Z
 from leapgap.jumping.planning.problem import Aim, Grid, Problem
 from leapgap.jumping.planning.solve import planner_of, solve, solve_all
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target
 from tests.jumping.planning.conftest import PUBLISHED_COST
 from tests.jumping.planning.lagrangian import residual
 

@@ -2,9 +2,9 @@
 
 import re
 
+from leapgap.jumping.reports.keyframes import PIXELS_PER_M, keyframes, moments
 from leapgap.jumping.reports.references import html
 from leapgap.logs.log import write_log
-from leapgap.reports.keyframes import PIXELS_PER_M, keyframes, moments
 
 
 def test_moments_are_those_of_the_schedule(reference):

@@ -1,9 +1,9 @@
 """What a consistency check is: a question to logs that needs no fit, answered over all of them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar
 
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -20,6 +20,12 @@ class CheckResult:
     says: str
     per_log: dict[str, float]
     """The statistic's estimate on each log, by the log's name."""
+    clocks: Mapping[str, tuple[float, ...]] | None = field(default=None, repr=False)
+    """True over claimed sample period of each log, where the check measures it; several where it changes within."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Its entry of ``report.json``."""
+        return {key: value for key, value in asdict(self).items() if key != "clocks"}
 
 
 class Check(ABC):

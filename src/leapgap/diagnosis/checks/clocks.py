@@ -8,6 +8,8 @@ from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
+CLAIMED = (1.0,)
+"""The clock of a log that is too short or too still to have one of its own: that which it claims."""
 SPAN_S = 0.02
 """Increments of position are compared with summed velocities over this time."""
 

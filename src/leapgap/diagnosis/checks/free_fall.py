@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
+from leapgap.logs.contacts import has_feet_in_world, in_flight, longest_run
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import centre_of_mass
@@ -14,8 +15,8 @@ from leapgap.robot.model import Robot
 GRAVITY = 9.81
 SHORTEST_FALL_S = 0.05
 """A shorter stretch of flight does not say how the robot falls."""
-MARGIN_S = 0.05
-"""So much at both ends of the planned flight is left out: feet may leave late and touch early."""
+MARGIN_S = 0.03
+"""So much at both ends of a flight is left out: a foot that is a little above the ground may still touch it."""
 
 
 class FreeFall(Check):
@@ -26,14 +27,14 @@ class FreeFall(Check):
     place: ClassVar[int] = 4
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Fit a parabola to the height of the centre of mass during the planned flight."""
-        if robot is None or not robot.has_free_base or any("base_pos_z" not in log for log in logs):
+        """Fit a parabola to the height of the centre of mass in the longest time in which no foot touches."""
+        if robot is None or not all(has_feet_in_world(log, robot) for log in logs):
             return None
         falls = {}
         for log in logs:
-            schedule = log.info.schedule
-            begin = int(np.searchsorted(log.time, schedule.take_off_s + MARGIN_S))
-            end = int(np.searchsorted(log.time, schedule.landing_s - MARGIN_S))
+            flight = longest_run(in_flight(log, robot))
+            margin = log.info.rows(MARGIN_S)
+            begin, end = flight.start + margin, flight.stop - margin
             if end - begin < log.info.rows(SHORTEST_FALL_S):
                 continue
             height = centre_of_mass(robot, motion_of(log, robot, slice(begin, end)).qpos)[:, 2]

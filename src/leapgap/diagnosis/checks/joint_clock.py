@@ -1,10 +1,11 @@
 """Do the joints' positions follow from their velocities at the claimed sample period?"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
-from leapgap.diagnosis.checks.clocks import clock_scale, judge_clocks
+from leapgap.diagnosis.checks.clocks import CLAIMED, clock_scale, judge_clocks
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -28,4 +29,6 @@ class JointClock(Check):
             )
             for log in logs
         }
-        return judge_clocks(self.name, "the joints", scales, threshold)
+        result = judge_clocks(self.name, "the joints", scales, threshold)
+        clocks = {name: CLAIMED if scale is None else (scale,) for name, scale in scales.items()}
+        return result and replace(result, clocks=clocks)

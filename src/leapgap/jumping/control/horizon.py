@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.logs.segments import ContactSchedule
+from leapgap.jumping.task import ContactSchedule
 
 ROUNDING_S = 1e-6
 """Times closer than this count as equal, as in ``ContactSchedule.in_contact``."""

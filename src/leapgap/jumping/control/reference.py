@@ -8,9 +8,9 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.learning.window_extraction import feet, states
+from leapgap.jumping.task import ContactSchedule, schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import by_pair, flat, per_axis
-from leapgap.logs.segments import ContactSchedule
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import pitch_of, yaw_of
 from leapgap.simulation.controller import StateEstimate
@@ -40,7 +40,7 @@ class Reference:
         missing = [joint for joint in robot.joints if f"cmd_pos/{joint}" not in jump]
         if missing:
             raise InputError(jump.name, f"no joint {', '.join(missing)}", f"the joints of {robot.name}", "plan it anew")
-        schedule, period = jump.info.schedule, jump.info.sample_period_s
+        schedule, period = schedule_of(jump), jump.info.sample_period_s
         if jump.time[-1] < schedule.take_off_s:
             raise InputError(
                 jump.name,

@@ -16,7 +16,7 @@ from leapgap.jumping.models.rigid_body import Z
 from leapgap.jumping.planning.problem import Aim, Grid, Limits, Problem
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import Solution, solve
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from leapgap.jumping.task import schedule_of, target_of
 from leapgap.logs.log import Log
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
@@ -39,8 +40,8 @@ class Landing:
 def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float | None = None) -> Landing:
     """Landing of the jump that begins at row ``first``; the target distance is the log's unless one is given."""
     jump, truth = run.log, run.truth
-    schedule, period = jump.info.schedule, jump.info.sample_period_s
-    target_x = jump.info.target.x_m if target_x_m is None else target_x_m
+    schedule, period = schedule_of(jump), jump.info.sample_period_s
+    target_x = target_of(jump).x_m if target_x_m is None else target_x_m
     row, take_off = (
         min(len(jump) - 1, first + round(seconds / period)) for seconds in (schedule.landing_s, schedule.take_off_s)
     )
@@ -57,7 +58,7 @@ def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float 
         contact_error_cm=float(100 * (target_x - forward[left + touched[0]])) if len(touched) else None,
         pitch_deg=float(np.rad2deg(pitch)),
         apex=float(position[first : end + 1, 2].max() / position[first, 2]),
-        success=bool(abs(pitch) < LARGEST_PITCH_RAD and stands(truth, robot, end, jump.info.target.z_m, jump)),
+        success=bool(abs(pitch) < LARGEST_PITCH_RAD and stands(truth, robot, end, target_of(jump).z_m, jump)),
     )
 
 
@@ -78,8 +79,8 @@ def landing_error_cm(jump: Log) -> float:
 
     Positive is short. Read from the log, hence with its noise.
     """
-    row = min(len(jump) - 1, int(np.searchsorted(jump.time, jump.info.schedule.landing_s - 1e-9)))
+    row = min(len(jump) - 1, int(np.searchsorted(jump.time, schedule_of(jump).landing_s - 1e-9)))
     dx = jump["base_pos_x"][row] - jump["base_pos_x"][0]
     dy = jump["base_pos_y"][row] - jump["base_pos_y"][0]
     heading = jump.yaw[0]
-    return float(100 * (jump.info.target.x_m - (dx * np.cos(heading) + dy * np.sin(heading))))
+    return float(100 * (target_of(jump).x_m - (dx * np.cos(heading) + dy * np.sin(heading))))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import minimize
 
-from leapgap.logs.segments import Target
+from leapgap.jumping.task import Target
 
 GOAL = ("x", "z", "pitch")
 """Layout of a goal and of a landing: m, m over the height of a robot that stands on level ground, rad nose-down."""

@@ -10,8 +10,8 @@ from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Target
 from leapgap.robot.model import Robot
 
 References = Mapping[Target, Log]

@@ -20,8 +20,8 @@ from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.problem import Limits
 from leapgap.jumping.planning.reference_store import plan_reference, reference_to
+from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import Log
-from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.effects.drive import resistance_of
+from leapgap.jumping.task import schedule_of
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, per_pair
 from leapgap.logs.state import commanded_torque
 from leapgap.robot.model import Robot
@@ -36,7 +37,7 @@ class RunMetrics:
 
 def run_metrics(run: ClosedLoopRun, robot: Robot, first: int) -> RunMetrics:
     """Figures of the jump that begins at row ``first``."""
-    schedule, period = run.log.info.schedule, run.log.info.sample_period_s
+    schedule, period = schedule_of(run.log), run.log.info.sample_period_s
     rows = slice(first, min(len(run.log), first + round(schedule.take_off_s / period)))
     width = max(1, round(IMPULSE_S / period))
     force = moving_average(pair_force(run, robot), width)[rows]

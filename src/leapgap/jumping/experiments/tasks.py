@@ -7,8 +7,8 @@ import numpy as np
 from leapgap.effects import effect
 from leapgap.effects.base import Effect
 from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.task import Target
 from leapgap.logs.pair_force import FORCE_X
-from leapgap.logs.segments import Target
 from leapgap.robot.terrain import Box
 
 BLOCK_EDGES_M = (0.24, 0.6)

@@ -10,10 +10,12 @@ from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.landing import Landing, landing
+from leapgap.jumping.experiments.pd_force import with_pd_force
 from leapgap.jumping.experiments.run_metrics import RunMetrics, run_metrics
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.models.rigid_body_model import rigid_body_of
+from leapgap.jumping.task import metadata_of, schedule_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import yaw_of
@@ -78,13 +80,15 @@ def attempt_task(
         world.course, after_landing_s=run_duration_s(task, planned, world.sequence) - planned.schedule.landing_s
     )
     terrain = (*reference.info.terrain, *task.ground(planned, rng))
-    level = replace(reference, info=replace(reference.info, target=task.target, terrain=terrain))
+    metadata = metadata_of(planned.schedule, task.target)
+    level = replace(reference, info=replace(reference.info, extra=metadata, terrain=terrain))
     plans = [MotionPlan(task.name, level, task.start_block(rng))]
     effects = (*effects, *task.tilt(rng))
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
     controller = JumpSequence(list(method(task)), robot, world.sequence, world.body_for(planned))
     run = run_closed_loop(ready, controller, replayer, effects, world.sensing, rng)
+    run = replace(run, log=with_pd_force(run.log, robot))
     period = run.log.info.sample_period_s
     start_times = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
     starts = tuple(round(start / period) for start in start_times)
@@ -117,7 +121,7 @@ def total_error_cm(run: ClosedLoopRun, task: JumpTask, starts: Sequence[int]) ->
     info = run.log.info
     if len(starts) < task.jumps:
         return None
-    end = min(len(run.log) - 1, starts[-1] + round(info.schedule.landing_s / info.sample_period_s))
+    end = min(len(run.log) - 1, starts[-1] + round(schedule_of(run.log).landing_s / info.sample_period_s))
     yaw = yaw_of(run.truth.base_quaternion[starts[0]])
     way = (run.truth.qpos[end] - run.truth.qpos[starts[0]])[:2] @ np.array([np.cos(yaw), np.sin(yaw)])
     return float(100 * (task.jumps * task.x_m - way))

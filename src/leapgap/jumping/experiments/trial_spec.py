@@ -16,9 +16,9 @@ from leapgap.jumping.experiments.run_metrics import RunMetrics, pair_force
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialOutcome, TrialSetup, attempt_task
 from leapgap.jumping.models.rigid_body import GRAVITY
+from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, PAIR_FORCE_AXES
-from leapgap.logs.segments import ContactSchedule
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import pitch_of, yaw_of
 

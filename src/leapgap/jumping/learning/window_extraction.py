@@ -9,6 +9,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.windows import TimeGrid, Windows
+from leapgap.jumping.task import schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis, per_pair
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
@@ -27,14 +28,14 @@ def cut(jumps: Sequence[Log], grid: TimeGrid, robot: Robot, force: str = "total"
     if force not in FORCES:
         raise InputError("chunk.force", force, f"one of {', '.join(FORCES)}", "correct conf/chunk")
     for jump in jumps[1:]:
-        if jump.info.schedule != jumps[0].info.schedule:
+        if schedule_of(jump) != schedule_of(jumps[0]):
             raise InputError(
                 jump.name,
-                str(jump.info.schedule),
-                f"{jumps[0].info.schedule}, as in {jumps[0].name}",
+                str(schedule_of(jump)),
+                f"{schedule_of(jumps[0])}, as in {jumps[0].name}",
                 "keep jumps of different schedules in different folders",
             )
-    schedule = jumps[0].info.schedule if jumps else None
+    schedule = schedule_of(jumps[0]) if jumps else None
     pieces = [cut_jump(jump, grid, robot, FORCES[force]) for jump in jumps] or [no_windows(grid)]
     arrays = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     numbers = np.concatenate([np.full(len(piece["start"]), i) for i, piece in enumerate(pieces)])
@@ -57,7 +58,7 @@ def no_windows(grid: TimeGrid) -> dict[str, np.ndarray]:
 
 def cut_jump(jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log], np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``."""
-    schedule = jump.info.schedule
+    schedule = schedule_of(jump)
     try:
         total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
     except InputError as error:

@@ -15,7 +15,7 @@ import numpy as np
 
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
-from leapgap.logs.segments import ContactSchedule
+from leapgap.jumping.task import ContactSchedule
 
 FORMAT_VERSION = 1
 NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)

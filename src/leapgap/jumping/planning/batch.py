@@ -10,8 +10,8 @@ from leapgap.atomic_io import write_json
 from leapgap.errors import InputError
 from leapgap.jumping.planning.reference import Gains, name_of, to_jump
 from leapgap.jumping.planning.solve import Solution
+from leapgap.jumping.task import Target
 from leapgap.logs.log import write_log
-from leapgap.logs.segments import Target
 
 INDEX = "references.json"
 

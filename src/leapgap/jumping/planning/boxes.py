@@ -2,7 +2,7 @@
 
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.problem import start_feet
-from leapgap.logs.segments import Target
+from leapgap.jumping.task import Target
 from leapgap.robot.terrain import Box
 
 BOX_MARGIN = 0.05

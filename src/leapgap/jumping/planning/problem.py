@@ -8,7 +8,7 @@ from leapgap.errors import InputError
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.dynamics import Leg, legs
 from leapgap.jumping.planning.layout import CROUCH
-from leapgap.logs.segments import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, Target
 
 LONGEST_JUMP_M = 5.0
 HIGHEST_JUMP_M = 2.0

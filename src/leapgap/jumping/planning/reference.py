@@ -21,9 +21,9 @@ from leapgap.jumping.planning.boxes import terrain
 from leapgap.jumping.planning.layout import JOINT, JOINTS, PITCH, X, Z
 from leapgap.jumping.planning.problem import Problem, start_feet
 from leapgap.jumping.planning.solve import Solution
-from leapgap.logs.log import Log, LogInfo
+from leapgap.jumping.task import Target, jump_info
+from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.segments import Target
 from leapgap.robot.topology import PAIRS
 
 SAMPLES_PER_SECOND = 1000
@@ -62,7 +62,7 @@ def to_jump(solution: Solution, gains: Gains) -> Log:
     columns |= {f"mpc_force/{axis}": positive_zero(-force[:, i]) for i, axis in enumerate(PAIR_FORCE_AXES)}
     stands = grid.schedule.in_contact(time).astype(float)
     columns |= {f"contact/{leg.foot}": stands[:, PAIRS.index(leg.pair)] for leg in problem.robot.joints}
-    info = LogInfo(
+    info = jump_info(
         robot=problem.robot.name,
         sample_period_s=1 / SAMPLES_PER_SECOND,
         schedule=grid.schedule,

@@ -7,8 +7,8 @@ from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.planning.problem import Grid, Problem
 from leapgap.jumping.planning.reference import Gains, name_of, to_jump
 from leapgap.jumping.planning.solve import solve_all
+from leapgap.jumping.task import ContactSchedule, Target, schedule_of
 from leapgap.logs.log import Log, read_log
-from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
 
 PUBLISHED_SCHEDULE = ContactSchedule()
@@ -30,7 +30,7 @@ def reference_to(
     path = folder / f"{name_of(target)}.parquet"
     if path.is_file():
         found = read_log(path)
-        if found.info.schedule == schedule:
+        if schedule_of(found) == schedule:
             return found
     return plan_reference(target, planar, schedule)
 

@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
+from leapgap.jumping.reports.keyframes import keyframes
 from leapgap.logs.log import read_log
-from leapgap.reports.keyframes import keyframes
 from leapgap.reports.page import render_page
 from leapgap.robot.model import Robot
 

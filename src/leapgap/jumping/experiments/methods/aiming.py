@@ -11,7 +11,7 @@ from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump, Jum
 from leapgap.jumping.experiments.landing_model import LandingModel, best_goal
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.logs.segments import Target
+from leapgap.jumping.task import Target
 
 
 @dataclass(frozen=True)

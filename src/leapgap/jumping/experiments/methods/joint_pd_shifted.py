@@ -13,8 +13,8 @@ from leapgap.jumping.experiments.method import Method, shift_target
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Target
 
 if TYPE_CHECKING:
     from leapgap.jumping.experiments.rig import Rig

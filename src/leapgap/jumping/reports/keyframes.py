@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from leapgap.jumping.task import schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.model import Robot
@@ -21,8 +22,8 @@ COLOURS = {"front": "#2563c9", "rear": "#e2542f", "base": "#111827", "ground": "
 def moments(jump: Log) -> dict[str, int]:
     """Row of the log that each picture shows; the apex is the highest point of the base."""
     last = len(jump) - 1
-    lift_off = min(int(np.searchsorted(jump.time, jump.info.schedule.take_off_s)), last)
-    landing = min(int(np.searchsorted(jump.time, jump.info.schedule.landing_s)), last)
+    lift_off = min(int(np.searchsorted(jump.time, schedule_of(jump).take_off_s)), last)
+    landing = min(int(np.searchsorted(jump.time, schedule_of(jump).landing_s)), last)
     return {
         "start": 0,
         "lift-off": lift_off,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.gap import JudgedLogs
-from leapgap.diagnosis.gap_reduction import closure, resamples
+from leapgap.diagnosis.gap import closure, resamples
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.diagnosis.test_gap import hardware

@@ -1,0 +1,25 @@
+"""Ground forces on the pairs of feet that are equivalent to the torques of the joint PD; paper, data collection."""
+
+from dataclasses import replace
+
+from leapgap.jumping.task import schedule_of
+from leapgap.logs.log import Log
+from leapgap.logs.pair_force import per_axis, per_pair
+from leapgap.logs.schema import PAIR_FORCE_AXES
+from leapgap.logs.state import motion_of, pd_torques
+from leapgap.robot.kinematics import joint_torque_to_foot_force
+from leapgap.robot.model import Robot
+
+
+def with_pd_force(jump: Log, robot: Robot) -> Log:
+    """The log with u_pd = −(Jᵀ Rᵀ)⁻¹ τ_pd of each pair as columns ``pd_force``, N on the robot.
+
+    It is zero where the schedule has the pair in the air.
+    """
+    motion = motion_of(jump, robot)
+    joint_pos = motion.qpos[:, robot.joint_qpos]
+    spring, damper = pd_torques(jump, robot.joints, joint_pos, motion.qvel[:, robot.joint_dofs])
+    of_feet = joint_torque_to_foot_force(robot, motion.base_quaternion, joint_pos, spring + damper)
+    force = per_pair(robot, of_feet) * per_axis(schedule_of(jump).in_contact(jump.time))
+    columns = {f"pd_force/{axis}": force[:, i].copy() for i, axis in enumerate(PAIR_FORCE_AXES)}
+    return replace(jump, columns=dict(jump.columns) | columns)

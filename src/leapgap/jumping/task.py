@@ -1,0 +1,86 @@
+"""A jump as a task: its contact schedule and its target, and where the metadata of a log hold them."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.logs.log import Log, LogInfo
+
+
+@dataclass(frozen=True)
+class ContactSchedule:
+    """Lengths of the phases of a jump, s, in their order.
+
+    The published jumps use 500/300/400 ms: all feet, rear feet, none.
+    """
+
+    double_contact_s: float = 0.5
+    rear_contact_s: float = 0.3
+    flight_s: float = 0.4
+
+    @property
+    def front_lift_off_s(self) -> float:
+        """When the front pair is planned to leave the ground."""
+        return self.double_contact_s
+
+    @property
+    def take_off_s(self) -> float:
+        """When the rear pair leaves the ground too, and flight begins."""
+        return self.double_contact_s + self.rear_contact_s
+
+    @property
+    def landing_s(self) -> float:
+        """End of the scheduled flight: where the landing error is read."""
+        return self.take_off_s + self.flight_s
+
+    def in_contact(self, time_s: np.ndarray) -> np.ndarray:
+        """Planned contact of the (front, rear) pair; shape ``time_s.shape + (2,)``, bool.
+
+        A phase holds its first instant and not its last; times within a microsecond of a boundary count
+        as on it, so that 0.8 written as 8 × 0.1 does not push one tick too long.
+        """
+        t = np.asarray(time_s, dtype=float) + 1e-6
+        return np.stack([t < self.front_lift_off_s, t < self.take_off_s], axis=-1)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where the jump was meant to land, relative to its start, m."""
+
+    x_m: float
+    z_m: float = 0.0
+
+
+SCHEDULE, TARGET = "schedule", "target"
+"""Keys of a jump in the metadata of its log."""
+
+
+def metadata_of(schedule: ContactSchedule, target: Target) -> dict[str, Any]:
+    """A jump's part of the metadata of its log."""
+    return {SCHEDULE: asdict(schedule), TARGET: asdict(target)}
+
+
+def jump_info(
+    robot: str, sample_period_s: float, schedule: ContactSchedule, target: Target, source: str, **others: Any
+) -> LogInfo:
+    """Metadata of the log of a jump; ``others`` are further fields of ``LogInfo``."""
+    return LogInfo(robot, sample_period_s, source, extra=metadata_of(schedule, target), **others)
+
+
+def schedule_of(jump: Log) -> ContactSchedule:
+    """The planned phases of a jump; ``InputError`` for a log that states none."""
+    return ContactSchedule(**stated(jump, SCHEDULE))
+
+
+def target_of(jump: Log) -> Target:
+    """Where a jump was meant to land; ``InputError`` for a log that states no target."""
+    return Target(**stated(jump, TARGET))
+
+
+def stated(jump: Log, key: str) -> dict[str, float]:
+    """One part of a jump's metadata."""
+    if key not in jump.info.extra:
+        raise InputError(jump.name, f"no {key} in its metadata", "the log of a jump (docs/formats.md)", "state it")
+    return dict(jump.info.extra[key])
