@@ -27,10 +27,11 @@ CONF = ROOT / "conf"
 T = TypeVar("T")
 
 
-def run_stage(stage: Callable[[DictConfig], Any]) -> None:
+def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None) -> None:
     """Run a stage's function with its configuration; every stage module calls this as its ``__main__``.
 
-    The function may return figures by name, which a sweep tabulates (``stages.sweep``).
+    The function may return figures by name, which a sweep tabulates (``stages.sweep``). ``extensible`` is a section
+    whose sections take keys that conf/ does not show; the stage refuses those that are wrong.
     """
     name = Path(sys.argv[0]).stem
 
@@ -42,8 +43,9 @@ def run_stage(stage: Callable[[DictConfig], Any]) -> None:
 
     try:
         if "DVC_STAGE" in os.environ:
-            stage_or_refusal(params_with_overrides(sys.argv[1:]))
+            stage_or_refusal(params_with_overrides(sys.argv[1:], extensible))
         else:
+            sys.argv[1:] = [with_leave_to_add(argument, extensible) for argument in sys.argv[1:]]
             run_with_hydra(stage_or_refusal, name)
     except InputError as error:
         refuse(name, error)
@@ -66,11 +68,23 @@ def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
         raise config_error(error) from None
 
 
-def params_with_overrides(arguments: list[str]) -> DictConfig:
-    """``params.yaml`` of the working folder, overridden by ``key=value`` arguments."""
+def with_leave_to_add(argument: str, extensible: str | None) -> str:
+    """An override of a key in a section of the extensible section as Hydra takes it where conf/ has no such key."""
+    key, is_override, _ = argument.partition("=")
+    parts = key.split(".")
+    return f"++{argument}" if is_override and len(parts) > 2 and parts[0] == extensible else argument
+
+
+def params_with_overrides(arguments: list[str], extensible: str | None = None) -> DictConfig:
+    """``params.yaml`` of the working folder, overridden by ``key=value`` arguments.
+
+    ``extensible`` as in ``run_stage``.
+    """
     try:
         params = OmegaConf.load(PARAMS)
         OmegaConf.set_struct(params, True)
+        if extensible is not None:
+            OmegaConf.set_struct(params[extensible], False)
         return OmegaConf.merge(params, OmegaConf.from_dotlist(arguments))
     except OmegaConfBaseException as error:
         raise config_error(error) from None

@@ -213,18 +213,21 @@ def channel_title(channel: str) -> str:
 
 
 def closures(report: ReportContent) -> go.Figure:
-    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals; selected effects blue."""
+    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals.
+
+    Blue are the selected effects, each at the place that was selected. They are the first causes of the report.
+    """
     import plotly.graph_objects as go
 
     causes = sorted(report.causes, key=lambda cause: cause.closure.value)
-    selected = {name for names in report.answer for name in names[:1]}
+    selected = {(cause.effect, cause.location) for cause in report.causes[: len(report.answer)]}
     value = 100 * np.array([cause.closure.value for cause in causes])
     figure = go.Figure(
         go.Bar(
             x=value,
             y=[f"{c.effect} ({c.location})" for c in causes],
             orientation="h",
-            marker_color=[CORRECTED if c.effect in selected else "#c3cad6" for c in causes],
+            marker_color=[CORRECTED if (c.effect, c.location) in selected else "#c3cad6" for c in causes],
             error_x={
                 "type": "data",
                 "symmetric": False,

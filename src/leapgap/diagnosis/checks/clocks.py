@@ -1,6 +1,6 @@
 """True over claimed sample period, from positions that must be the integral of velocities."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -8,22 +8,26 @@ from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
+CLAIMED = (1.0,)
+"""The clock of a log that is too short or too still to have one of its own: that which it claims."""
 SPAN_S = 0.02
 """Increments of position are compared with summed velocities over this time."""
 
 
-def clock_scale(position: np.ndarray, velocity: np.ndarray, period_s: float) -> float:
+def clock_scale(position: np.ndarray, velocity: np.ndarray, period_s: float) -> float | None:
     """True over claimed period, from positions that must be the integral of velocities; both (rows, channels).
 
     Sensors measure velocity in true time, while positions advance by v · (true period) a row: the regression of
-    position increments on claimed-time integrals of velocity has that ratio as slope.
+    position increments on claimed-time integrals of velocity has that ratio as slope. None where there is none: in less
+    than ``SPAN_S``, or where nothing moves.
     """
     span = max(1, round(SPAN_S / period_s))
     moved = position[span:] - position[:-span]
     middle = (velocity[1:] + velocity[:-1]) / 2
     summed = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(middle, axis=0) * period_s])
     integral = summed[span:] - summed[:-span]
-    return float((moved * integral).sum() / (integral**2).sum())
+    square = float((integral**2).sum())
+    return float((moved * integral).sum()) / square if square > 0 else None
 
 
 LOCAL_S = 0.02
@@ -32,17 +36,22 @@ LOCAL_PRIOR = 0.05
 """Weight of the log's mean clock in a local one, as a share of what a window says on average."""
 
 
-def local_clock(position: np.ndarray, velocity: np.ndarray, period_s: float, every: int) -> np.ndarray:
+def local_clock(position: np.ndarray, velocity: np.ndarray, period_s: float, every: int) -> np.ndarray | None:
     """The same ratio as it changes within a log, one value every so many rows, (values,).
 
-    The regression of ``clock_scale`` in a window that slides along; where little moves, the whole log's ratio.
+    The regression of ``clock_scale`` in a window that slides along; where little moves, the whole log's ratio. None as
+    in ``clock_scale``.
     """
+    span = max(1, round(SPAN_S / period_s))
+    if len(position) <= span:
+        return None
     moved = np.diff(position, axis=0)
     integral = (velocity[1:] + velocity[:-1]) / 2 * period_s
-    span = max(1, round(SPAN_S / period_s))
     box = np.ones(span)
     moved, integral = (np.apply_along_axis(np.convolve, 0, x, box, "same") for x in (moved, integral))
     product, square = (moved * integral).sum(axis=1), (integral**2).sum(axis=1)
+    if not square.any():
+        return None
     rows = np.arange(len(moved)) + 0.5
     at = np.linspace(0, len(position) - 1, max(2, len(position) // every))
     window = np.exp(-0.5 * ((at[:, None] - rows) * period_s / LOCAL_S) ** 2)
@@ -55,11 +64,14 @@ LOCAL_EVERY_S = 0.02
 
 
 def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, np.ndarray] | None:
-    """The joints' clock as it changes within each log, by the log's name; None where a log lacks the columns."""
+    """The joints' clock as it changes within each log, by the log's name.
+
+    A log that is too short or in which no joint moves is left out; None where a log lacks the columns or none is left.
+    """
     joints = joints_of(logs, robot)
     if not have_joints(logs, joints):
         return None
-    return {
+    clocks = {
         log.name: local_clock(
             log.per_joint("joint_pos", joints),
             log.per_joint("joint_vel", joints),
@@ -68,10 +80,17 @@ def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, n
         )
         for log in logs
     }
+    return {name: clock for name, clock in clocks.items() if clock is not None} or None
 
 
-def judge_clocks(name: str, what: str, scales: dict[str, float], threshold: float) -> CheckResult:
-    """Judge the scales of all logs, by the log's name, by their median; ``what`` says whose positions they are of."""
+def judge_clocks(name: str, what: str, clocks: Mapping[str, float | None], threshold: float) -> CheckResult | None:
+    """Judge the clocks of all logs, by the log's name, by their median; ``what`` says whose positions they are of.
+
+    Logs without a clock are left out; None where no log has one.
+    """
+    scales = {log: clock for log, clock in clocks.items() if clock is not None}
+    if not scales:
+        return None
     statistic = float(np.median(list(scales.values()))) - 1
     passed = abs(statistic) <= threshold
     low, high = min(scales.values()), max(scales.values())
