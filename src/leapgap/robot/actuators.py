@@ -102,15 +102,15 @@ def joint_actuator(model: mujoco.MjModel, joint: int, actuators: Sequence[int], 
     limits = np.sum([torque_limit(model, actuator) for actuator in actuators] or [np.array(UNLIMITED)], axis=0)
     if model.jnt_actfrclimited[joint]:
         limits = np.clip(limits, *model.jnt_actfrcrange[joint])
-    gear = np.abs(model.actuator_gear[list(actuators), 0])
-    own = [np.array([model.actuator_damping[i], *model.actuator_dampingpoly[i]]) for i in actuators]
-    damping = sum((values * g ** np.array([2, 3, 4]) for values, g in zip(own, gear, strict=True)), np.zeros(3))
+    chosen = list(actuators)
+    squared_gear = model.actuator_gear[chosen, 0] ** 2  # MuJoCo scales all three coefficients of damping by it
+    damping = squared_gear @ np.column_stack([model.actuator_damping[chosen], model.actuator_dampingpoly[chosen]])
     return JointActuator(
         name,
         (model.actuator(actuators[0]).name if actuators else "") or name,
         driven,
         limit=(float(limits[0]), float(limits[1])),
-        armature=float((gear**2 * model.actuator_armature[list(actuators)]).sum()),
+        armature=float(squared_gear @ model.actuator_armature[chosen]),
         damping=tuple(float(value) for value in damping),
     )
 
