@@ -9,8 +9,8 @@ from leapgap.atomic_io import whole_folder
 from leapgap.jumping.learning import window_extraction, windows
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.logs import log as jump
-from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 
 @dataclass
@@ -35,7 +35,7 @@ def chunk(config: DictConfig) -> None:
     section = read_config(ChunkSettings, config.chunk, "chunk")
     out = output_folder(section.out)
     extracted = window_extraction.cut(
-        jump.read_logs(Path(section.logs)), section.grid, Robot.load(config.robot.model), section.force
+        jump.read_logs(Path(section.logs)), section.grid, load_robot(config), section.force
     )
     with whole_folder(out) as folder:
         windows.write(extracted, folder)

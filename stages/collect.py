@@ -33,6 +33,7 @@ from leapgap.simulation.corrected import read_corrected
 from leapgap.simulation.open_loop import Course
 from leapgap.simulation.presets import Variant
 from stages.common import output_folder, read_config, read_optional, run_stage
+from stages.robot import load_robot
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def collect(config: DictConfig) -> None:
     """Simulate the configured jumps on the chosen hardware, and write their logs."""
     settings = read_config(CollectSettings, config.collect, "collect")
     executor = read_config(Executor, config.executor, "executor")
-    robot, corrections = robot_of(settings, config.robot.model)
+    robot, corrections = robot_of(settings, config)
     effects = (*corrections, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
     rng = np.random.default_rng(settings.seed)
     targets = targets_of(settings, rng)
@@ -89,10 +90,10 @@ def collect(config: DictConfig) -> None:
             print(describe_result(result), flush=True)
 
 
-def robot_of(settings: CollectSettings, model: str) -> tuple[Robot, tuple[Effect, ...]]:
+def robot_of(settings: CollectSettings, config: DictConfig) -> tuple[Robot, tuple[Effect, ...]]:
     """The nominal robot, or a corrected one with the effects a diagnosis found."""
     if settings.robot is None:
-        return Robot.load(model), ()
+        return load_robot(config), ()
     return read_corrected(Path(settings.robot))
 
 

@@ -9,15 +9,15 @@ from leapgap.atomic_io import whole_folder, write_json, write_text
 from leapgap.diagnosis.diagnose import Settings
 from leapgap.reports.diagnosis import RECORDING, diagnose_folder
 from leapgap.reports.diagnosis_recording import record_report, write_replays
-from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 
 def diagnose(config: DictConfig) -> None:
     """Judge the logs, then write report, corrected robot, replays and recording, all or nothing."""
     section = config.diagnose
     settings = read_config(Settings, section.settings, "diagnose.settings")
-    robot = Robot.load(section.robot or config.robot.model)
+    robot = load_robot(config, section.robot)
     logs, out = Path(section.logs), output_folder(section.out)
     replays = Path(section.replays) if section.replays else out / "replays"
     report = diagnose_folder(logs, robot, settings, partial(print, flush=True), section.threads)

@@ -20,6 +20,7 @@ from leapgap.executor import Executor
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 SCRIPT = "plotly.js"
 """Script that all reports of a run share, so that thousands of pages stay small."""
@@ -74,7 +75,7 @@ def diagnose_withheld(config: DictConfig) -> None:
     if unknown:
         raise InputError("diagnose_withheld.only", ", ".join(sorted(unknown)), "names of cases", "correct them")
     own = diagnosis_settings(config, settings.settings)
-    robot = Robot.load(config.robot.model).path
+    robot = load_robot(config).path
     jobs = [Job(name, logs / name, robot, own) for name in settings.only or cases]
     for name in cases:
         cache.expect(name)

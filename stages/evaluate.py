@@ -14,6 +14,7 @@ from leapgap.jumping.reports import learning as page
 from leapgap.logs import log as jump
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 
 @dataclass
@@ -35,7 +36,7 @@ def evaluate(config: DictConfig) -> None:
     section = read_config(EvaluateSettings, config.evaluate, "evaluate")
     out, models = output_folder(section.out), Path(section.models)
     if section.logs is not None:
-        evaluate_logs(Path(section.logs), models, Robot.load(config.robot.model), out)
+        evaluate_logs(Path(section.logs), models, load_robot(config), out)
         return
     extracted = windows.read(Path(section.windows))
     metrics = Path(section.metrics) if section.metrics else out / "learning.json"

@@ -10,8 +10,8 @@ from leapgap.errors import InputError
 from leapgap.jumping import published_a1  # noqa: F401 (found by its entry point; named so that DVC knows its code)
 from leapgap.logs import log as jump_log
 from leapgap.logs.importers import log_format
-from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 
 def import_logs(config: DictConfig) -> None:
@@ -22,7 +22,7 @@ def import_logs(config: DictConfig) -> None:
         raise InputError("import_logs.source", str(source), "a folder", "name the folder of the logs")
     layout = log_format(settings.format)
     options: Any = read_config(layout.Options, settings[settings.format], f"import_logs.{settings.format}")
-    robot = Robot.load(config.robot.model)
+    robot = load_robot(config)
     paths = layout.find(source)
     with whole_folder(output_folder(settings.out)) as folder:
         for name, path in paths.items():

@@ -17,9 +17,9 @@ from leapgap.jumping.experiments.scores import landing_figures, write_rows
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.reports import landing as page
-from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Sensing
 from stages.common import output_folder, read_config, read_one_of, read_optional, run_stage
+from stages.robot import load_robot
 
 
 def land(config: DictConfig) -> None:
@@ -31,7 +31,7 @@ def land(config: DictConfig) -> None:
         read_one_of(known(), settings.method_settings, "land.method_settings"),
         OmegaConf.to_container(config.collect.variants),
         *tasks_of(settings.tasks),
-        Robot.load(config.robot.model),
+        load_robot(config),
         read_config(Sensing, config.collect.sensing, "collect.sensing"),
         read_optional(RigidBody, config.robot.get("body"), "robot.body"),
     )

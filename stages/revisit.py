@@ -27,6 +27,7 @@ from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import open_truth
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
+from stages.robot import load_robot
 
 RUNNABLE = ("target", "targets", "jumps", "block_height_m")
 """Settings of ``collect`` that the generator can follow for the robot of a case."""
@@ -64,7 +65,7 @@ def revisit(config: DictConfig) -> None:
     settings = read_config(RevisitSettings, config.revisit, "revisit")
     executor = read_config(Executor, config.executor, "executor")
     cache = ResultCache(output_folder(settings.out))
-    robot = Robot.load(config.robot.model)
+    robot = load_robot(config)
     cases = read_cases(settings, robot.topology.sides)
     base = diagnosis_settings(config, config.diagnose_withheld.settings)
     ablated = ablation_cases(cases, settings.struck)

@@ -21,6 +21,7 @@ from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import SEALS, open_truth
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 REPORTED, TUNING, REAL = "reported", "tuning", "real"
 
@@ -44,7 +45,7 @@ class ScoreSettings:
 def score(config: DictConfig) -> None:
     """Open every truth whose case has a verdict, and write the scores."""
     settings = read_config(ScoreSettings, config.score, "score")
-    robot = Robot.load(config.robot.model)
+    robot = load_robot(config)
     cases = sorted(read_json(Path(settings.logs) / SEALS))
     diagnosed = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
     if not diagnosed:

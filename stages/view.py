@@ -4,8 +4,8 @@ from omegaconf import DictConfig
 
 from leapgap.atomic_io import whole_folder
 from leapgap.jumping.reports.record_all import View, record_all
-from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 
 def view(config: DictConfig) -> None:
@@ -13,7 +13,7 @@ def view(config: DictConfig) -> None:
     chosen = read_config(View, config.view, "view")
     out = output_folder(chosen.out)
     with whole_folder(out) as beside:
-        for line in record_all(chosen, Robot.load(config.robot.model), beside):
+        for line in record_all(chosen, load_robot(config), beside):
             print(line)
     print(f"look at them: rerun {out}/*.rrd")
 

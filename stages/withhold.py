@@ -18,6 +18,7 @@ from leapgap.validation.case import CaseSetup, real_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.seal import SEALS, seal
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
 REAL = "real"
 """Name of the case of real jumps; it may be known, since their columns differ anyway."""
@@ -46,7 +47,7 @@ def withhold_all(config: DictConfig) -> None:
     world = read_config(CaseSetup, section.world, "withhold.world")
     halves = {name: read_config(Half, section.halves[name], f"withhold.halves.{name}") for name in section.halves}
     executor = read_config(Executor, config.executor, "executor")
-    robot = Robot.load(config.robot.model)
+    robot = load_robot(config)
     references = references_of(settings, robot)
     cases = draw_cases(halves, settings.sizes, settings.signed, robot)
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}

@@ -50,16 +50,20 @@ def parser() -> argparse.ArgumentParser:
 
     diagnose = command("diagnose", run_diagnose, "diagnose logs against a MuJoCo model and write a report")
     diagnose.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
-    diagnose.add_argument("robot", type=Path, help="MuJoCo model of the robot (XML)")
+    diagnose.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
     diagnose.add_argument("--out", type=Path, metavar="DIR", help="folder for report and corrected robot; none: print")
     diagnose.add_argument("--effects", metavar="A,B", help="look for these effects only (see: leapgap effects)")
     diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings that differ, as JSON")
     diagnose.add_argument("--threads", type=int, metavar="N", help="threads to use; none: all cores")
     diagnose.add_argument("--quiet", action="store_true", help="print the answer and nothing on the way")
 
+    robot_options(diagnose)
+
     check = command("check", run_check, "check clocks and consistency of logs; takes seconds and fits nothing")
     check.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
     check.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: free fall and planted feet are checked too")
+
+    robot_options(check)
 
     replay = command("replay", run_replay, "simulate the logs' own commands and write the replays as logs")
     replay.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
@@ -73,6 +77,8 @@ def parser() -> argparse.ArgumentParser:
         help="add an effect, such as joint_damping@RR_calf:damping=0.4; may be repeated",
     )
 
+    robot_options(replay)
+
     bring = command("import", run_import, "turn logs of another format into logs of ours")
     bring.add_argument("source", type=Path, help="folder that holds the logs")
     bring.add_argument("robot", type=Path, help="MuJoCo model whose joints the logs are of")
@@ -80,13 +86,40 @@ def parser() -> argparse.ArgumentParser:
     bring.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the logs")
     bring.add_argument("--options", type=Path, metavar="FILE", help="options of the format, as JSON")
 
+    robot_options(bring)
+
     effects = command("effects", run_effects, "list the effects that are looked for, with units and ranges")
     effects.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: nominal values and ranges are read from it")
+    robot_options(effects)
 
     report = command("report", run_report, "print the answer of a report and open its page")
     report.add_argument("folder", type=Path, help="folder that 'leapgap diagnose --out' wrote")
     report.add_argument("--no-browser", action="store_true", help="print where the page is and open nothing")
     return top
+
+
+def robot_options(command: argparse.ArgumentParser) -> None:
+    """Options of a command that say how the model file of the robot is read."""
+    command.add_argument(
+        "--fix-base",
+        action=argparse.BooleanOptionalAction,
+        help="hold a floating robot at the pose of its model; with no-: let a URDF float",
+    )
+    command.add_argument("--feet", metavar="A,B", help="names of geoms or sites that are feet; none: named spheres")
+
+
+def robot_of(chosen: argparse.Namespace) -> Any:
+    """The robot that a command names, with notes on its model file printed; None where it names none."""
+    if chosen.robot is None:
+        return None
+    from leapgap.robot.model import Robot
+    from leapgap.robot.topology import PartNames
+
+    names = PartNames(feet=tuple(chosen.feet.split(","))) if chosen.feet else None
+    robot = Robot.load(chosen.robot, names=names, fix_base=chosen.fix_base)
+    for note in robot.notes:
+        print(f"{robot.path}: {note}", file=sys.stderr)
+    return robot
 
 
 class Version(argparse.Action):
@@ -110,7 +143,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     if chosen.effects:
         settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
     tell = (lambda _: None) if chosen.quiet else partial(print, flush=True)
-    report = api.diagnose(chosen.logs, chosen.robot, settings, progress=tell, threads=chosen.threads)
+    report = api.diagnose(chosen.logs, robot_of(chosen), settings, progress=tell, threads=chosen.threads)
     print(report)
     if chosen.out is not None:
         print(f"page: {report.save(chosen.out) / 'report.html'}")
@@ -120,7 +153,7 @@ def run_check(chosen: argparse.Namespace) -> None:
     """Print each check on a line."""
     from leapgap import api
 
-    print(api.check(chosen.logs, chosen.robot))
+    print(api.check(chosen.logs, robot_of(chosen)))
 
 
 def run_replay(chosen: argparse.Namespace) -> None:
@@ -128,10 +161,7 @@ def run_replay(chosen: argparse.Namespace) -> None:
     from leapgap import api, effects
     from leapgap.simulation.corrected import read_corrected
 
-    robot: Any = chosen.robot
-    found: tuple[Any, ...] = ()
-    if chosen.robot.is_dir():
-        robot, found = read_corrected(chosen.robot)
+    robot, found = read_corrected(chosen.robot) if chosen.robot.is_dir() else (robot_of(chosen), ())
     found = (*found, *(effects.from_config([effect_entry(text)])[0] for text in chosen.effect))
     replays = api.replay(chosen.logs, robot, found)
     write_all(replays, chosen.out)
@@ -169,16 +199,14 @@ def run_import(chosen: argparse.Namespace) -> None:
 
     layout = log_format(chosen.format)
     options = from_json(layout.Options, chosen.options) if chosen.options else None
-    logs = api.read_logs(chosen.source, chosen.format, chosen.robot, options)
+    logs = api.read_logs(chosen.source, chosen.format, robot_of(chosen), options)
     write_all(logs, chosen.out)
     print(f"{len(logs)} logs: {chosen.out}")
 
 
 def run_effects(chosen: argparse.Namespace) -> None:
     """Print a line for each parameter of each effect."""
-    from leapgap.robot.model import Robot
-
-    rows = effect_rows(Robot.load(chosen.robot) if chosen.robot else None)
+    rows = effect_rows(robot_of(chosen))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
