@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ContactSchedule, Target
 
 STEP_S = 0.001
 BASE = ("base_pos_x", "base_pos_y", "base_pos_z", "base_quat_w", "base_quat_x", "base_quat_y", "base_quat_z")
@@ -129,5 +128,5 @@ def simulate(
         sent |= {"kp": np.full(rows, kp[i]), "kd": np.full(rows, kd[i])}
         columns |= {f"cmd_{quantity}/{name}": values for quantity, values in sent.items()}
     columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
-    info = LogInfo(path.stem, STEP_S, ContactSchedule(), Target(0.0), "plain MuJoCo")
+    info = LogInfo(path.stem, STEP_S, "plain MuJoCo")
     return Plain(model, joints, Log(path.stem, columns, info), qpos, torque)

@@ -16,7 +16,7 @@ from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
-from leapgap.diagnosis.sensitivities import FINE_STEP_S
+from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import causes_of, next_experiment, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect
@@ -153,7 +153,7 @@ def diagnose(
     )
     by_log = heldout_gap.gap_by_log(corrected.squares), heldout_gap.misplaced_by_log(replays)
     # Short steps: what the nominal simulation's own step does is no part of the gap.
-    fine = replayer.with_steps(FINE_STEP_S)
+    fine = replayer.with_steps(FINE * replayer.largest_step_s)
     places = localise(judged, fine, settings.where_horizon_s, settings.noise_draws, rng)
     report = ReportContent(
         verdict=conclusion.verdict,

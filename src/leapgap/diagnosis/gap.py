@@ -289,8 +289,8 @@ class HeldOutGap:
         """The horizon that is judged; None: whole logs."""
         return self.replayer.horizon_s if isinstance(self.replayer, RestartedReplayer) else None
 
-    def best_closure(self, candidate: Candidate, enough: float, fine_step_s: float) -> float | None:
-        """Share of the gap that a candidate closes, by fine steps of the simulation where that is not ``enough``.
+    def best_closure(self, candidate: Candidate, enough: float, fine: float) -> float | None:
+        """Share of the gap that a candidate closes, where that is not ``enough`` by steps of the share ``fine``.
 
         None where there is nothing to close.
         """
@@ -299,7 +299,7 @@ class HeldOutGap:
         closes = self.closure_value(*self.squares([candidate]))
         if closes >= enough:
             return closes
-        finer = self.with_steps(fine_step_s)
+        finer = self.with_steps(fine * self.replayer.largest_step_s)
         return max(closes, finer.closure_value(*finer.squares([candidate])))
 
     @property

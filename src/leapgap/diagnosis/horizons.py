@@ -15,7 +15,8 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.log import Log
-from leapgap.logs.state import columns_of, motion_of
+from leapgap.logs.state import motion_of
+from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 
@@ -25,6 +26,10 @@ INFORMATIVE = 0.5
 """A replay is informative while its error is below this share of that of a robot that stays as it was."""
 
 
+StartNoise = np.ndarray
+"""Small steps of each start in the tangent of its state, (starts, 2 nv)."""
+
+
 @dataclass(frozen=True)
 class RestartedReplayer:
     """Replays logs as ``Replayer`` does, but starts anew from the log after each horizon."""
@@ -32,25 +37,38 @@ class RestartedReplayer:
     replayer: Replayer
     horizon_s: float
 
+    @property
+    def largest_step_s(self) -> float:
+        """Largest step of the simulation, s."""
+        return self.replayer.largest_step_s
+
     def with_steps(self, largest_step_s: float) -> "RestartedReplayer":
         """The same with another largest step of the simulation."""
         return replace(self, replayer=self.replayer.with_steps(largest_step_s))
 
-    def motions(self, trials: Sequence[Rollout]) -> list[Motion]:
-        """Motion of every trial over all rows of its log, made of pieces; equal at any number of threads."""
-        threads = self.replayer.threads
-        with ThreadPoolExecutor(threads) as pool:
-            return list(pool.map(self._motion, trials))
+    def motions(self, trials: Sequence[Rollout], noise: Sequence[StartNoise | None] | None = None) -> list[Motion]:
+        """Motion of every trial over all rows of its log, made of pieces; equal at any number of threads.
 
-    def _motion(self, trial: Rollout) -> Motion:
-        log, robot = trial.log, self.replayer.robot
-        rows = log.info.rows(self.horizon_s)
-        begins = restarts(len(log), rows)
-        starts, _ = smooth_starts(motion_of(log, robot), begins, log, robot)
-        whole = [k for k, begin in enumerate(begins) if begin + rows < len(log)]
+        ``noise`` disturbs the starts of each trial's pieces.
+        """
+        with ThreadPoolExecutor(self.replayer.threads) as pool:
+            return list(pool.map(self._motion, trials, noise or [None] * len(trials)))
+
+    def starts(self, log: Log) -> tuple[Starts, np.ndarray]:
+        """Smoothed starts of the pieces of a log, and the share of the sensor noise that remains in each."""
+        robot = self.replayer.robot
+        begins = restarts(len(log), log.info.rows(self.horizon_s))
+        return smooth_starts(motion_of(log, robot), begins, log, robot)
+
+    def _motion(self, trial: Rollout, noise: StartNoise | None) -> Motion:
+        log, rows = trial.log, trial.log.info.rows(self.horizon_s)
+        starts, _ = self.starts(log)
+        if noise is not None:
+            starts = disturbed(starts, noise, self.replayer.robot)
+        whole = [k for k, begin in enumerate(starts.rows) if begin + rows < len(log)]
         pieces = self._pieces(trial, starts, whole, rows + 1)
-        if len(whole) < len(begins):  # the last one ends with the log
-            pieces += self._pieces(trial, starts, [len(begins) - 1], len(log) - begins[-1])
+        if len(whole) < len(starts.rows):  # the last one ends with the log
+            pieces += self._pieces(trial, starts, [len(starts.rows) - 1], len(log) - starts.rows[-1])
         kept = [piece[:rows] for piece in pieces[:-1]] + pieces[-1:]
         return Motion(np.concatenate([one.qpos for one in kept]), np.concatenate([one.qvel for one in kept]))
 
@@ -64,6 +82,13 @@ def restarts(length: int, rows: int) -> list[int]:
     return list(range(0, max(length - 1, 1), rows))
 
 
+def disturbed(starts: Starts, noise: StartNoise, robot: Robot) -> Starts:
+    """Starts with noise."""
+    states = Motion(*np.split(starts.states, [robot.model.nq], axis=1))
+    moved = displaced(states, noise, robot)
+    return Starts(starts.rows, np.concatenate([moved.qpos, moved.qvel], axis=1))
+
+
 def noise_floor_at(
     replayer: Replayer | RestartedReplayer,
     judged: JudgedLogs,
@@ -74,26 +99,21 @@ def noise_floor_at(
     """Mean sum of squares that sensor noise alone gives for each log, (logs,); ``nominal`` as in ``noise_floor``."""
     if isinstance(replayer, Replayer):
         return noise_floor(judged, replayer, draws, rng, nominal)
-    total = np.zeros(len(judged.logs))
+    total, nv = np.zeros(len(judged.logs)), judged.robot.model.nv
+    of_rows, of_map = judged.noise(judged.channels), judged.noise(judged.mapped)
+    shares = [replayer.starts(log)[1] for log in judged.logs]
+    trials = [Rollout(log) for log in judged.logs]
     for _ in range(draws):
-        noisy = [noisy_log(judged, log, motion, rng) for log, motion in enumerate(nominal)]
-        motions = replayer.motions([Rollout(log) for log in noisy])
-        for j, (log, motion) in enumerate(zip(noisy, motions, strict=True)):
-            error = channel_errors(motion, motion_of(log, judged.robot), judged.channels, judged.robot)
+        noise = []
+        for sigma, share in zip(of_map, shares, strict=True):
+            by = np.zeros((len(share), 2 * nv))
+            by[:, [channel.entry for channel in judged.mapped]] = sigma * share[:, None]
+            noise.append(by * rng.standard_normal(by.shape))
+        for j, motion in enumerate(replayer.motions(trials, noise)):
+            error = channel_errors(motion, nominal[j][: len(motion)], judged.channels, judged.robot)
+            error -= rng.standard_normal(error.shape) * of_rows[j]
             total[j] += float(((error / judged.scales) ** 2).sum())
     return total / draws
-
-
-def noisy_log(judged: JudgedLogs, log: int, motion: Motion, rng: np.random.Generator) -> Log:
-    """A log that would measure this motion with the sensor noise of the given log."""
-    original, robot = judged.logs[log], judged.robot
-    sigma = np.zeros(2 * robot.model.nv)
-    for channel, noise in zip(judged.mapped, judged.noise(judged.mapped)[log], strict=True):
-        sigma[channel.entry] = noise
-    by = rng.standard_normal((len(original), len(sigma))) * sigma
-    measured = columns_of(displaced(motion[: len(original)], by, robot), robot)
-    logged = {name: values for name, values in measured.items() if name in original}
-    return replace(original, columns=dict(original.columns) | logged)
 
 
 @dataclass(frozen=True)

@@ -124,18 +124,34 @@ class Pieces:
     """Standard deviation of the log's sensor noise, (channels,)."""
     start_noise: np.ndarray
     """Share of the noise that remains in the smoothed starts, (pieces,)."""
+    ages: np.ndarray
+    """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
 
     @staticmethod
-    def of(log: Log, rows: Sequence[int], state: StateChannels) -> "Pieces":
-        """Pieces of a log that start at these rows."""
+    def of(log: Log, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
+        """Pieces of a log that start at these rows, and are compared after ``ages`` rows."""
         logged = motion_of(log, state.robot)
         starts, kept = smooth_starts(logged, rows, log, state.robot)
-        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept)
+        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept, ages)
 
     def downsample(self, rows: int) -> "Pieces":
         """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
         starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
-        return replace(self, log=self.log.downsample(rows), logged=self.logged[::rows], starts=starts)
+        log, logged = self.log.downsample(rows), self.logged[::rows]
+        return replace(self, log=log, logged=logged, starts=starts, ages=self.ages // rows)
+
+    def for_steps(self, largest_step_s: float) -> "Pieces":
+        """The same pieces with rows as far apart as a step of the simulation, compared at the same instants."""
+        rows = max(1, round(largest_step_s / self.log.info.sample_period_s))
+        return self.downsample(math.gcd(*self.ages.tolist(), *self.starts.rows, rows))
+
+    def errors(self, motions: Sequence[Motion], starts: Starts, state: StateChannels) -> np.ndarray:
+        """Simulated − logged values of replays from some starts, (starts, ages × channels)."""
+        found = [
+            state.differences(motion[self.ages], self.logged[row + self.ages]).ravel()
+            for motion, row in zip(motions, starts.rows, strict=True)
+        ]
+        return np.array(found).reshape(len(found), len(self.ages) * len(state.channels))
 
 
 @dataclass(frozen=True)
@@ -145,8 +161,6 @@ class ShortRollouts:
     state: StateChannels
     replayer: Replayer
     pieces: tuple[Pieces, ...]
-    ages: np.ndarray
-    """Rows after the start of a piece at which it is compared, (ages,)."""
     whitening: tuple[np.ndarray, ...]
     """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
 
@@ -154,17 +168,16 @@ class ShortRollouts:
     def of(logs: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
         """Cut logs to at most ``most`` pieces of a horizon, compared every ``every_s``; without whitening yet."""
         state = StateChannels.of(logs, replayer.robot)
-        period = logs[0].info.sample_period_s
-        ages = np.arange(1, round(horizon_s / every_s) + 1) * max(1, round(every_s / period))
-        length = ages[-1] + 1
-        rows = thin_evenly([np.arange(0, len(log) - length + 1, length - 1) for log in logs], most)
+        number = np.arange(1, round(horizon_s / every_s) + 1)
+        ages = [number * log.info.rows(every_s) for log in logs]
+        rows = thin_evenly([np.arange(0, len(log) - a[-1], a[-1]) for log, a in zip(logs, ages, strict=True)], most)
         if not any(map(len, rows)):
-            longest = max(len(log) for log in logs) * period
+            longest = max(len(log) * log.info.sample_period_s for log in logs)
             raise InputError(
                 "diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions"
             )
-        pieces = [Pieces.of(log, own.tolist(), state) for log, own in zip(logs, rows, strict=True)]
-        return ShortRollouts(state, replayer, tuple(pieces), ages, ())
+        pieces = [Pieces.of(log, own.tolist(), a, state) for log, own, a in zip(logs, rows, ages, strict=True)]
+        return ShortRollouts(state, replayer, tuple(pieces), ())
 
     def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":
         """The same with the whitening for a robot with these effects, one tuple for each log."""
@@ -186,12 +199,8 @@ class ShortRollouts:
 
     def with_steps(self, largest_step_s: float) -> "ShortRollouts":
         """The same pieces with another largest step, which may be several rows; compared at the same instants."""
-        replayer = self.replayer.with_steps(largest_step_s)
-        period = self.pieces[0].log.info.sample_period_s
-        begun = [row for of in self.pieces for row in of.starts.rows]
-        every = math.gcd(*self.ages.tolist(), *begun, max(1, round(largest_step_s / period)))
-        pieces = tuple(of.downsample(every) for of in self.pieces)
-        return replace(self, replayer=replayer, pieces=pieces, ages=self.ages // every)
+        pieces = tuple(of.for_steps(largest_step_s) for of in self.pieces)
+        return replace(self, replayer=self.replayer.with_steps(largest_step_s), pieces=pieces)
 
     def errors(self, trials: Sequence[RolloutRequest]) -> Iterator[np.ndarray]:
         """Simulated − logged values of each request, (pieces, values), computed by all threads."""
@@ -209,19 +218,15 @@ class ShortRollouts:
             yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
 
     def _batch(self, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
-        found = []
-        trials = [Rollout(self.pieces[log].log, effects) for log, effects, _ in batch]
-        motions = self.replayer.replay_pieces(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
-        for (log, _, starts), of_trial in zip(batch, motions, strict=True):
-            logged = self.pieces[log].logged
-            errors = [
-                self._difference(motion, logged, row).ravel() for motion, row in zip(of_trial, starts.rows, strict=True)
-            ]
-            found.append(np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.channels)))
-        return found
-
-    def _difference(self, motion: Motion, logged: Motion, row: int) -> np.ndarray:
-        return self.state.differences(motion[self.ages], logged[row + self.ages])
+        found: dict[int, np.ndarray] = {}
+        lengths = [int(self.pieces[log].ages[-1]) + 1 for log, _, _ in batch]
+        for length in dict.fromkeys(lengths):
+            chosen = [k for k, own in enumerate(lengths) if own == length]
+            trials = [Rollout(self.pieces[batch[k][0]].log, batch[k][1]) for k in chosen]
+            motions = self.replayer.replay_pieces(trials, [batch[k][2] for k in chosen], length)
+            for k, of_trial in zip(chosen, motions, strict=True):
+                found[k] = self.pieces[batch[k][0]].errors(of_trial, batch[k][2], self.state)
+        return [found[k] for k in range(len(batch))]
 
     def residuals(self, candidates: Sequence[Sequence[Effects]]) -> list[list[np.ndarray]]:
         """Whitened errors ``[candidate][log]``, (pieces, values), of effects ``candidates[candidate][log]``."""
@@ -246,7 +251,7 @@ class ShortRollouts:
         for own in self.pieces:
             base = next(errors)
             growth = np.nan_to_num(np.stack([next(errors) - base for _ in self.state.channels], axis=2))
-            white = np.tile(own.noise, len(self.ages)) ** 2  # growth: (pieces, values, channels)
+            white = np.tile(own.noise, len(own.ages)) ** 2  # growth: (pieces, values, channels)
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
 

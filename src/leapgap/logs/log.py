@@ -27,6 +27,8 @@ FORMAT_VERSION = 2
 JUMP_VERSION = 1
 """Version of the logs of jumps, which state ``schedule`` and ``target`` instead of segments."""
 METADATA_KEY = b"leapgap"
+PERIOD_TOLERANCE = 0.02
+"""Largest departure of the stated sample period from the mean step of time, as a share of it."""
 
 
 @dataclass(frozen=True)
@@ -267,6 +269,19 @@ def check(log: Log) -> None:
             )
 
 
+def check_period(log: Log) -> None:
+    """Raise ``InputError`` where the sample period that is stated is not that of the log's times."""
+    mean = float(log.time[-1] - log.time[0]) / (len(log) - 1)
+    stated = log.info.sample_period_s
+    if not abs(mean - stated) <= PERIOD_TOLERANCE * mean:
+        raise InputError(
+            log.name,
+            f"a sample_period_s of {stated:g} s and times that advance by {mean:g} s a row",
+            "a period that agrees with the times",
+            "correct the one or the other: time is the clock",
+        )
+
+
 def write_log(log: Log, path: Path) -> None:
     """Write one log; equal logs give equal bytes."""
     table = pa.table({name: np.ascontiguousarray(values) for name, values in log.columns.items()})
@@ -291,7 +306,9 @@ def read_log(path: Path) -> Log:
     except (ValueError, TypeError) as error:
         raise InputError(path, f"a column that is not numeric ({error})", "float64 columns", "import it anew") from None
     info = LogInfo.from_json(metadata[METADATA_KEY], path)
-    return Log(path.stem, columns, info)
+    log = Log(path.stem, columns, info)
+    check_period(log)
+    return log
 
 
 def read_logs(folder: Path) -> list[Log]:

@@ -18,6 +18,7 @@ import numpy as np
 from leapgap.effects.base import Commands, Effect
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
+from leapgap.logs.clock import is_even, row_lengths
 from leapgap.logs.log import Log
 from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot import actuators
@@ -25,7 +26,11 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
 LARGEST_STEP_S = 0.0011
-"""Largest step of the simulation, s."""
+"""Largest step of the simulation, s; that of the model file where it is shorter."""
+ROUNDING = 1.1
+"""A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
+UNEVEN_FINER = 4
+"""Rows of uneven length last a whole number of steps, which are so many times finer."""
 MODELS_KEPT = 256
 """Number of compiled models that are kept, one for each terrain and structure."""
 
@@ -100,10 +105,11 @@ class Replayer:
         robot: Robot,
         terrain_slots: int = 1,
         threads: int | None = None,
-        largest_step_s: float = LARGEST_STEP_S,
+        largest_step_s: float | None = None,
     ) -> None:
         self.robot = robot
-        self.largest_step_s = largest_step_s
+        own = ROUNDING * float(robot.model.opt.timestep)
+        self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.threads = threads or os.cpu_count() or 1
@@ -307,11 +313,12 @@ class Replayer:
 
     def substeps(self, log: Log) -> int:
         """Simulation steps of one control period of the log."""
-        return max(1, int(np.ceil(log.info.sample_period_s / self.largest_step_s)))
+        largest = self.largest_step_s if is_even(log) else self.largest_step_s / UNEVEN_FINER
+        return max(1, int(np.ceil(log.info.sample_period_s / largest)))
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
-        lengths = np.ones(len(trial.log))
+        lengths = row_lengths(trial.log)
         for effect in trial.effects:
             lengths = effect.change_rows(lengths)
         ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)
