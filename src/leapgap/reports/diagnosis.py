@@ -125,6 +125,8 @@ def diagnose_logs(
     record: Callable[[Report, Path], None] | None = None,
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
+    for note in robot.notes:
+        progress(f"{robot.name}: {note}")
     diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
     replayer = Replayer(robot)
 
