@@ -23,7 +23,7 @@ def published(package: str, path: str) -> Path:
     """A model file as its makers publish it, in an installed package, which is found without importing it."""
     found = find_spec(package)
     if found is None or not found.submodule_search_locations:
-        pytest.skip(f"{package} is not installed (make models)")
+        pytest.skip(f"{package} is not installed; make test installs it")
     return Path(found.submodule_search_locations[0]) / path
 
 

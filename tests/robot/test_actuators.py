@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer, Rollout
@@ -129,6 +130,15 @@ def test_a_passive_joint_swings_and_is_logged_without_commands(tmp_path: Path) -
     assert np.ptp(plain.qpos[:, 0]) > 0.05
     assert "cmd_tau/shoulder" not in plain.log
     assert replay_error(plain, robot) < 1e-9
+
+
+def test_effects_of_motors_are_not_looked_for_at_a_passive_joint(tmp_path: Path) -> None:
+    robot = Robot.load(arm(tmp_path, "<motor joint='elbow'/>"))
+    found = {(h.name, h.location) for h in list_hypotheses(["torque_gain", "joint_friction"], robot, None)}
+    assert found == {
+        ("torque_gain", "all"),
+        *(("joint_friction", place) for place in ("all", "shoulder", "elbow")),
+    }
 
 
 def test_commands_of_a_passive_joint_are_refused(tmp_path: Path) -> None:

@@ -95,7 +95,12 @@ class Report:
         """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder."""
         write_json(folder / REPORT, self.content.to_json())
         write_text(folder / PAGE, html(self.content, self.logs, self.robot, self.nominal, self.corrected))
-        write_corrected(folder / CORRECTED, self.robot, self.correction)
+        write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
+
+
+def gains_of(log: Log) -> dict[str, tuple[float, float]]:
+    """Gains kp and kd of each joint in the first row of a log."""
+    return {joint: (float(log[f"cmd_kp/{joint}"][0]), float(log[f"cmd_kd/{joint}"][0])) for joint in log.joints}
 
 
 def cause_in_words(cause: Cause) -> str:
@@ -120,6 +125,8 @@ def diagnose_logs(
     record: Callable[[Report, Path], None] | None = None,
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
+    for note in robot.notes:
+        progress(f"{robot.name}: {note}")
     diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
     replayer = Replayer(robot)
 

@@ -21,8 +21,8 @@ DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7
 """Entries of ``gainprm`` of MuJoCo's DC motor."""
 DC_TIME_CONSTANT = 0
 """Entry of ``dynprm`` of MuJoCo's DC motor: its electrical time constant, s."""
-FEED_FORWARD_INPUT = 4
-"""MuJoCo's input signature of a DC motor whose one control is a torque (bits: position 1, velocity 2, torque 4)."""
+POSITION_INPUT, FEED_FORWARD_INPUT = 1, 4
+"""MuJoCo's input signatures of a DC motor whose one control is a set point or a torque (bits; velocity is 2)."""
 SINGLE = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 TRANSMISSIONS = {
@@ -244,13 +244,7 @@ def add_dc_state(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> No
     """Make the actuators of these joints DC motors whose torque is a state; ``make_dc_motors`` then gives its size."""
     for actuator in spec.actuators:
         if actuator.target in joints:
-            actuator.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
-            actuator.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
-            actuator.biastype = mujoco.mjtBias.mjBIAS_DCMOTOR
-            actuator.ctrlspec = FEED_FORWARD_INPUT
-            actuator.gainprm[DC_RESISTANCE], actuator.gainprm[DC_CONSTANT] = resistance, 1.0
-            actuator.dynprm[DC_TIME_CONSTANT] = 1.0
-            actuator.actearly = True
+            put_winding(actuator, Winding(resistance, voltage_v=0.0, lag_s=1.0))
 
 
 def check_joint_pd(model: mujoco.MjModel, actuators: np.ndarray, own: Sequence[JointActuator], where: object) -> None:
@@ -287,3 +281,87 @@ def torque_at(model: mujoco.MjModel, dofs: np.ndarray, speed: np.ndarray, contro
     mujoco.mj_fwdVelocity(model, data)
     mujoco.mj_fwdActuation(model, data)
     return data.qfrc_actuator[dofs].copy()
+
+
+@dataclass(frozen=True)
+class Winding:
+    """Electrical side of a motor, seen at its joint."""
+
+    resistance: float
+    """V/(N·m)."""
+    voltage_v: float
+    """Largest voltage; 0: no limit."""
+    lag_s: float
+    """Electrical time constant; 0: none."""
+
+
+def move_to_joints(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None:
+    """Give inertia and damping that a specification has at its makers' actuators to the joints, as our models do."""
+    for actuator in spec.actuators:
+        actuator.armature, actuator.damping = 0.0, [0.0] * 3
+    joints = {joint.name: joint for joint in spec.joints}
+    for motor in own:
+        joint = joints[motor.joint]
+        joint.armature += motor.armature
+        joint.damping = np.asarray(joint.damping) + np.array(motor.damping)
+
+
+def scale_joint(spec: mujoco.MjSpec, joint: str, gain: float) -> None:
+    """Scale what the makers' actuators of a joint deliver, by gain, bias and limits."""
+    for actuator in spec.actuators:
+        if actuator.target == joint:
+            actuator.gainprm[:3], actuator.biasprm[:3] = gain * actuator.gainprm[:3], gain * actuator.biasprm[:3]
+            actuator.forcerange = gain * actuator.forcerange
+    limited = next(one for one in spec.joints if one.name == joint)
+    limited.actfrcrange = gain * limited.actfrcrange
+
+
+def replace_by_dc_motor(spec: mujoco.MjSpec, motor: JointActuator, gain: float, winding: Winding) -> None:
+    """Put one DC motor at a joint in place of its makers' actuators, whose controls it takes.
+
+    A position servo keeps its gains; every other motor takes a torque, through the same gear and gain as before.
+    ``gain`` is how much of the torque is delivered; ``scale_joint`` has been called.
+    """
+    first, *others = [actuator for actuator in spec.actuators if actuator.target == motor.joint]
+    remove(spec, others)
+    kp, kd = (-first.biasprm[entry] * first.gear[0] ** 2 for entry in (KP_OF_BIAS, KD_OF_BIAS))
+    ratio = gain if others else first.gainprm[0] * first.gear[0]  # torque at the joint by control
+    is_servo = first.biastype == mujoco.mjtBias.mjBIAS_AFFINE and kp > 0 and not others
+    ratio = 1.0 if is_servo else ratio
+    limited, control_range = first.ctrllimited, np.array(first.ctrlrange)
+    make_affine(first, gain=1.0)
+    first.ctrllimited, first.ctrlrange = limited, control_range
+    first.gear = [ratio, 0, 0, 0, 0, 0]
+    lower, upper = sorted(gain * end / ratio for end in motor.limit)
+    set_limit(first, (lower, upper))
+    put_winding(first, winding)
+    first.gainprm[DC_CONSTANT] = 1 / ratio  # so that the current is the torque at the joint
+    if is_servo:
+        first.ctrlspec = POSITION_INPUT
+        first.gainprm[DC_KP], first.gainprm[DC_KD] = kp, kd
+
+
+def remove(spec: mujoco.MjSpec, unwanted: Sequence[mujoco.MjsActuator]) -> None:
+    """Remove actuators from a specification, with the sensors that read them and the controls of its keyframes."""
+    if not unwanted:
+        return
+    names = {actuator.name for actuator in unwanted}
+    for actuator in unwanted:
+        spec.delete(actuator)
+    for sensor in list(spec.sensors):
+        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname in names:
+            spec.delete(sensor)
+    for key in spec.keys:
+        key.ctrl, key.act = [], []
+
+
+def put_winding(actuator: mujoco.MjsActuator, winding: Winding) -> None:
+    """Make an actuator of a specification a DC motor whose control is a torque."""
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
+    actuator.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
+    actuator.biastype = mujoco.mjtBias.mjBIAS_DCMOTOR
+    actuator.ctrlspec, actuator.actearly = FEED_FORWARD_INPUT, True
+    actuator.gainprm, actuator.biasprm, actuator.dynprm = [0.0] * 10, [0.0] * 10, [0.0] * 10
+    actuator.gainprm[DC_RESISTANCE], actuator.gainprm[DC_CONSTANT] = winding.resistance, 1.0
+    actuator.gainprm[DC_VOLTAGE] = winding.voltage_v
+    actuator.dynprm[DC_TIME_CONSTANT] = winding.lag_s
