@@ -7,7 +7,10 @@ from omegaconf import DictConfig
 
 from leapgap.jumping.learning import evaluation, model_grid, windows
 from leapgap.jumping.learning.experiment import TrainConfig
+from leapgap.output_folder import claim_folder
 from stages.common import in_sweep, output_folder, read_config, run_stage
+
+STAGE = "stages.train"
 
 
 def train(config: DictConfig) -> dict[str, float] | None:
@@ -16,8 +19,9 @@ def train(config: DictConfig) -> dict[str, float] | None:
     In a sweep, the cross-validated errors are returned for its table.
     """
     section = read_config(TrainConfig, config.train, "train")
-    out = output_folder(section.out)
+    out = output_folder(section.out, STAGE, [section.windows], kept=True)
     data, start = windows.read(Path(section.windows)), time.monotonic()
+    claim_folder(out, STAGE)
     fitted = model_grid.train(data, section, out, progress=lambda text: print(text, flush=True))
     if not len(data):
         print(f"no logs: nothing trained -> {out}")
