@@ -7,7 +7,8 @@ Bad input ends with exit code 2 and one message, and no traceback.
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -19,6 +20,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from leapgap.errors import InputError
+from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, system_error
+from stages import GUARD
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
@@ -38,8 +41,10 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
     def stage_or_refusal(config: DictConfig) -> Any:
         try:
             return stage(config)
-        except InputError as error:
+        except (InputError, OSError) as error:
             refuse(name, error)
+        finally:
+            OUTPUTS.close()
 
     try:
         if "DVC_STAGE" in os.environ:
@@ -47,13 +52,22 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
         else:
             sys.argv[1:] = [with_leave_to_add(argument, extensible) for argument in sys.argv[1:]]
             run_with_hydra(stage_or_refusal, name)
-    except InputError as error:
+    except (InputError, OSError) as error:
         refuse(name, error)
+    except BaseException:  # after Ctrl-C, whatever a library makes of it
+        if GUARD is not None and GUARD.interrupted:
+            GUARD.end()
+        raise
 
 
-def refuse(name: str, error: InputError) -> NoReturn:
+def refuse(name: str, error: InputError | OSError) -> NoReturn:
     """Print the message of bad input and exit with code 2; Hydra adds nothing to a ``SystemExit``."""
-    print(f"stages.{name}: {error}", file=sys.stderr)
+    if GUARD is not None and GUARD.interrupted:
+        GUARD.end()
+    if isinstance(error, BrokenPipeError):  # nobody reads what is printed; Python must not flush into it at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    message = error if isinstance(error, InputError) else system_error(error)
+    print(f"stages.{name}: {message}", file=sys.stderr)
     raise SystemExit(2) from None
 
 
@@ -169,10 +183,21 @@ def in_sweep() -> bool:
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
-def output_folder(out: Any) -> Path:
-    """The configured output folder; by default, outside DVC, a folder in Hydra's run folder of this job."""
-    if out is not None:
-        return Path(out)
-    if "DVC_STAGE" in os.environ:
+OUTPUTS = ExitStack()
+"""Locks of the output folders of the running stage."""
+
+
+def output_folder(
+    out: Any, by: str, inputs: Iterable[str | Path | None] = (), kept: bool = False, name: str = "out"
+) -> Path:
+    """The configured output folder, checked and locked until the stage ends; see ``leapgap.output_folder``.
+
+    By default, outside DVC, it is the folder ``name`` in Hydra's run folder of this job. ``by`` is the stage, and
+    ``inputs`` are the files and folders that it reads; ``kept``: the stage adds to the folder instead of replacing it.
+    """
+    if out is None and "DVC_STAGE" in os.environ:
         raise InputError("configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it")
-    return Path(HydraConfig.get().runtime.output_dir) / "out"
+    folder = Path(HydraConfig.get().runtime.output_dir) / name if out is None else Path(out)
+    STATES[check_output(folder, by, inputs, kept)] = AS_IT_WAS
+    OUTPUTS.enter_context(folder_lock(folder))
+    return folder

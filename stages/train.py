@@ -13,7 +13,10 @@ from leapgap.jumping.learning import evaluation, model_grid, windows
 from leapgap.jumping.learning.experiment import TrainConfig
 from leapgap.jumping.learning.recipe import ModelSettings
 from leapgap.jumping.learning.registry import settings_by_section
+from leapgap.output_folder import claim_folder
 from stages.common import in_sweep, output_folder, read_config, run_stage
+
+STAGE = "stages.train"
 
 
 def train(config: DictConfig) -> dict[str, float] | None:
@@ -22,8 +25,9 @@ def train(config: DictConfig) -> dict[str, float] | None:
     In a sweep, the cross-validated errors are returned for its table.
     """
     section = read_train_config(config.train)
-    out = output_folder(section.out)
+    out = output_folder(section.out, STAGE, [section.windows], kept=True)
     data, start = windows.read(Path(section.windows)), time.monotonic()
+    claim_folder(out, STAGE)
     fitted = model_grid.train(data, section, out, progress=lambda text: print(text, flush=True))
     if not len(data):
         print(f"no logs: nothing trained -> {out}")

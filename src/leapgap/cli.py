@@ -15,13 +15,20 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.errors import InputError
+from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
+from leapgap.processes import STOPPED, InterruptGuard
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
+IMPORT, REPLAY = "leapgap import", "leapgap replay"
+"""Commands, as the markers of their output folders name them."""
 UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; its exit code."""
+    guard = InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}")
+    if arguments is None:  # the command itself, not a call from Python
+        guard.install()
     chosen = parser().parse_args(arguments)
     try:
         chosen.run(chosen)
@@ -29,11 +36,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"leapgap {chosen.command}: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
-        return 130
     except BrokenPipeError:  # the reader of a pipe, such as `head`, has enough; Python must not flush into it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        print(f"leapgap {chosen.command}: {system_error(error)}", file=sys.stderr)
+        return 2
+    except BaseException as error:
+        if guard.interrupted:
+            guard.end()
+        if not isinstance(error, KeyboardInterrupt):
+            raise
+        print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
+        return STOPPED
     return 0
 
 
@@ -137,8 +151,11 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     """Diagnose, print the answer, write the report where a folder is named."""
     from leapgap import api
     from leapgap.diagnosis.diagnose import Settings
+    from leapgap.reports.diagnosis import SAVED_BY
     from leapgap.settings import from_json, replaced
 
+    if chosen.out is not None:
+        check_output(chosen.out, SAVED_BY, (chosen.logs, chosen.robot), kept=True)
     settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
     if chosen.effects:
         settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
@@ -161,19 +178,21 @@ def run_replay(chosen: argparse.Namespace) -> None:
     from leapgap import api, effects
     from leapgap.simulation.corrected import read_corrected
 
+    check_output(chosen.out, REPLAY, (chosen.logs, chosen.robot), kept=True)
     robot, found = read_corrected(chosen.robot) if chosen.robot.is_dir() else (robot_of(chosen), ())
     found = (*found, *(effects.from_config([effect_entry(text)])[0] for text in chosen.effect))
     replays = api.replay(chosen.logs, robot, found)
-    write_all(replays, chosen.out)
+    write_all(replays, chosen.out, REPLAY)
     print(f"{len(replays)} replays: {chosen.out}")
 
 
-def write_all(logs: Sequence[Any], folder: Path) -> None:
-    """Write logs into a folder, which may hold other files; a log of the same name is replaced."""
+def write_all(logs: Sequence[Any], folder: Path, by: str) -> None:
+    """Write logs into a folder, beside those that the same command wrote before; one of the same name is replaced."""
     from leapgap import api
 
-    for log in logs:
-        api.write_log(log, folder / f"{log.name}.parquet")
+    with merged_folder(folder, by) as beside:
+        for log in logs:
+            api.write_log(log, beside / f"{log.name}.parquet")
 
 
 def effect_entry(text: str) -> dict[str, Any]:
@@ -197,10 +216,11 @@ def run_import(chosen: argparse.Namespace) -> None:
     from leapgap.logs.importers import log_format
     from leapgap.settings import from_json
 
+    check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)
     layout = log_format(chosen.format)
     options = from_json(layout.Options, chosen.options) if chosen.options else None
     logs = api.read_logs(chosen.source, chosen.format, robot_of(chosen), options)
-    write_all(logs, chosen.out)
+    write_all(logs, chosen.out, IMPORT)
     print(f"{len(logs)} logs: {chosen.out}")
 
 

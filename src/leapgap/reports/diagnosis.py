@@ -10,6 +10,7 @@ from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, read_logs
+from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -18,6 +19,8 @@ from leapgap.simulation.replay import Replayer
 
 REPORT, PAGE, CORRECTED, RECORDING = "report.json", "report.html", "corrected", "diagnosis.rrd"
 """What ``Report.save`` writes into a folder."""
+SAVED_BY = "leapgap diagnose"
+"""What the marker of a saved report says that wrote it."""
 CAUSES_PRINTED = 5
 
 
@@ -82,14 +85,14 @@ class Report:
     def save(self, folder: Path | str) -> Path:
         """Write report, page, corrected robot and, where Rerun is installed, a recording; the folder.
 
-        Files of an earlier report in the folder are replaced; nothing else in it is touched.
+        Files of an earlier report in the folder are replaced; nothing else in it is touched. A file of yours that has
+        the name of one of the report's is an ``InputError``.
         """
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
-        self.write(path)
-        if self.record is not None:
-            self.record(self, path / RECORDING)
-        return path
+        with merged_folder(Path(folder), SAVED_BY) as beside:
+            self.write(beside)
+            if self.record is not None:
+                self.record(self, beside / RECORDING)
+        return Path(folder)
 
     def write(self, folder: Path) -> None:
         """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder."""

@@ -20,6 +20,7 @@ from leapgap.jumping.learning.registry import find_recipe, recipes
 from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
 from leapgap.jumping.learning.store import StoredModel, load, save
 from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows, read_npz
+from leapgap.processes import starting_workers
 
 EXPORTED = "exported"
 """Folder of the models fitted on all jumps as others read them: ``jumping.control.inference``, ONNX."""
@@ -122,8 +123,14 @@ def run_jobs(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
     if min(processes, len(jobs)) <= 1:
         yield from map(SplitJob.run, jobs)
         return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(SplitJob.run, jobs)
+    spawn = get_context("spawn")
+    with starting_workers() as (initializer, arguments):
+        pool = ProcessPoolExecutor(processes, mp_context=spawn, initializer=initializer, initargs=arguments)
+        results = pool.map(SplitJob.run, jobs)
+    try:
+        yield from results
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def exports(job: SplitJob) -> list[tuple[str, str]]:
