@@ -39,8 +39,9 @@ class LogInfo:
     terrain: tuple[Box, ...] = ()
     stated_segments: tuple[Segment, ...] = ()
     """Named intervals of the log, where it states them itself."""
-    extra: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """What applications store: of a jump its ``schedule`` and ``target``."""
+    extra: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """What applications store: of a jump its ``schedule`` and ``target``. An importer states under ``derived`` what it
+    computed and nobody measured: a quantity → how."""
 
     def rows(self, seconds: float) -> int:
         """Number of rows that last ``seconds``, rounded, at least one."""
