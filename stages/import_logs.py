@@ -1,13 +1,13 @@
-"""Import logs of other formats as jump logs."""
+"""Import logs of other formats as logs of ours."""
 
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.jumping import published_a1  # noqa: F401 (found by its entry point; named so that DVC knows its code)
-from leapgap.logs import log as jump_log
+from leapgap.logs import log as log_file
 from leapgap.logs.importers import log_format
 from leapgap.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
@@ -17,20 +17,29 @@ STAGE = "stages.import_logs"
 
 
 def import_logs(config: DictConfig) -> None:
-    """Import every jump of ``import_logs.source``; one that cannot be used stops the stage and writes nothing."""
+    """Import every log of ``import_logs.source``; one that cannot be used stops the stage and writes nothing."""
     settings = config.import_logs
     source = Path(settings.source)
-    if not source.is_dir():
+    if not source.exists():
         raise InputError("import_logs.source", str(source), "a folder", "name the folder of the logs")
     out = output_folder(settings.out, STAGE, (source, config.robot.model))
     layout = log_format(settings.format)
-    options: Any = read_config(layout.Options, settings[settings.format], f"import_logs.{settings.format}")
+    options: Any = read_config(layout.Options, section(settings), f"import_logs.{settings.format}")
     robot = load_robot(config)
     paths = layout.find(source)
+    number = 0
     with whole_folder(out, STAGE) as folder:
         for name, path in paths.items():
-            jump_log.write_log(layout.read(path, name, robot, options), folder / f"{name}.parquet")
-    print(f"{len(paths)} jumps imported" if paths else f"no logs in {source}: no real jumps, which is no error")
+            for log in layout.read_all(path, name, robot, options):
+                log_file.write_log(log, folder / f"{log.name}.parquet")
+                number += 1
+    print(f"{number} logs imported" if paths else f"no logs in {source}: none of a real robot, which is no error")
+
+
+def section(settings: DictConfig) -> DictConfig:
+    """The options of the chosen format; none where the source's file in conf/ has no section for it."""
+    found = settings.get(settings.format)
+    return OmegaConf.create({}) if found is None else found
 
 
 if __name__ == "__main__":

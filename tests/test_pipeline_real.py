@@ -28,7 +28,7 @@ def real(tmp_path_factory: pytest.TempPathFactory, raw: Path) -> Project:
 
 
 def test_real_jumps_go_from_raw_logs_to_report_and_recording(real: Project) -> None:
-    assert "4 jumps imported" in real.said  # type: ignore[attr-defined]
+    assert "4 logs imported" in real.said  # type: ignore[attr-defined]
     report = read_json(real.folder / "data/reports/real/report.json")
     assert report["gap"]["nominal"] > 5 * report["gap"]["noise_floor"]
     (clock,) = [check for check in report["checks"] if check["name"] == "joint_clock"]

@@ -30,9 +30,9 @@ def read_logs(
 ) -> list[Log]:
     """Logs of a file or folder, in the order of their names.
 
-    Without ``format`` they are Parquet files as ``write_log`` writes them. With it (``csv``, or what else is installed)
-    they are read as that; ``robot`` then names the joints, and ``options`` is an instance of the format's own
-    dataclass. ``InputError`` says what cannot be read.
+    Without ``format`` they are Parquet files as ``write_log`` writes them. With it (``csv``, ``ros``, others: see
+    ``leapgap import --help``) they are read as that, several logs a file where the options cut it. ``robot`` then names
+    the joints, and ``options`` is an instance of the format's own dataclass. ``InputError`` says what cannot be read.
     """
     if not isinstance(source, PathLike):
         return list(source)
@@ -48,14 +48,14 @@ def read_logs(
 
 
 def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> list[Log]:
-    """Logs of another format below a folder."""
+    """Logs of another format, of a file or below a folder."""
     layout = log_format(format)
     if robot is None:
         raise InputError("read_logs", "no robot", "the model whose joints the logs are of", "name robot=…")
-    if not path.is_dir():
-        raise InputError(path, "no such folder", f"a folder of logs of format {format}", "name the folder")
+    if not path.exists():
+        raise InputError(path, "no such folder", f"a folder or file of logs of format {format}", "name the folder")
     loaded, chosen = load_robot(robot), layout.Options() if options is None else options
-    return [layout.read(one, name, loaded, chosen) for name, one in layout.find(path).items()]
+    return [log for name, one in layout.find(path).items() for log in layout.read_all(one, name, loaded, chosen)]
 
 
 def load_robot(robot: Robot | PathLike) -> Robot:

@@ -94,11 +94,16 @@ def parser() -> argparse.ArgumentParser:
     robot_options(replay)
 
     bring = command("import", run_import, "turn logs of another format into logs of ours")
-    bring.add_argument("source", type=Path, help="folder that holds the logs")
+    bring.add_argument("source", type=Path, help="folder that holds the logs, or one file")
     bring.add_argument("robot", type=Path, help="MuJoCo model whose joints the logs are of")
-    bring.add_argument("--format", required=True, help="csv, or what else is installed")
-    bring.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the logs")
-    bring.add_argument("--options", type=Path, metavar="FILE", help="options of the format, as JSON")
+    bring.add_argument("--format", help="csv, parquet, npz, hdf5, mat, pt, ros, lerobot, or what else is installed")
+    bring.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs")
+    bring.add_argument(
+        "--options",
+        type=Path,
+        metavar="FILE",
+        help="options of the format, as YAML or JSON: alone, or as in conf/import_logs with the format beside them",
+    )
 
     robot_options(bring)
 
@@ -214,14 +219,39 @@ def run_import(chosen: argparse.Namespace) -> None:
     """Read all logs of the source, then write them."""
     from leapgap import api
     from leapgap.logs.importers import log_format
-    from leapgap.settings import from_json
+    from leapgap.settings import from_mapping
 
+    if chosen.out is None:
+        raise InputError("--out", "no folder", "a folder for the logs", "name it: --out DIR")
     check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)
-    layout = log_format(chosen.format)
-    options = from_json(layout.Options, chosen.options) if chosen.options else None
-    logs = api.read_logs(chosen.source, chosen.format, robot_of(chosen), options)
+    name, values = import_options(chosen.options, chosen.format)
+    options = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
+    logs = api.read_logs(chosen.source, name, robot_of(chosen), options)
     write_all(logs, chosen.out, IMPORT)
+    for log in logs:
+        print(import_line(log))
     print(f"{len(logs)} logs: {chosen.out}")
+
+
+def import_options(path: Path | None, stated: str | None) -> tuple[str, Any]:
+    """Format and options of an import: the file holds the options alone, or the format beside its section."""
+    from leapgap.settings import values_of
+
+    values = None if path is None else values_of(path)
+    if isinstance(values, dict) and isinstance(values.get("format"), str):
+        stated = stated or values["format"]
+        values = values.get(stated) or {}
+    if stated is None:
+        do = "name it: --format csv, or format: csv in the options"
+        raise InputError("--format", "no format", "the format of the logs", do)
+    return stated, values
+
+
+def import_line(log: Any) -> str:
+    """What came of one log: its length, its clock, and what in it is computed."""
+    notes = [f"{key}: {how}" for key, how in log.info.extra.get("derived", {}).items()]
+    head = f"{log.name}: {len(log)} rows, {log.time[-1]:.3f} s, mean step {1e3 * log.info.sample_period_s:.4g} ms"
+    return "; ".join([head, *notes])
 
 
 def run_effects(chosen: argparse.Namespace) -> None:

@@ -1,27 +1,54 @@
-"""Settings from JSON: the dataclass beside what it configures decides which keys there are and of which type."""
+"""Settings from JSON or YAML: the dataclass beside what it configures decides about keys and their types."""
 
 import dataclasses
 import json
+import re
 import types
 import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+import yaml
+
 from leapgap.errors import InputError
 
 Kind = TypeVar("Kind")
 
 
+YAML = (".yaml", ".yml")
+"""Endings of the files that are read as YAML; all others are JSON."""
+
+
 def from_json(kind: type[Kind], path: Path) -> Kind:
-    """A dataclass from a JSON object; what is not in the file keeps its default."""
+    """A dataclass from a file, JSON or YAML by its ending; what is not in the file keeps its default."""
+    return from_mapping(kind, values_of(path), str(path))
+
+
+def values_of(path: Path) -> Any:
+    """What a file of settings says, JSON or YAML by its ending."""
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "settings as JSON", "name the file") from None
-    except ValueError as error:
-        raise InputError(path, f"no valid JSON ({error})", "an object of settings", "correct it") from None
-    return from_mapping(kind, values, str(path))
+        text = path.read_text(encoding="utf-8")
+        return from_yaml(text) if path.suffix in YAML else json.loads(text)
+    except OSError:
+        raise InputError(path, "no such file", "settings as JSON or YAML", "name the file") from None
+    except (ValueError, yaml.YAMLError) as error:
+        kind, message = ("YAML" if path.suffix in YAML else "JSON"), " ".join(str(error).split())
+        raise InputError(path, f"no valid {kind} ({message})", "an object of settings", "correct it") from None
+
+
+def from_yaml(text: str) -> Any:
+    """Values of a YAML text. ``1e-3`` is a number here as everywhere else; PyYAML alone would take it for a text."""
+    return yaml.load(text, Loader=Loader)
+
+
+class Loader(yaml.SafeLoader):
+    """Reads plain data, and floating-point numbers without a dot."""
+
+
+Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
 
 
 def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
@@ -52,7 +79,8 @@ def converted(kind: Any, value: Any, where: str) -> Any:
         return from_mapping(kind, value, where)  # type: ignore[arg-type]
     if origin in (dict, Mapping) or kind is dict or (isinstance(origin, type) and issubclass(origin, Mapping)):
         if isinstance(value, Mapping):
-            return {key: converted(inner[1], one, f"{where}, {key}") for key, one in value.items()} if inner else value
+            of = inner[1] if inner else Any
+            return {str(key): converted(of, one, f"{where}, {key}") for key, one in value.items()}
     elif origin in (list, tuple) or (isinstance(origin, type) and issubclass(origin, typing.Sequence)):
         if isinstance(value, list):
             items = [converted(inner[0], one, f"{where}, item {i}") for i, one in enumerate(value)]

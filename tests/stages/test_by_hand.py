@@ -55,7 +55,7 @@ def test_import_of_foreign_logs(tmp_path: Path, robot: Robot) -> None:
         "import_logs.format=published",
     )
     assert result.returncode == 0, result.stderr
-    assert "1 jumps imported" in result.stdout
+    assert "1 logs imported" in result.stdout
     assert target_of(jump_log.read_log(out / "jump_03.parquet")).x_m == 0.6
 
 

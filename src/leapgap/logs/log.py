@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
+from leapgap.logs.clock import check_period, is_even, row_lengths
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
@@ -27,8 +28,6 @@ FORMAT_VERSION = 2
 JUMP_VERSION = 1
 """Version of the logs of jumps, which state ``schedule`` and ``target`` instead of segments."""
 METADATA_KEY = b"leapgap"
-PERIOD_TOLERANCE = 0.02
-"""Largest departure of the stated sample period from the mean step of time, as a share of it."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,9 @@ class LogInfo:
     terrain: tuple[Box, ...] = ()
     stated_segments: tuple[Segment, ...] = ()
     """Named intervals of the log, where it states them itself."""
-    extra: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """What applications store: of a jump its ``schedule`` and ``target``."""
+    extra: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """What applications store: of a jump its ``schedule`` and ``target``. An importer states under ``derived`` what it
+    computed and nobody measured: a quantity → how."""
 
     def rows(self, seconds: float) -> int:
         """Number of rows that last ``seconds``, rounded, at least one."""
@@ -161,6 +161,16 @@ class Log:
         return self.columns["time"]
 
     @cached_property
+    def is_even(self) -> bool:
+        """Whether every row lasts one sample period."""
+        return is_even(self.time, self.info.sample_period_s)
+
+    @cached_property
+    def row_lengths(self) -> np.ndarray:
+        """How long each row lasted by the log's own time, in sample periods, (rows,)."""
+        return row_lengths(self.time, self.info.sample_period_s)
+
+    @cached_property
     def segments(self) -> tuple[Segment, ...]:
         """Named intervals of the log; where it states none, by the feet in contact, else equal parts of its time."""
         feet = [name.removeprefix("contact/") for name in self.columns if name.startswith("contact/")]
@@ -269,19 +279,6 @@ def check(log: Log) -> None:
             )
 
 
-def check_period(log: Log) -> None:
-    """Raise ``InputError`` where the sample period that is stated is not that of the log's times."""
-    mean = float(log.time[-1] - log.time[0]) / (len(log) - 1)
-    stated = log.info.sample_period_s
-    if not abs(mean - stated) <= PERIOD_TOLERANCE * mean:
-        raise InputError(
-            log.name,
-            f"a sample_period_s of {stated:g} s and times that advance by {mean:g} s a row",
-            "a period that agrees with the times",
-            "correct the one or the other: time is the clock",
-        )
-
-
 def write_log(log: Log, path: Path) -> None:
     """Write one log; equal logs give equal bytes."""
     table = pa.table({name: np.ascontiguousarray(values) for name, values in log.columns.items()})
@@ -307,7 +304,7 @@ def read_log(path: Path) -> Log:
         raise InputError(path, f"a column that is not numeric ({error})", "float64 columns", "import it anew") from None
     info = LogInfo.from_json(metadata[METADATA_KEY], path)
     log = Log(path.stem, columns, info)
-    check_period(log)
+    check_period(path, log.time, info.sample_period_s)
     return log
 
 

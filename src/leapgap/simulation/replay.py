@@ -18,7 +18,6 @@ import numpy as np
 from leapgap.effects.base import Commands, Effect
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
-from leapgap.logs.clock import is_even, row_lengths
 from leapgap.logs.log import Log
 from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot import actuators
@@ -313,12 +312,12 @@ class Replayer:
 
     def substeps(self, log: Log) -> int:
         """Simulation steps of one control period of the log."""
-        largest = self.largest_step_s if is_even(log) else self.largest_step_s / UNEVEN_FINER
+        largest = self.largest_step_s if log.is_even else self.largest_step_s / UNEVEN_FINER
         return max(1, int(np.ceil(log.info.sample_period_s / largest)))
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
-        lengths = row_lengths(trial.log)
+        lengths = trial.log.row_lengths
         for effect in trial.effects:
             lengths = effect.change_rows(lengths)
         ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)

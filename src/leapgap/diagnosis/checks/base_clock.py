@@ -5,7 +5,6 @@ from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
 from leapgap.diagnosis.checks.clocks import clock_scale, judge_clocks, longest_period
-from leapgap.logs.clock import row_lengths
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -31,7 +30,7 @@ class BaseClock(Check):
                 log.stack([p for p, _ in PAIRS]),
                 log.stack([v for _, v in PAIRS]),
                 log.info.sample_period_s,
-                row_lengths(log),
+                log.row_lengths,
             )
             for log in logs
         }

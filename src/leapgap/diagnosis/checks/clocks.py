@@ -6,7 +6,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
-from leapgap.logs.clock import row_lengths
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -101,7 +100,7 @@ def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, n
             log.per_joint("joint_vel", joints),
             log.info.sample_period_s,
             log.info.rows(LOCAL_EVERY_S),
-            row_lengths(log),
+            log.row_lengths,
         )
         for log in logs
     }

@@ -6,7 +6,6 @@ from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
 from leapgap.diagnosis.checks.clocks import CLAIMED, clock_scale, judge_clocks, longest_period
-from leapgap.logs.clock import row_lengths
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -29,7 +28,7 @@ class JointClock(Check):
                 log.per_joint("joint_pos", joints),
                 log.per_joint("joint_vel", joints),
                 log.info.sample_period_s,
-                row_lengths(log),
+                log.row_lengths,
             )
             for log in logs
         }

@@ -22,3 +22,7 @@ class LogFormat(ABC):
     @abstractmethod
     def read(self, path: Path, name: str, robot: Robot, options: Any) -> Log:
         """One log; ``InputError`` names the file and what is wrong with it."""
+
+    def read_all(self, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
+        """All logs of one file, whose names begin with ``name``; a format whose files hold one each has no more."""
+        return [self.read(path, name, robot, options)]

@@ -1,0 +1,182 @@
+"""The map from the columns of a table to those of a log: names, sums, units, factors, offsets, constants."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.logs.importers.tables import Table
+from leapgap.logs.importers.units import unit_factor
+from leapgap.logs.schema import COMMANDS, quantity_of
+from leapgap.robot.model import Robot
+
+ANY_JOINT = "*"
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """How the columns of a table become those of a log.
+
+    ``*`` in a key stands for every joint of the robot, and in the name of their column for what that joint is called
+    there. An entry of one joint stands before one of ``*``. Values are (their values × unit × factor) + offset.
+    """
+
+    columns: dict[str, Any] = field(default_factory=dict)
+    """Ours → theirs, such as ``joint_pos/*: q_*``, or several of theirs that are summed, each times a factor, such as
+    ``cmd_tau/*: {tau_sent_*: 1, tau_friction_*: -1}``. A column not named here is taken under our own name."""
+    units: dict[str, str] = field(default_factory=dict)
+    """Ours → the unit of theirs by name, such as ``joint_pos/*: deg``, ``joint_vel/*: rpm``, ``time: us``."""
+    factors: dict[str, Any] = field(default_factory=dict)
+    """Ours → what theirs is multiplied by, one number or a list with one a joint, such as signs or gear ratios."""
+    offsets: dict[str, Any] = field(default_factory=dict)
+    """Ours → what is then added, in our unit; one number or a list with one a joint."""
+    constants: dict[str, Any] = field(default_factory=dict)
+    """Ours → one value for all rows, such as ``cmd_kp/*: 300``, or a list with one a joint."""
+    joint_names: dict[str, str] = field(default_factory=dict)
+    """Theirs → the robot's names of joints; a joint not named here has the same name there."""
+    joint_order: list[str] = field(default_factory=list)
+    """The robot's joints in the order of their columns 0, 1, …, where they number them; lists follow this order."""
+
+
+def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[str, np.ndarray]:
+    """Columns of a log, as the map has them: time from 0, all else in SI. ``where`` names the map in messages."""
+    expand = Expansion(options, robot, where)
+    constants = expand.numbers("constants", options.constants)
+    theirs = {ours: one for ours, one in expand.columns().items() if ours not in constants}
+    for column in table.columns:
+        if column not in constants and is_ours(column, robot):
+            theirs.setdefault(column, {column: 1.0})
+    rows = None
+    columns: dict[str, np.ndarray] = {}
+    for ours in sorted(theirs, key=lambda one: one != "time"):  # the time says how many rows there are
+        columns[ours] = weighted_sum(table, ours, theirs[ours], rows, where)
+        rows = len(columns[ours]) if rows is None else rows
+    for ours, unit in expand.of_joints(options.units).items():
+        imported(columns, ours, f"{where}.units")
+        columns[ours] = columns[ours] * unit_factor(ours, str(unit), f"{where}.units")
+    for ours, factor in expand.numbers("factors", options.factors).items():
+        columns[ours] = imported(columns, ours, f"{where}.factors") * factor
+    for ours, offset in expand.numbers("offsets", options.offsets).items():
+        columns[ours] = imported(columns, ours, f"{where}.offsets") + offset
+    for ours, value in constants.items():
+        columns[ours] = np.full(rows or 0, value)
+    return columns
+
+
+def imported(columns: Mapping[str, np.ndarray], ours: str, where: str) -> np.ndarray:
+    """A column that an entry is about; ``InputError`` where nothing is imported under that name."""
+    if ours not in columns:
+        raise InputError(where, ours, "a column that is imported", "map the column too")
+    return columns[ours]
+
+
+def weighted_sum(table: Table, ours: str, theirs: Mapping[str, float], rows: int | None, where: str) -> np.ndarray:
+    """Sum of columns of the table, each times its factor."""
+    total: np.ndarray | None = None
+    for column, factor in theirs.items():
+        if column not in table:
+            raise InputError(table.path, f"no column {column}", f"it, as {ours}", f"correct {where}.columns")
+        values = table.instants(column, rows) if ours == "time" else table.numbers(column, rows)
+        rows = len(values)
+        total = factor * values if total is None else total + factor * values
+    assert total is not None  # an entry without columns is refused where it is read
+    return total
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """Writes ``*`` out for every joint, in keys, in their names and in lists."""
+
+    options: ColumnMap
+    robot: Robot
+    where: str
+
+    def __post_init__(self) -> None:
+        unknown = {*self.options.joint_names.values(), *self.options.joint_order} - set(self.robot.joints)
+        if unknown:
+            known = f"joints of the robot: {', '.join(self.robot.joints)}"
+            raise InputError(f"{self.where}, joints", ", ".join(sorted(unknown)), known, "correct the names")
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """The joints in the order of lists."""
+        return tuple(self.options.joint_order) or self.robot.joints
+
+    def their_name(self, joint: str) -> str:
+        """What a joint of the robot is called in the table: its name there, or its number."""
+        for theirs, ours in self.options.joint_names.items():
+            if ours == joint:
+                return theirs
+        return str(self.order.index(joint)) if joint in self.options.joint_order else joint
+
+    def of_joints(self, mapping: Mapping[str, Any]) -> dict[str, Any]:
+        """The mapping with each key of ``*`` written out; a list gives each joint its own item."""
+        written: dict[str, Any] = {}
+        for key, value in sorted(mapping.items(), key=lambda one: ANY_JOINT not in one[0]):  # single joints stand last
+            for joint in self.robot.joints if ANY_JOINT in key else ("",):
+                written[key.replace(ANY_JOINT, joint)] = self.item(key, value, joint)
+        return written
+
+    def item(self, key: str, value: Any, joint: str) -> Any:
+        """What a value means for one joint."""
+        if not isinstance(value, list | tuple):
+            return value
+        if ANY_JOINT not in key or len(value) != len(self.order) or joint not in self.order:
+            expected = f"one number, or with * a list of {len(self.order)}, for {', '.join(self.order)}"
+            raise InputError(f"{self.where}, {key}", f"a list of {len(value)}", expected, "correct it")
+        return value[self.order.index(joint)]
+
+    def numbers(self, part: str, mapping: Mapping[str, Any]) -> dict[str, float]:
+        """The same of a part of the map whose values are numbers."""
+        found = self.of_joints(mapping)
+        for key, value in found.items():
+            if not isinstance(value, int | float) or isinstance(value, bool):
+                raise InputError(f"{self.where}.{part}, {key}", repr(value), "a number", "correct it")
+        return {key: float(value) for key, value in found.items()}
+
+    def columns(self) -> dict[str, dict[str, float]]:
+        """Ours → their columns and the factor of each."""
+        written: dict[str, dict[str, float]] = {}
+        for key, value in sorted(self.options.columns.items(), key=lambda one: ANY_JOINT not in one[0]):
+            terms = {value: 1.0} if isinstance(value, str) else value
+            if not isinstance(terms, Mapping) or not terms or not all(map(is_term, terms.items())):
+                expected = "the name of a column, or a mapping from names to factors"
+                raise InputError(f"{self.where}.columns, {key}", repr(value), expected, "correct it")
+            for joint in self.robot.joints if ANY_JOINT in key else ("",):
+                name = self.their_name(joint) if joint else ANY_JOINT
+                written[key.replace(ANY_JOINT, joint)] = {
+                    column.replace(ANY_JOINT, name): float(factor) for column, factor in terms.items()
+                }
+        return written
+
+
+def is_term(term: tuple[Any, Any]) -> bool:
+    """Whether an item of a sum is a column's name with a number."""
+    column, factor = term
+    return isinstance(column, str) and isinstance(factor, int | float) and not isinstance(factor, bool)
+
+
+def is_ours(column: str, robot: Robot) -> bool:
+    """Whether an unmapped column is imported under its own name: time, a known quantity, a command of a joint."""
+    quantity, of = quantity_of(column), column.partition("/")[2]
+    if quantity is None:
+        return column == "time"
+    return quantity.name not in COMMANDS or of in robot.joints
+
+
+def column_order(robot: Robot) -> Callable[[str], tuple]:
+    """Sort key: time first, the base, then by quantity and the robot's joints; a fixed order gives fixed bytes."""
+
+    def key(column: str) -> tuple:
+        quantity, _, of = column.partition("/")
+        return (
+            column != "time",
+            not column.startswith("base_"),
+            quantity,
+            robot.joints.index(of) if of in robot.joints else -1,
+            of,
+        )
+
+    return key

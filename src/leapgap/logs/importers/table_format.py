@@ -1,0 +1,232 @@
+"""Formats that are tables of numbers: a reader returns named arrays, and all else is the same for all of them."""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.logs.clock import check_period, increasing_rows, mean_period
+from leapgap.logs.importers.base import LogFormat
+from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped
+from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.missing_velocities import add_velocities
+from leapgap.logs.resampling import on_even_clock
+from leapgap.logs.segments import PHASE_LENGTHS, Segment
+from leapgap.robot.model import Robot
+
+REFUSE, DROP = "refuse", "drop"
+LEAVE_OUT, FIT = "leave_out", "fit"
+
+
+@dataclass(frozen=True)
+class TableOptions(ColumnMap):
+    """What every table format is told: the map of columns, the clock, and which rows become which log."""
+
+    period_s: float | None = None
+    """Stated period of the rows. The time stamps are the clock and must agree with it on average within 2 %; where
+    there is none, the rows are this far apart."""
+    repeated_times: str = REFUSE
+    """``refuse`` time stamps that do not increase, or ``drop`` these rows and say so in the log."""
+    resample_s: float | None = None
+    """Period of an even clock that the log is brought to; none: its own instants, even or not."""
+    velocities: str = LEAVE_OUT
+    """Velocities that are not in the file: ``leave_out``, or ``fit`` polynomials through the positions."""
+    velocity_window_s: float = 0.03
+    """Length of the window in which such a polynomial is fitted."""
+    pieces: list[Segment] = field(default_factory=list)
+    """Several logs out of one file, by its time from its first row: their names, begins and ends."""
+    piece_s: float | None = None
+    """Logs of this length out of each file, or out of each run of ``cut_by``; a shorter rest is left out."""
+    cut_by: str | None = None
+    """A column of theirs that cuts the file: each run of equal values is a log."""
+    cut_values: list[float] = field(default_factory=list)
+    """The values of that column that are kept; none: all."""
+    drop_rows: dict[str, list[float]] = field(default_factory=dict)
+    """A column of theirs → values with which a row is left out."""
+    least_rows: int = 10
+    """Runs and pieces with fewer rows are left out."""
+    most_rows: int | None = None
+    """Files with more rows are refused; none: what fits into 4 GB."""
+    segments: list[Segment] = field(default_factory=list)
+    """Named intervals of each log; none: equal parts of its time, or the phases of a jump's ``schedule``."""
+    schedule: dict[str, float] | None = None
+    """For logs of jumps: ``double_contact_s``, ``rear_contact_s``, ``flight_s``."""
+    target_x_m: float = 0.0
+    """For logs of jumps: how far ahead of its start the robot was meant to land."""
+    target_z_m: float = 0.0
+
+
+class TableFormat(LogFormat):
+    """A format whose files are read as named arrays. A subclass says which files, and reads one."""
+
+    suffixes: ClassVar[tuple[str, ...]]
+    """Endings of its files."""
+    Options: ClassVar[type] = TableOptions
+
+    @abstractmethod
+    def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
+        """The numbers of one file as arrays by name; it may leave out arrays that are not ``wanted``."""
+
+    def find(self, source: Path) -> dict[str, Path]:
+        """The files of a folder with such an ending, or one file, by name."""
+        paths = [source] if source.is_file() else [one for end in self.suffixes for one in source.glob(f"*{end}")]
+        found: dict[str, Path] = {}
+        for path in sorted(paths):
+            if found.setdefault(path.stem, path) != path:
+                raise InputError(path, f"{found[path.stem].name} beside it", "one file of a name", "rename one")
+        return found
+
+    def read(self, path: Path, name: str, robot: Robot, options: Any) -> Log:
+        """The only log of a file."""
+        logs = self.read_all(path, name, robot, options)
+        if len(logs) != 1:
+            raise InputError(path, f"{len(logs)} logs", "one", "use read_all, or cut nothing")
+        return logs[0]
+
+    def read_all(self, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
+        """The logs of a file, whole or cut as the options say."""
+        where = f"import_logs.{self.name}"
+        check_options(options, where)
+        table = self.table(path, options, needed(options, robot, where))
+        columns = mapped(table, options, robot, where)
+        rows = len(next(iter(columns.values()), ()))
+        if "time" not in columns:
+            if options.period_s is None or not rows:
+                do = f"map it: {where}.columns, or state {where}.period_s"
+                raise InputError(path, "no column time", "a strictly increasing time, s", do)
+            columns["time"] = options.period_s * np.arange(rows)
+        ordered = {key: columns[key] for key in sorted(columns, key=column_order(robot))}
+        logs = [
+            finished_log(
+                cut_name, {key: values[kept] for key, values in ordered.items()}, path, robot, options, self.name
+            )
+            for cut_name, kept in cuts(table, ordered["time"], name, options, where)
+        ]
+        if not logs:
+            raise InputError(path, "no rows that are kept", f"{options.least_rows} or more", "correct how it is cut")
+        return logs
+
+    def table(self, path: Path, options: Any, wanted: Wanted = lambda _: True) -> Table:
+        """The table of one file, its size checked."""
+        if not path.exists():
+            raise InputError(path, "no such file", f"a file of format {self.name}", "name the file")
+        table = Table(path, self.read_table(path, options, wanted))
+        check_size(path, sum(array.size for array in table.arrays.values()), table.rows(), options.most_rows)
+        return table
+
+
+def check_options(options: TableOptions, where: str) -> None:
+    """Refuse choices that are none, and ways to cut that exclude each other."""
+    for name, known in (("repeated_times", (REFUSE, DROP)), ("velocities", (LEAVE_OUT, FIT))):
+        if getattr(options, name) not in known:
+            raise InputError(f"{where}.{name}", getattr(options, name), f"one of {', '.join(known)}", "choose one")
+    for name in ("period_s", "resample_s", "piece_s", "velocity_window_s"):
+        value = getattr(options, name)
+        if value is not None and not value > 0:
+            raise InputError(f"{where}.{name}", f"{value:g}", "a positive time, s", "correct it")
+    if options.pieces and (options.cut_by or options.piece_s):
+        raise InputError(where, "pieces beside cut_by or piece_s", "one way to cut", "leave one out")
+
+
+def needed(options: TableOptions, robot: Robot, where: str) -> Wanted:
+    """Which arrays of a file are read: those that are mapped, those that cut it, and those with our own names."""
+    mapped_columns = {column for terms in Expansion(options, robot, where).columns().values() for column in terms}
+    names = mapped_columns | set(options.drop_rows) | ({options.cut_by} if options.cut_by else set())
+    names |= {name.rpartition("[")[0] for name in names if name.endswith("]")}
+    return lambda name: name in names or is_ours(name, robot)
+
+
+def cuts(
+    table: Table, time: np.ndarray, name: str, options: TableOptions, where: str
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Names of the logs of a table, and the rows of each, as indices."""
+    rows = len(time)
+    kept = np.ones(rows, dtype=bool)
+    for column, values in options.drop_rows.items():
+        kept &= ~np.isin(flag(table, column, rows, f"{where}.drop_rows"), values)
+    runs = [(name, np.flatnonzero(kept))]
+    if options.cut_by is not None:
+        state = flag(table, options.cut_by, rows, f"{where}.cut_by")
+        runs = [(f"{name}_{number}", rows_of) for number, rows_of in enumerate(equal_runs(state, kept, options), 1)]
+    elif options.pieces:
+        since = time - time[0]
+        runs = [
+            (f"{name}_{piece.name}", np.flatnonzero(kept & (since >= piece.begin_s) & (since < piece.end_s)))
+            for piece in options.pieces
+        ]
+    for run_name, rows_of in runs:
+        yield from parts(run_name, rows_of, time, options)
+
+
+def flag(table: Table, column: str, rows: int, where: str) -> np.ndarray:
+    """A column that decides about rows."""
+    if column not in table:
+        raise InputError(table.path, f"no column {column}", f"it, as {where} names it", f"correct {where}")
+    return table.numbers(column, rows)
+
+
+def equal_runs(state: np.ndarray, kept: np.ndarray, options: TableOptions) -> list[np.ndarray]:
+    """Rows of each stretch in which a flag keeps one value, of those values that are wanted."""
+    bounds = [0, *(np.flatnonzero(np.diff(state) != 0) + 1).tolist(), len(state)]
+    wanted = np.isin(state, options.cut_values) if options.cut_values else np.ones(len(state), dtype=bool)
+    runs = [begin + np.flatnonzero(kept[begin:end]) for begin, end in pairwise(bounds) if end > begin and wanted[begin]]
+    return [run for run in runs if len(run) >= options.least_rows]  # before they are numbered
+
+
+def parts(name: str, rows: np.ndarray, time: np.ndarray, options: TableOptions) -> list[tuple[str, np.ndarray]]:
+    """The rows in parts of equal length, the rest left out; whole where no length is stated."""
+    length_s = options.piece_s
+    if length_s is None:
+        cut = options.pieces or options.cut_by
+        return [] if cut and len(rows) < options.least_rows else [(name, rows)]
+    if len(rows) < options.least_rows:
+        return []
+    part = np.floor((time[rows] - time[rows[0]]) / length_s + 1e-9).astype(int)
+    period = (time[rows[-1]] - time[rows[0]]) / max(1, len(rows) - 1)
+    number = int(np.floor((time[rows[-1]] - time[rows[0]] + period) / length_s + 1e-6))
+    return [(f"{name}_part{k + 1}", rows[part == k]) for k in range(number)]
+
+
+def finished_log(
+    name: str, columns: dict[str, np.ndarray], path: Path, robot: Robot, options: TableOptions, kind: str
+) -> Log:
+    """The log of some rows: its clock checked, resampled and completed where the options say so."""
+    derived: dict[str, str] = {}
+    source = [f"{kind.upper()} {path.name}"]
+    later = increasing_rows(columns["time"])
+    if options.repeated_times == DROP and not later.all():
+        columns = {key: values[later] for key, values in columns.items()}
+        derived["time"] = f"{int((~later).sum())} rows left out, whose time stamps repeat or run back"
+        source.append(derived["time"])
+    columns["time"] = columns["time"] - columns["time"][:1]
+    info = LogInfo(
+        robot.name, mean_period(columns["time"]), "; ".join(source), (), tuple(options.segments), of_jump(options)
+    )
+    log = Log(name, columns, info)
+    if options.period_s is not None:
+        check_period(f"{path}, {name}", log.time, options.period_s)
+    if options.velocities == FIT:
+        log, fitted = add_velocities(log, robot.joints, options.velocity_window_s)
+        derived |= fitted
+    if options.resample_s is not None:
+        log = on_even_clock(log, options.resample_s)
+        derived["all"] = f"resampled to {options.resample_s:g} s: commands held, measurements interpolated"
+    ordered = {key: log.columns[key] for key in sorted(log.columns, key=column_order(robot))}
+    extra = {**log.info.extra, **({"derived": derived} if derived else {})}
+    return Log(name, ordered, replace(log.info, extra=extra))
+
+
+def of_jump(options: TableOptions) -> Mapping[str, Mapping[str, float]]:
+    """The part of the metadata that only the log of a jump has."""
+    if options.schedule is None:
+        return {}
+    if set(options.schedule) != set(PHASE_LENGTHS):
+        expected = f"lengths in s of {', '.join(PHASE_LENGTHS)}"
+        raise InputError("import_logs.csv.schedule", ", ".join(options.schedule), expected, "state all three")
+    return {"schedule": dict(options.schedule), "target": {"x_m": options.target_x_m, "z_m": options.target_z_m}}

@@ -1,0 +1,128 @@
+"""Tables of numbers: what a file of any tabular format is read as, with the errors that all such files share."""
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.errors import InputError
+
+MOST_BYTES = 4_000_000_000
+"""A file that would take more memory than this is refused before any of it is taken."""
+VALUE_BYTES = 8
+INDEXED = re.compile(r"^(?P<array>.+)\[(?P<index>\d+(?:,\d+)*)\]$")
+"""``dof_pos[3]``: the fourth column of an array."""
+
+Arrays = Mapping[str, np.ndarray]
+Wanted = Callable[[str], bool]
+"""Whether an array is needed. A reader may leave out what is not."""
+
+
+def check_size(path: object, values: float, rows: float = 0, most_rows: int | None = None) -> None:
+    """``InputError`` where a file states more values, or rows, than are taken into memory."""
+    if most_rows is not None and rows > most_rows:
+        raise InputError(path, f"{rows:.0f} rows", f"at most {most_rows} (most_rows)", "cut the file, or allow more")
+    if values * VALUE_BYTES > MOST_BYTES:
+        found = f"{values:.3g} values"
+        raise InputError(path, found, f"at most {MOST_BYTES // VALUE_BYTES:.3g}", "cut the file into several")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Named arrays of one file. Columns of an array of several dimensions are named ``array[2]`` or ``array[0,1]``."""
+
+    path: Path
+    arrays: Arrays
+
+    def __contains__(self, column: str) -> bool:
+        return column in self.arrays or self.of_array(column) is not None
+
+    def of_array(self, column: str) -> tuple[str, tuple[int, ...]] | None:
+        """Array and index that a column's name stands for; None where there is no such array."""
+        found = INDEXED.match(column)
+        if found is None or found["array"] not in self.arrays:
+            return None
+        return found["array"], tuple(int(one) for one in found["index"].split(","))
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of all columns; those of an array of several dimensions by their index."""
+        rows, names = self.rows(), []
+        for name, array in self.arrays.items():
+            values = oriented(array, rows)
+            if values.ndim == 1:
+                names.append(name)
+            elif values.ndim > 1:
+                names += [f"{name}[{','.join(map(str, at))}]" for at in np.ndindex(values.shape[1:])]
+        return names
+
+    def rows(self) -> int:
+        """Length that most arrays have; 0 where there is none."""
+        lengths = [max(array.shape) for array in self.arrays.values() if array.ndim and array.size]
+        return max(set(lengths), key=lambda one: (lengths.count(one), one)) if lengths else 0
+
+    def values(self, column: str, rows: int | None = None) -> np.ndarray:
+        """One column, (rows,), as it stands in the file; ``InputError`` where its length is another than ``rows``."""
+        array, index = self.of_array(column) or (column, ())
+        if column in self.arrays:
+            array, index = column, ()
+        found = oriented(self.arrays[array], rows or self.rows())
+        at: tuple[Any, ...] = (slice(None), *index)
+        try:
+            values = found[at] if index else found
+        except IndexError:
+            shape = f"shape {self.arrays[array].shape}"
+            raise InputError(f"{self.path}, {array}", shape, f"a column {list(index)}", "correct the index") from None
+        if values.ndim != 1:
+            expected = f"one column, such as {array}[0]"
+            raise InputError(f"{self.path}, {array}", f"shape {self.arrays[array].shape}", expected, "name the column")
+        if rows is not None and len(values) != rows:
+            where = f"{self.path}, column {column}"
+            raise InputError(where, f"{len(values)} rows", f"{rows}, as the time has", "map a column of that length")
+        return values
+
+    def numbers(self, column: str, rows: int | None = None) -> np.ndarray:
+        """One column as float64; an empty cell is NaN, text is an ``InputError`` with its row."""
+        values = self.values(column, rows)
+        return as_numbers(values, f"{self.path}, column {column}")
+
+    def instants(self, column: str, rows: int | None = None) -> np.ndarray:
+        """The same of time stamps, from the first; whole numbers are subtracted whole, for 10¹⁸ ns need all digits."""
+        values = self.values(column, rows)
+        if values.dtype.kind in "iuM" and len(values):
+            values = values - values[0] if values.dtype.kind != "u" else values.astype(np.int64) - int(values[0])
+        return as_numbers(values, f"{self.path}, column {column}")
+
+
+def oriented(array: np.ndarray, rows: int) -> np.ndarray:
+    """The array with its rows in the first dimension; dimensions of length 1 are left out."""
+    values = np.squeeze(array) if array.ndim > 1 else np.atleast_1d(array)
+    if values.ndim == 0:
+        return values.reshape(1)
+    if values.ndim > 1 and values.shape[0] != rows and rows in values.shape:
+        return np.moveaxis(values, values.shape.index(rows), 0)
+    return values
+
+
+def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
+    """Values as float64; dates become seconds, texts that are numbers become those."""
+    if values.dtype.kind in "Mm":
+        return values.astype("M8[ns]" if values.dtype.kind == "M" else "m8[ns]").astype(np.int64) * 1e-9
+    if values.dtype.kind in "biuf":
+        return values.astype(np.float64)
+    numbers = np.empty(len(values))
+    for row, value in enumerate(values):
+        try:
+            numbers[row] = np.nan if value is None or value == "" else float(value)
+        except (TypeError, ValueError):
+            raise InputError(f"{where}, row {row}", f"{value!r:.40}", "a number", "export it anew") from None
+    return numbers
+
+
+def product(shape: Iterable[Any]) -> int:
+    """Number of values of an array of that shape."""
+    return math.prod(int(one) for one in shape)
