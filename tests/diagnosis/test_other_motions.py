@@ -40,6 +40,8 @@ def swing(seed: int, steps: np.ndarray, friction: float, kp: float = 0.0, kd: fl
     time = np.concatenate([[0], np.cumsum(steps)[:-1]]) * STEP_S
     size, rate, phase = rng.uniform([0.3, 0.5, 0], [0.6, 1.5, 6])
     wanted = size * np.sin(2 * np.pi * rate * time + phase)
+    if kp:  # the PD begins without a jerk
+        data.qpos[1], data.qvel[1] = wanted[0], size * 2 * np.pi * rate * np.cos(phase)
     push = (2.0 if kp == 0 else 0.0) * np.sin(2 * np.pi * rate * time + phase)
     qpos, qvel = np.empty((len(time), 2)), np.empty((len(time), 2))
     for row, number in enumerate(steps):
@@ -123,3 +125,24 @@ def test_a_torque_driven_pendulum_is_judged_over_the_time_it_can_be_foretold(acr
     assert found.report.causes[0].location in ("elbow", "all")
     assert found.report.causes[0].parameters["torque_nm"].value == pytest.approx(0.08, rel=0.1)
     assert found.report.closure_of_answer.value > 0.5
+
+
+def without_velocities(log: Log) -> Log:
+    """The log of a robot whose driver reports angles alone."""
+    kept = {name: values for name, values in log.columns.items() if not name.startswith("joint_vel/")}
+    return Log(log.name, kept, log.info)
+
+
+def test_missing_velocities_do_not_start_replays_at_rest(acrobot: Robot) -> None:
+    """Nothing is wrong with the robot; with starts at rest its short replays are off by its speed."""
+    logs = [without_velocities(swing(seed, even(500, 3.0), 0.0, kp=20.0, kd=0.3)) for seed in range(3)]
+    found = diagnose(logs, acrobot, SETTINGS)
+    assert found.report.verdict == "none", found.report.sentence
+    assert any("joint_vel" in line and "fit" in line for line in found.report.not_judged)
+
+
+def test_friction_is_found_without_velocities(acrobot: Robot) -> None:
+    logs = [without_velocities(swing(seed, even(500, 3.0), 0.08, kp=20.0, kd=0.3)) for seed in range(4)]
+    found = diagnose(logs, acrobot, SETTINGS)
+    assert found.report.answer == (("joint_friction",),), found.report.sentence
+    assert found.report.causes[0].parameters["torque_nm"].value == pytest.approx(0.08, rel=0.1)

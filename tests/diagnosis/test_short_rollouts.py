@@ -91,7 +91,7 @@ def test_a_displaced_state_differs_in_its_channel_alone(evidence: ShortRollouts,
     state, at = evidence.state, evidence.pieces[0].starts.states[0]
     nq = robot.model.nq
     for channel in (0, 4, 8, 15, 30):
-        moved = state.displace(at, channel, 1e-3)
+        moved = state.displace(at, int(state.entries[channel]), 1e-3)
         as_motion = [Motion(s[None, :nq], s[None, nq:]) for s in (moved, at)]
         difference = state.differences(*as_motion)[0]
         assert difference[channel] == pytest.approx(1e-3, abs=1e-8)

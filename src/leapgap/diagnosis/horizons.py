@@ -15,7 +15,7 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.log import Log
-from leapgap.logs.state import motion_of
+from leapgap.logs.state import fitted_noise, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
@@ -99,14 +99,19 @@ def noise_floor_at(
     """Mean sum of squares that sensor noise alone gives for each log, (logs,); ``nominal`` as in ``noise_floor``."""
     if isinstance(replayer, Replayer):
         return noise_floor(judged, replayer, draws, rng, nominal)
-    total, nv = np.zeros(len(judged.logs)), judged.robot.model.nv
+    total = np.zeros(len(judged.logs))
     of_rows, of_map = judged.noise(judged.channels), judged.noise(judged.mapped)
-    shares = [replayer.starts(log)[1] for log in judged.logs]
+    starts = [replayer.starts(log) for log in judged.logs]
+    shares = [share for _, share in starts]
+    fitted = [
+        fitted_noise(log, motion, judged.robot, start.rows)
+        for log, motion, (start, _) in zip(judged.logs, judged.motions, starts, strict=True)
+    ]
     trials = [Rollout(log) for log in judged.logs]
     for _ in range(draws):
         noise = []
-        for sigma, share in zip(of_map, shares, strict=True):
-            by = np.zeros((len(share), 2 * nv))
+        for sigma, share, own in zip(of_map, shares, fitted, strict=True):
+            by = own.copy()
             by[:, [channel.entry for channel in judged.mapped]] = sigma * share[:, None]
             noise.append(by * rng.standard_normal(by.shape))
         for j, motion in enumerate(replayer.motions(trials, noise)):

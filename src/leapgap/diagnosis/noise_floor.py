@@ -6,6 +6,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import BASE_TURNS, channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.logs.state import fitted_noise
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
@@ -47,7 +48,7 @@ def state_noise(judged: JudgedLogs, log: int) -> np.ndarray:
     """
     robot = judged.robot
     nq, nv = robot.model.nq, robot.model.nv
-    found = np.zeros(nq + nv)
+    found = np.concatenate([np.zeros(nq), fitted_noise(judged.logs[log], judged.motions[log], robot, [0])[0, nv:]])
     for channel, sigma in zip(judged.mapped, judged.noise(judged.mapped)[log], strict=True):
         if channel.entry >= nv:
             found[nq + channel.entry - nv] = sigma

@@ -20,7 +20,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
-from leapgap.logs.state import motion_of
+from leapgap.logs.state import fitted_noise, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
@@ -67,11 +67,11 @@ class StateChannels:
         """Simulated − logged in the channels, (rows, channels)."""
         return tangent_difference(simulated, logged, self.robot)[:, self.entries]
 
-    def displace(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
-        """Displace a state (nq + nv,) by ``by`` in one channel."""
+    def displace(self, state: np.ndarray, entry: int, by: float) -> np.ndarray:
+        """Displace a state (nq + nv,) by ``by`` in one entry of its tangent (2 nv)."""
         nq, nv = self.robot.model.nq, self.robot.model.nv
         tangent = np.zeros(2 * nv)
-        tangent[self.entries[channel]] = by
+        tangent[entry] = by
         qpos = state[:nq].copy()
         mujoco.mj_integratePos(self.robot.model, qpos, tangent[:nv], 1.0)
         return np.concatenate([qpos, state[nq:] + tangent[nv:]])
@@ -124,6 +124,8 @@ class Pieces:
     """Standard deviation of the log's sensor noise, (channels,)."""
     start_noise: np.ndarray
     """Share of the noise that remains in the smoothed starts, (pieces,)."""
+    fitted_noise: np.ndarray
+    """Standard deviation of velocities of the starts that were not logged, in their tangent, (pieces, 2 nv)."""
     ages: np.ndarray
     """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
 
@@ -132,7 +134,8 @@ class Pieces:
         """Pieces of a log that start at these rows, and are compared after ``ages`` rows."""
         logged = motion_of(log, state.robot)
         starts, kept = smooth_starts(logged, rows, log, state.robot)
-        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept, ages)
+        fitted = fitted_noise(log, logged, state.robot, rows)
+        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept, fitted, ages)
 
     def downsample(self, rows: int) -> "Pieces":
         """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
@@ -250,15 +253,20 @@ class ShortRollouts:
         errors = self.errors(trials)
         for own in self.pieces:
             base = next(errors)
-            growth = np.nan_to_num(np.stack([next(errors) - base for _ in self.state.channels], axis=2))
+            displaced = len(self.state.channels) + int(own.fitted_noise.any(axis=0).sum())
+            growth = np.nan_to_num(np.stack([next(errors) - base for _ in range(displaced)], axis=2))
             white = np.tile(own.noise, len(own.ages)) ** 2  # growth: (pieces, values, channels)
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
 
     def _displace_starts(self, own: Pieces) -> Iterator[Starts]:
-        """The starts of a log, displaced in one channel after the other by a standard deviation of their noise."""
+        """The starts of a log, displaced in one entry after the other by a standard deviation of their noise.
+
+        First in the channels, then in velocities that were not logged.
+        """
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
-        for c in range(len(self.state.channels)):
-            by = sign * own.start_noise * own.noise[c]
-            states = [self.state.displace(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
+        sizes = [(int(e), own.start_noise * own.noise[c]) for c, e in enumerate(self.state.entries)]
+        sizes += [(int(e), own.fitted_noise[:, e]) for e in np.flatnonzero(own.fitted_noise.any(axis=0))]
+        for entry, size in sizes:
+            states = [self.state.displace(s, entry, b) for s, b in zip(own.starts.states, sign * size, strict=True)]
             yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

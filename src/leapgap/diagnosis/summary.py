@@ -14,6 +14,7 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log
+from leapgap.logs.state import fitted_velocities
 
 SIGMAS = 1.96
 """Half width of a 95 % interval in standard deviations."""
@@ -180,7 +181,11 @@ def not_judged(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
         "imu_acc_z": "the IMU's accelerations",
         "supply_voltage": "sag of the supply",
     }
-    return [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking] + rows_left_out(judged, logs)
+    named = [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking]
+    fitted = {quantity for log in logs for quantity in fitted_velocities(log, robot)[1]}
+    started = [f"{quantity} (at the start of replays from a fit through the positions)" for quantity in sorted(fitted)]
+    plain = [name for name in named if not any(name.startswith(quantity) for quantity in fitted)]
+    return list(dict.fromkeys([*plain, *started])) + rows_left_out(judged, logs)
 
 
 def rows_left_out(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
