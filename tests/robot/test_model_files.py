@@ -13,6 +13,7 @@ from leapgap.robot.kinematics import centre_of_mass, feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PartNames
 from leapgap.robot.visuals import body_poses
+from leapgap.simulation.corrected import read_corrected, write_corrected
 from leapgap.simulation.replay import Replayer, Rollout
 from tests.plain_simulation import Pd, by_force, simulate
 
@@ -163,6 +164,34 @@ def test_a_urdf_moves_as_an_mjcf_of_the_same_figures(tmp_path: Path) -> None:
 def test_a_urdf_floats_where_that_is_asked_for(tmp_path: Path) -> None:
     assert urdf(tmp_path, mount="", fix_base=False).has_free_base
     assert not urdf(tmp_path, mount="").has_free_base
+
+
+def meshed(folder: Path, geom: str) -> Path:
+    """A pendulum with a mesh whose file is missing."""
+    path = folder / "pendulum.xml"
+    path.write_text(f"""<mujoco><asset><mesh name="shell" file="nowhere/shell.stl"/></asset><worldbody>
+      <body name="rod"><inertial pos="0 0 -0.1" mass="1" diaginertia="0.01 0.01 0.01"/><joint name="hinge"/>
+      <geom type="mesh" mesh="shell" {geom}/></body></worldbody><actuator><motor joint="hinge"/></actuator></mujoco>""")
+    return path
+
+
+def test_visual_meshes_whose_files_are_missing_are_left_out_with_a_note(tmp_path: Path) -> None:
+    robot = Robot.load(meshed(tmp_path, 'contype="0" conaffinity="0"'))
+    assert robot.notes == ("1 visual meshes are left out, since their files are missing: nowhere/shell.stl",)
+    assert robot.total_mass == 1.0
+    with pytest.raises(InputError, match=r"no file nowhere/shell\.stl, of a mesh that collides"):
+        Robot.load(meshed(tmp_path, ""))
+
+
+def test_a_urdf_is_corrected_as_an_mjcf(tmp_path: Path) -> None:
+    robot = urdf(tmp_path)
+    write_corrected(tmp_path / "corrected", robot, (effects.effect("joint_friction", torque_nm=0.3),))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "corrected" / "robot.xml"))
+    assert model.dof_frictionloss == pytest.approx([0.5, 0.3])
+    assert model.nu == 2
+    again, _ = read_corrected(tmp_path / "corrected")
+    assert again.torque_limits.tolist() == [9, np.inf]
+    assert again.model.body_mass == pytest.approx(robot.model.body_mass)
 
 
 def test_the_hash_is_that_of_the_compiled_model(tmp_path: Path) -> None:

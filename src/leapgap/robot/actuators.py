@@ -50,6 +50,8 @@ class JointActuator:
     """Inertia that the file gives to actuators and not to the joint, kg·m²."""
     damping: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Damping that the file gives to actuators: coefficients of q̇, |q̇| q̇ and q̇³."""
+    has_bias: bool = False
+    """Whether an actuator of the file depends on the joint's state, as servos do; a torque motor does not."""
 
 
 def actuators_of(
@@ -112,6 +114,7 @@ def joint_actuator(model: mujoco.MjModel, joint: int, actuators: Sequence[int], 
         limit=(float(limits[0]), float(limits[1])),
         armature=float(squared_gear @ model.actuator_armature[chosen]),
         damping=tuple(float(value) for value in damping),
+        has_bias=bool((model.actuator_biastype[chosen] != int(mujoco.mjtBias.mjBIAS_NONE)).any()),
     )
 
 
@@ -171,6 +174,24 @@ def replace_actuators(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None
             spec.delete(sensor)
     for key in spec.keys:
         key.ctrl, key.act = [], []
+    if not any(motor.has_bias for motor in own):
+        take_pd_once_a_step(spec)
+
+
+def take_pd_once_a_step(spec: mujoco.MjSpec) -> None:
+    """Integrate a model so that a joint PD in its actuators acts as one that a controller computes at each step.
+
+    The makers' torque motors leave the PD to a controller, whose torque holds for a step. ``implicitfast`` would
+    integrate the damper of our actuators implicitly. Euler's method differs from it in nothing else that these models
+    have: it integrates the damping of joints implicitly too.
+    """
+    damped_tendons = any(np.any(tendon.damping) for tendon in spec.tendons)
+    explicit_damping = spec.option.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    in_fluid = spec.option.density > 0 or spec.option.viscosity > 0
+    if damped_tendons or explicit_damping or in_fluid:
+        return
+    if spec.option.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
 
 
 def make_affine(actuator: mujoco.MjsActuator, gain: float) -> None:

@@ -37,6 +37,8 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
     for effect in correction:
         drive = effect.change_drive(drive, robot)
     put_drive(drive, spec, robot)
+    if spec.option.density > 0:
+        spec.option.integrator = mujoco.mjtIntegrator(robot.model.opt.integrator)  # they integrate drag differently
     return spec, tuple(left_out)
 
 
