@@ -8,11 +8,9 @@ import sys
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
-GUARD = None
 if sys.argv[:1] == ["-m"]:  # `python -m stages.<stage>` imports this first: Ctrl-C may come while it imports
     from leapgap.output_folder import what_is_kept
     from leapgap.processes import InterruptGuard
 
     STAGE = next((word for word in sys.orig_argv if word.startswith("stages.")), "stages")
-    GUARD = InterruptGuard(lambda: f"{STAGE}: stopped by Ctrl-C; {what_is_kept()}")
-    GUARD.install()
+    InterruptGuard(lambda: f"{STAGE}: stopped by Ctrl-C; {what_is_kept()}").install()
