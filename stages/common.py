@@ -21,7 +21,6 @@ from omegaconf.errors import OmegaConfBaseException
 
 from leapgap.errors import InputError
 from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, system_error
-from stages import GUARD
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
@@ -54,16 +53,10 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
             run_with_hydra(stage_or_refusal, name)
     except (InputError, OSError) as error:
         refuse(name, error)
-    except BaseException:  # after Ctrl-C, whatever a library makes of it
-        if GUARD is not None and GUARD.interrupted:
-            GUARD.end()
-        raise
 
 
 def refuse(name: str, error: InputError | OSError) -> NoReturn:
     """Print the message of bad input and exit with code 2; Hydra adds nothing to a ``SystemExit``."""
-    if GUARD is not None and GUARD.interrupted:
-        GUARD.end()
     if isinstance(error, BrokenPipeError):  # nobody reads what is printed; Python must not flush into it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     message = error if isinstance(error, InputError) else system_error(error)

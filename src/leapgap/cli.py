@@ -26,9 +26,8 @@ UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; its exit code."""
-    guard = InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}")
     if arguments is None:  # the command itself, not a call from Python
-        guard.install()
+        InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}").install()
     chosen = parser().parse_args(arguments)
     try:
         chosen.run(chosen)
@@ -41,11 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f"leapgap {chosen.command}: {system_error(error)}", file=sys.stderr)
         return 2
-    except BaseException as error:
-        if guard.interrupted:
-            guard.end()
-        if not isinstance(error, KeyboardInterrupt):
-            raise
+    except KeyboardInterrupt:
         print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
         return STOPPED
     return 0

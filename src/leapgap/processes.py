@@ -10,16 +10,18 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from pathlib import Path
 
 from leapgap.atomic_io import TEMPORARY
 
 POLL_S = 1.0
 """Time between two looks of a worker at its parent."""
-UNWIND_S = 1.5
-"""Time that a command has after Ctrl-C to end in order; then it is ended."""
+WAIT_S = 0.5
+"""Time that the main thread has after Ctrl-C to end its process itself."""
 STOPPED = 130
 """Exit code of a command that Ctrl-C ended."""
+TRACKER_ADVICE = "ignore:resource_tracker"
+"""Filter of the warning with which Python's own helper clears semaphores of workers that were ended."""
 SET_DEATH_SIGNAL = 1
 """``PR_SET_PDEATHSIG`` of ``prctl``."""
 
@@ -32,9 +34,15 @@ def starting_workers() -> Iterator[tuple[Callable[..., None], tuple[int, bool]]]
     """
     is_main = threading.current_thread() is threading.main_thread()
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    filters = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (filters, TRACKER_ADVICE)))
     try:
         yield end_with_parent, (os.getpid(), is_main)
     finally:
+        if filters is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = filters
         if blocked is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
@@ -61,19 +69,26 @@ def watch_parent(parent: int) -> None:
     os._exit(STOPPED)
 
 
-class InterruptGuard:
-    """On Ctrl-C one line and the end of this process: in order where that is quick, at once after ``UNWIND_S``.
+def end_workers() -> None:
+    """End the processes that this one has started, where they can be listed; the tracker of shared memory stays."""
+    for listed in Path("/proc/self/task").glob("*/children"):
+        for pid in map(int, listed.read_text().split()):
+            with contextlib.suppress(OSError):
+                if b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    os.kill(pid, signal.SIGKILL)
 
-    A library may catch ``KeyboardInterrupt`` for reasons of its own, wait for its workers, or be in a long computation;
-    so a thread ends the process in any case. Standard error is shut in between, against tracebacks of libraries.
+
+class InterruptGuard:
+    """Ends this process on Ctrl-C, with its workers, and says so in one line.
+
+    No exception is raised: libraries catch ``KeyboardInterrupt`` for reasons of their own, print tracebacks or wait for
+    their workers. What is temporary is removed here instead. A thread does this where the main one is in a computation.
     """
 
     def __init__(self, line: Callable[[], str]) -> None:
         """``line`` returns what is printed."""
         self.line = line
-        self.interrupted = False
-        self._errors = 2
-        self._ended, self._silent = threading.Lock(), threading.Lock()
+        self._ended = threading.Lock()
 
     def install(self) -> None:
         """Handle Ctrl-C from now on, unless this process ignores it (as one in the background of a script does)."""
@@ -82,47 +97,30 @@ class InterruptGuard:
         heard, told = os.pipe()
         os.set_blocking(told, False)
         signal.set_wakeup_fd(told, warn_on_full_buffer=False)
-        signal.signal(signal.SIGINT, self._handle)
-        sys.excepthook = self._except
+        signal.signal(signal.SIGINT, lambda *_: self.end())
         threading.Thread(target=self._watch, args=(heard,), daemon=True).start()
 
-    def end(self) -> NoReturn:
-        """Remove what is temporary, print the line, and end this process; its workers end with it."""
-        self._ended.acquire()  # for good: one thread does this once
+    def end(self) -> None:
+        """End the workers, remove what is temporary, print the line, and end this process."""
+        if not self._ended.acquire(blocking=False):
+            return  # another thread is at it
+        line = self.line()
+        end_workers()
+        with contextlib.suppress(OSError, ValueError, RuntimeError):  # of one who prints at this moment
+            sys.stdout.flush()
         for path in list(TEMPORARY):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 with contextlib.suppress(OSError):
                     path.unlink()
-        with contextlib.suppress(OSError, ValueError):
-            sys.stdout.flush()
         with contextlib.suppress(OSError):
-            os.write(self._errors, f"{self.line()}\n".encode())
+            os.write(2, f"{line}\n".encode())
         os._exit(STOPPED)
-
-    def _handle(self, *_: Any) -> None:
-        if not self.interrupted:
-            self._silence()
-            raise KeyboardInterrupt
-
-    def _except(self, *error: Any) -> None:
-        if self.interrupted:
-            self.end()
-        sys.__excepthook__(*error)
-
-    def _silence(self) -> None:
-        """Shut standard error once, and keep it for the line."""
-        with self._silent:
-            if not self.interrupted:
-                self._errors = os.dup(2)
-                os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-                self.interrupted = True
 
     def _watch(self, heard: int) -> None:
         """Wait for Ctrl-C, which the interpreter tells here even where its main thread is in a computation."""
         while signal.SIGINT not in os.read(heard, 64):
             pass
-        time.sleep(UNWIND_S)
-        self._silence()
+        time.sleep(WAIT_S)
         self.end()

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from leapgap.atomic_io import sha256, write_json, write_text
+from leapgap.blas import one_blas_thread
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
@@ -94,6 +95,7 @@ class Report:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
+    @one_blas_thread()
     def write(self, folder: Path) -> None:
         """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder."""
         write_json(folder / REPORT, self.content.to_json())
@@ -117,6 +119,7 @@ def cause_in_words(cause: Cause) -> str:
     return f"  {cause.effect}{place}: {numbers}, {closes}"
 
 
+@one_blas_thread()
 def diagnose_logs(
     logs: Sequence[Log],
     robot: Robot,
