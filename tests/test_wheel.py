@@ -24,6 +24,7 @@ HEAVY = {
     "casadi",
     "daqp",
     "dvc",
+    "h5py",
     "hydra",
     "joblib",
     "lightning",
@@ -32,6 +33,7 @@ HEAVY = {
     "onnxruntime",
     "osqp",
     "rerun",
+    "rosbags",
     "torch",
 }
 """Modules of the extras. The base install lacks them, and ``import leapgap`` must not load them where they are."""

@@ -174,8 +174,9 @@ def test_csv_names_the_missing_column_and_the_empty_cell(robot: Robot, tmp_path:
 
 
 def test_unknown_format_lists_the_known(robot: Robot) -> None:
-    assert tuple(formats()) == ("csv", "published")
-    with pytest.raises(InputError, match="found bags; expected one of csv, published"):
+    known = ("csv", "hdf5", "lerobot", "mat", "npz", "parquet", "pt", "published", "ros")
+    assert tuple(formats()) == known
+    with pytest.raises(InputError, match=f"found bags; expected one of {', '.join(known)}"):
         log_format("bags")
 
 

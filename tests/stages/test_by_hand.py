@@ -80,7 +80,7 @@ def test_no_logs_is_a_stated_result(tmp_path: Path) -> None:
         (("diagnose", "diagnose.settings.effects=[nonsense]", "diagnose.logs={logs}"), ("found nonsense",)),
         (("diagnose", "diagnose.logs=nowhere"), ("nowhere: found no such folder",)),
         (("diagnose", "diagnose.logs={logs}", "diagnose.robot=nowhere.xml"), ("nowhere.xml: found no such file",)),
-        (("import_logs", "import_logs.format=bags"), ("found bags; expected one of csv, published",)),
+        (("import_logs", "import_logs.format=bags"), ("found bags; expected one of csv, hdf5",)),
         (("import_logs", "import_logs.source=nowhere"), ("import_logs.source: found nowhere",)),
         (("optimize", "optimize.targets=[[9.0,0.0]]"), ("9",)),
         (("chunk", "chunk.logs={logs}", "chunk.flight_step_s=0.07"), ("flight",)),

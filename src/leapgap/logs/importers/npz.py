@@ -1,0 +1,61 @@
+"""Importer of NumPy archives; nothing in them is unpickled."""
+
+import zipfile
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.lib import format as npy
+
+from leapgap.errors import InputError
+from leapgap.logs.importers.table_format import TableFormat
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, product
+
+
+class Npz(TableFormat):
+    """Archives of arrays as ``numpy.savez`` writes them, or one structured array (``.npy``)."""
+
+    name = "npz"
+    suffixes = (".npz", ".npy")
+
+    def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
+        """The arrays of an archive; the fields of a structured array are arrays of their own."""
+        try:
+            if path.suffix == ".npy":
+                with path.open("rb") as file:
+                    return fields("array", array_of(file, path, 0))
+            return archive(path, wanted)
+        except (zipfile.BadZipFile, OSError, EOFError, ValueError) as error:
+            raise InputError(path, f"no whole NumPy archive ({error})", "arrays of numbers", "save it anew") from None
+
+
+def archive(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
+    """The wanted arrays of a zip of ``.npy`` files."""
+    arrays: dict[str, np.ndarray] = {}
+    with zipfile.ZipFile(path) as folder:
+        for member in folder.namelist():
+            name = member.removesuffix(".npy")
+            if name != member and wanted(name):
+                with folder.open(member) as file:
+                    taken = sum(array.size for array in arrays.values())
+                    arrays |= fields(name, array_of(cast(BinaryIO, file), f"{path}, {name}", taken))
+    return arrays
+
+
+def array_of(file: BinaryIO, where: object, taken: int) -> np.ndarray:
+    """One array, after its stated size and type were checked; ``taken`` values are in memory before it."""
+    version = npy.read_magic(file)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, kind = read_header(file)
+    if kind.hasobject:
+        raise InputError(where, "Python objects", "an array of numbers", "save it as numbers")
+    check_size(where, taken + product(shape) * kind.itemsize / 8)
+    file.seek(0)
+    return npy.read_array(file, allow_pickle=False)
+
+
+def fields(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    """The array by its name, or each field of a structured one as ``name.field``."""
+    if array.dtype.names is None:
+        return {name: array}
+    return {f"{name}.{one}": array[one] for one in array.dtype.names}

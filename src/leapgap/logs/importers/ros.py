@@ -1,0 +1,253 @@
+"""Importer of ROS recordings without ROS: bags of ROS 1, of ROS 2 (SQLite) and MCAP, with messages of any type.
+
+Each topic has a rate of its own. The rows of a log are the messages of one topic, the clock. Of every other topic a row
+gets what was known then: commands are held, measurements are interpolated.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.errors import InputError, needs
+from leapgap.logs.clock import held_at, increasing_rows, interpolated_at
+from leapgap.logs.importers.table_format import TableFormat, TableOptions
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.log import Log
+from leapgap.logs.resampling import HELD
+from leapgap.robot.model import Robot
+
+RECEIVED, STAMPED = "received", "stamped"
+TIME = "time"
+NAME_FIELDS = ("name", "names", "joint_names")
+"""Fields with the names of joints: arrays of the same length beside them are addressed by these names."""
+METADATA = "metadata.yaml"
+LONGEST = 1000
+"""Items of an array in a message that can be addressed: motors and feet, no pixels."""
+
+Step = str | int
+Getter = tuple[Step, ...]
+"""How a value is reached in a message: fields by name, items by index."""
+
+
+@dataclass(frozen=True)
+class RosOptions(TableOptions):
+    """Options of ROS recordings. Theirs are called ``/topic/field.field[index]``, in messages with names of joints
+    ``/joint_states/position[knee]``."""
+
+    clock: str | None = None
+    """The topic whose messages are the rows; none: the one that measured positions of joints come from."""
+    stamps: str = RECEIVED
+    """Times of the messages: when they were ``received``, or as ``stamped`` in their headers."""
+    message_files: list[str] = field(default_factory=list)
+    """Definitions of messages (``package/msg/Name.msg``), for an SQLite recording that does not hold them itself."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """The messages of one topic: their times, s, (messages,), and the wanted fields, each (messages,)."""
+
+    time: np.ndarray
+    fields: dict[str, np.ndarray]
+
+
+class Ros(TableFormat):
+    """Bags of ROS 1 and 2, and MCAP."""
+
+    name = "ros"
+    suffixes = (".bag", ".mcap", ".db3")
+    Options = RosOptions
+
+    def find(self, source: Path) -> dict[str, Path]:
+        """Bags of a folder: files, and folders with a ``metadata.yaml``; the source may be one of them."""
+        if source.is_file() or (source / METADATA).is_file():
+            return {source.stem if source.is_file() else source.name: source}
+        folders = {path.parent.name: path.parent for path in sorted(source.glob(f"*/{METADATA}"))}
+        return {**super().find(source), **folders}
+
+    def read_all(self, path: Path, name: str, robot: Robot, options: RosOptions) -> list[Log]:
+        """The logs of one recording; the time of its messages is the time unless a field is mapped."""
+        if TIME not in options.columns:
+            options = replace(options, columns={TIME: TIME, **options.columns})
+        return super().read_all(path, name, robot, options)
+
+    def read_table(self, path: Path, options: RosOptions, wanted: Wanted) -> Arrays:
+        """The wanted fields of all topics, joined on the messages of the clock."""
+        if options.stamps not in (RECEIVED, STAMPED):
+            raise InputError("import_logs.ros.stamps", options.stamps, f"{RECEIVED} or {STAMPED}", "choose one")
+        topics = read_topics(path, options, wanted)
+        if not topics:
+            do = "name their fields as /topic/field in the map of columns"
+            raise InputError(path, "no field that is mapped", "messages with these fields", do)
+        clock = options.clock or clock_of(topics, options)
+        if clock not in topics:
+            raise InputError(path, f"no mapped field of {clock}", f"one of {', '.join(topics)}", "choose it as clock")
+        return join(topics, clock, options, path)
+
+
+def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, Topic]:
+    """Times and wanted fields of every topic that has such fields."""
+    with needs("ros"):
+        from rosbags.highlevel import AnyReader
+    times: dict[str, list[int]] = defaultdict(list)
+    rows: dict[str, list[list[Any]]] = defaultdict(list)
+    getters: dict[str, dict[str, Getter]] = {}
+    try:
+        with AnyReader([path], default_typestore=types_of(options)) as reader:
+            counts = {name: info.msgcount for name, info in reader.topics.items()}
+            mapped = [one for one in reader.connections if may_be_mapped(one.topic, options)]
+            for connection, received, raw in reader.messages(mapped) if mapped else ():
+                topic = connection.topic
+                if not getters.get(topic, True):
+                    continue  # nothing of it is wanted
+                message = reader.deserialize(raw, connection.msgtype)
+                if topic not in getters:
+                    getters[topic] = {name: at for name, at in leaves(message, topic) if wanted(name)}
+                    check_size(path, sum(counts[one] * len(found) for one, found in getters.items()))
+                    if not getters[topic]:
+                        continue
+                times[topic].append(stamp(message, topic, path) if options.stamps == STAMPED else received)
+                rows[topic].append(values_of(message, getters[topic], f"{path}, {topic}, message {len(rows[topic])}"))
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file shows as errors of any kind: of SQLite, of the decoder, of lists
+        do = "copy it whole; name message_files if it does not hold its message types"
+        raise InputError(path, f"no readable recording ({error})", "a ROS bag or MCAP", do) from None
+    first = min((min(stamps) for stamps in times.values()), default=0)
+    return {topic: in_order(times[topic], first, rows[topic], list(getters[topic])) for topic in times}
+
+
+def may_be_mapped(topic: str, options: RosOptions) -> bool:
+    """Whether a name of theirs may be a field of this topic; where nothing is mapped, every topic."""
+    terms = [[theirs] if isinstance(theirs, str) else list(theirs) for theirs in options.columns.values()]
+    names = {name for one in terms for name in one} | set(options.drop_rows) | {options.cut_by or TIME}
+    heads = {name.partition("*")[0] for name in names - {TIME}}
+    return not heads or any(head.startswith(f"{topic}/") or f"{topic}/".startswith(head) for head in heads)
+
+
+def in_order(stamps: list[int], first: int, rows: list[list[Any]], names: list[str]) -> Topic:
+    """The messages by their time, which is that since the first message of the recording."""
+    time = (np.array(stamps, dtype=np.int64) - first) * 1e-9
+    order = np.argsort(time, kind="stable")
+    values = np.array(rows, dtype=np.float64)[order]
+    return Topic(time[order], dict(zip(names, values.T, strict=True)))
+
+
+def types_of(options: RosOptions) -> Any:
+    """Message types for recordings that hold none: those of ROS 2, and the stated files."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.LATEST)
+    for name in options.message_files:
+        file = Path(name)
+        kind = f"{file.parent.parent.name}/msg/{file.stem}"
+        try:
+            store.register(get_types_from_msg(file.read_text(encoding="utf-8"), kind))
+        except Exception as error:
+            expected = "a message definition as package/msg/Name.msg"
+            raise InputError(file, f"none that can be read ({error})", expected, "correct message_files") from None
+    return store
+
+
+def leaves(message: Any, topic: str) -> Iterator[tuple[str, Getter]]:
+    """Every number of a message: its name, and how it is reached."""
+
+    def below(value: Any, name: str, at: Getter) -> Iterator[tuple[str, Getter]]:
+        if isinstance(value, bool | int | float | np.number):
+            yield name, at
+        elif isinstance(value, list | tuple | np.ndarray):
+            for i, item in enumerate(value[:LONGEST]):
+                yield from below(item, f"{name}[{i}]", (*at, i))
+        elif hasattr(value, "__msgtype__"):
+            fields = [one for one in vars(value) if not one.startswith("_")]
+            names = next((list(getattr(value, one)) for one in fields if one in NAME_FIELDS), [])
+            for one in fields:
+                inner = getattr(value, one)
+                path = f"{name}.{one}" if at else f"{name}/{one}"
+                yield from below(inner, path, (*at, one))
+                if names and isinstance(inner, np.ndarray) and len(inner) == len(names):
+                    yield from ((f"{path}[{joint}]", (*at, one, str(joint))) for joint in names)
+
+    return below(message, topic, ())
+
+
+def values_of(message: Any, getters: dict[str, Getter], where: str) -> list[float]:
+    """The wanted numbers of one message; ``InputError`` where an array is shorter than in the first one."""
+    found = []
+    for name, getter in getters.items():
+        value = message
+        try:
+            for at, step in enumerate(getter):
+                if isinstance(step, int):
+                    value = value[step]
+                elif isinstance(value, np.ndarray):
+                    value = value[index_of(message, getter[: at - 1], step)]
+                else:
+                    value = getattr(value, step)
+            found.append(float(value))
+        except (IndexError, AttributeError, ValueError):
+            raise InputError(where, f"no {name}", "the fields of the first message", "cut the recording") from None
+    return found
+
+
+def index_of(message: Any, parent: Getter, joint: str) -> int:
+    """Where a joint stands in this message, by the names beside its values."""
+    for step in parent:
+        message = message[step] if isinstance(step, int) else getattr(message, step)
+    names = next(getattr(message, one) for one in NAME_FIELDS if hasattr(message, one))
+    return list(names).index(joint)
+
+
+def stamp(message: Any, topic: str, path: Path) -> int:
+    """The time in a message's header, ns."""
+    header = getattr(message, "header", None)
+    if header is None:
+        raise InputError(
+            f"{path}, {topic}", "messages without a header", "a stamp", "use import_logs.ros.stamps=received"
+        )
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def patterns(options: RosOptions, quantities: tuple[str, ...]) -> list[re.Pattern[str]]:
+    """Names of their fields that some quantities of ours are mapped to; ``*`` stands for anything."""
+    found = []
+    for ours, theirs in options.columns.items():
+        if ours.partition("/")[0] in quantities:
+            names = [theirs] if isinstance(theirs, str) else list(theirs)
+            found += [re.compile(re.escape(name).replace(r"\*", ".+")) for name in names]
+    return found
+
+
+def clock_of(topics: dict[str, Topic], options: RosOptions) -> str:
+    """The topic that positions of joints come from, else the one with most messages."""
+    measured = patterns(options, ("joint_pos",))
+    for topic, one in topics.items():
+        if any(pattern.fullmatch(name) for pattern in measured for name in one.fields):
+            return topic
+    return max(topics, key=lambda topic: len(topics[topic].time))
+
+
+def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) -> dict[str, np.ndarray]:
+    """All fields at the times of the clock's messages, from when every topic has been heard to when one ends.
+
+    A command stays until the next, also after the last one.
+    """
+    commands = patterns(options, HELD)
+    held = {name for one in topics.values() for name in one.fields if any(p.fullmatch(name) for p in commands)}
+    begin = max(one.time[0] for one in topics.values())
+    end = min((one.time[-1] for one in topics.values() if not set(one.fields) <= held), default=np.inf)
+    rows = (topics[clock].time >= begin) & (topics[clock].time <= end)
+    if not rows.any():
+        raise InputError(path, f"no message of {clock} while all topics are there", "topics at one time", "cut it")
+    instants = topics[clock].time[rows]
+    arrays = {TIME: instants}
+    for topic, one in topics.items():
+        kept = increasing_rows(one.time)
+        for name, values in one.fields.items():
+            at = held_at if name in held else interpolated_at
+            arrays[name] = values[rows] if topic == clock else at(instants, one.time[kept], values[kept])
+    return arrays
