@@ -215,3 +215,21 @@ def test_included_files_and_meshes_count_in_the_hash(tmp_path: Path) -> None:
     first = leg.sha256
     (tmp_path / "leg_description" / "meshes" / "thigh.obj").write_text(TETRAHEDRON.replace("v 1 0 0", "v 1.5 0 0"))
     assert Robot.load(leg.path).sha256 != first
+
+
+OVERLAP = """<mujoco model="overlap"><worldbody>
+  <body name="base" pos="0 0 1"><freejoint/><geom size=".1" mass="5"/>
+    <body name="shell"><geom size=".1" pos="0 .05 0" mass="1"/>
+      <body pos="0 .1 0"><joint name="hip" axis="1 0 0"/><geom size=".08" mass="1"/></body></body></body>
+</worldbody><actuator><motor joint="hip"/></actuator></mujoco>"""
+
+
+def test_a_held_base_does_not_touch_the_links_at_it(tmp_path: Path) -> None:
+    """MuJoCo forbids contacts of a body with its parent, but not those of a parent that does not move."""
+    path = tmp_path / "overlap.xml"
+    path.write_text(OVERLAP)
+    for held in (None, True):
+        model = Robot.load(path, fix_base=held).model
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        assert data.ncon == 0, held

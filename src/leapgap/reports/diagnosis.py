@@ -10,6 +10,7 @@ from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
+from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log, read_logs
 from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
@@ -130,7 +131,11 @@ def diagnose_logs(
     threads: int | None = None,
     record: Callable[[Report, Path], None] | None = None,
 ) -> Report:
-    """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
+    """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
+
+    A single long log is cut into parts, so that there are others to judge a cause on.
+    """
+    logs = at_least_two(logs)
     for note in robot.notes:
         progress(f"{robot.name}: {note}")
     diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)

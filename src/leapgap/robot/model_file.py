@@ -101,7 +101,25 @@ def hold_base(spec: mujoco.MjSpec) -> None:
             key.qpos = np.delete(np.array(key.qpos), slice(before, before + POSE))
         if len(key.qvel):
             key.qvel = np.delete(np.array(key.qvel), slice(speeds, speeds + TWIST))
+    base = joints[0].parent
     spec.delete(joints[0])
+    exclude_neighbours(spec, base)
+
+
+def exclude_neighbours(spec: mujoco.MjSpec, base: mujoco.MjsBody) -> None:
+    """Forbid contacts of a held base with the links at it.
+
+    MuJoCo forbids those of a body with its parent, unless the parent does not move: links may touch the world.
+    """
+    held, links = [base], list[mujoco.MjsBody]()
+    for body in held:  # grows: bodies without a joint are held with the base
+        for child in body.bodies:
+            (links if child.joints else held).append(child)
+    for number, body in enumerate([*held, *links]):
+        body.name = body.name or f"held_{number}"
+    for body in held:
+        for link in links:
+            spec.add_exclude(bodyname1=body.name, bodyname2=link.name)
 
 
 def index(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> int:
