@@ -134,7 +134,7 @@ class Robot:
 
         It includes motors stated beside the file, so that robots with different motors have different hashes.
         """
-        return hash_model(self.model, self.published_spec(), self.stated_motors)
+        return hash_model(self.model, self.stated_motors)
 
     @cached_property
     def name(self) -> str:
