@@ -108,10 +108,10 @@ def test_the_model_file_moves_as_the_corrected_replay(tmp_path: Path, name: str,
 
 @pytest.mark.parametrize("kind", ["go2", "ur5e"])
 def test_motors_of_the_makers_are_corrected_where_they_stand(tmp_path: Path, kind: str) -> None:
-    """Motors and servos keep their controls; the last joint gets a gain, a lag, a limit of voltage, and all."""
+    """Motors and servos keep their controls; the last joint gets a lag and a limit of voltage, then a gain too."""
     robot, log = robot_and_log(kind)
     motors = [effect_at(robot, name, -1) for name in ("torque_gain", "motor_lag", "torque_speed_limit")]
-    for folder, chosen in (("gain", motors[:1]), ("lag", motors[1:2]), ("voltage", motors[2:]), ("all", motors)):
+    for folder, chosen in (("electric", motors[1:]), ("all", motors)):
         (tmp_path / folder).mkdir()
         assert check_motion(tmp_path / folder, kind, robot, log, tuple(chosen)) > 1e-6
 
