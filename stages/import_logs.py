@@ -1,4 +1,9 @@
-"""Import logs of other formats as jump logs."""
+"""Import logs of other formats as jump logs.
+
+Examples:
+
+    python -m stages.import_logs import_logs.source=raw import_logs.format=published import_logs.out=jumps
+"""
 
 from pathlib import Path
 from typing import Any
