@@ -125,6 +125,9 @@ def test_a_stage_finds_the_projects_robot_from_any_folder(tmp_path: Path) -> Non
         (("collect", "collect.mpc.period_s=nan"), "period_s"),
         (("diagnose", "diagnose.threads=-1"), "diagnose.threads: found -1"),
         (("collect", "robot.body.mass_kg=0.0"), "mass_kg 0.0"),
+        (("train", "train.folds=0"), "folds 0: 1 or more"),
+        (("train", "train.threads=-1"), "threads -1: 1 or more"),
+        (("train", "robot.body.mass_kg=0.0"), "mass_kg 0.0"),
     ],
 )
 def test_numbers_that_mean_nothing_are_refused(tmp_path: Path, arguments: tuple[str, ...], says: str) -> None:
