@@ -16,6 +16,8 @@ SAME = 0.15
 """Two factors this near to each other, relatively, are the same."""
 CLEAR, PLAIN = 0.8, 0.95
 """Correlation from which on two columns belong together, and share of rows in the limits from which on a unit fits."""
+USED = 0.1
+"""Share of its limits that some joint must use before they decide a unit: a hundredth of a degree lies in any limits."""
 MARGIN_RAD = 0.1
 """Positions may lie beyond the limits by this much: play, soft stops."""
 MOST_ROWS = 20_000
@@ -99,7 +101,10 @@ def unit_of_positions(position: np.ndarray, limits: np.ndarray) -> tuple[str, np
         believable = share[limited].mean() if limited.any() else float(np.abs(si).max() < 3 * math.pi)
         if believable > best[0] + 0.02:
             best = (believable, unit, signs)
-    return best[1], best[2], bool(limited.any() and best[0] >= PLAIN)
+    if not limited.any() or best[0] < PLAIN:
+        return best[1], best[2], False
+    span = np.ptp(position[:, limited], axis=0) * UNITS["rad"][best[1]] / np.ptp(limits[limited], axis=1)
+    return best[1], best[2], bool(span.max() > USED)
 
 
 def inside(position: np.ndarray, limits: np.ndarray) -> np.ndarray:

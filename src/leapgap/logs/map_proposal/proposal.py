@@ -67,6 +67,9 @@ class Evidence:
     """Quantity → (rows, joints), SI, as far as known."""
     their_joints: list[str] | None = None
     """What the first family calls our joints, in our order: what ``*`` stands for in their names."""
+    position_unit: str = "rad"
+    certainty: str = GUESSED
+    """How sure that unit is: what follows from it is no surer."""
     torque_alone: bool = False
     """Whether the torques that were sent explain the measured ones, so that no joint PD acts beside them."""
 
@@ -250,6 +253,7 @@ def judge_positions(evidence: Evidence, proposal: Proposal) -> None:
     rows = np.isfinite(position).all(axis=1)
     unit, signs, decided = unit_of_positions(position[rows], limits_of(evidence.robot))
     scale("joint_pos", unit, signs, evidence, proposal)
+    evidence.position_unit, evidence.certainty = unit, SURE if decided else GUESSED
     flipped = [joint for joint, sign in zip(joints, signs, strict=True) if sign < 0]
     if decided:
         proposal.say(SURE, f"positions are in {unit}: in that unit they lie within the joints' limits")
@@ -321,7 +325,8 @@ def judge_velocities(evidence: Evidence, proposal: Proposal) -> None:
     signs = np.where(clear & (found.factor < 0), -1.0, 1.0)
     scale("joint_vel", unit[0], signs, evidence, proposal)
     which = "all joints" if clear.all() else ", ".join(j for j, one in zip(joints, clear, strict=True) if one)
-    proposal.say(SURE, f"velocities are in {unit[0]}: they are the rates of the positions ({which})")
+    rests = f"they are the rates of positions in {evidence.position_unit} ({which})"
+    proposal.say(evidence.certainty, f"velocities are in {unit[0]}: {rests}")
     if (signs < 0).any():
         turned = ", ".join(joint for joint, sign in zip(joints, signs, strict=True) if sign < 0)
         proposal.say(SURE, f"velocities of {turned} have the opposite sign of their positions; they are turned round")
@@ -371,7 +376,7 @@ def judge_set_points(evidence: Evidence, proposal: Proposal) -> None:
             )
             continue
         scale(quantity, unit[0], np.ones(len(evidence.robot.joints)), evidence, proposal)
-        proposal.say(SURE, f"{quantity} is in {unit[0]}: what is measured follows it")
+        proposal.say(evidence.certainty, f"{quantity} is in {unit[0]}: what is measured follows it")
 
 
 def judge_torques(evidence: Evidence, proposal: Proposal) -> None:
