@@ -13,6 +13,8 @@ from leapgap.logs.log import read_logs
 from leapgap.logs.map_proposal.names import families, quantity_by_words, words
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
+from tests.logs.test_ros import write_mcap
+from tests.logs.test_table_formats import write_lerobot
 from tests.logs.test_tables import TWO_JOINTS, write_table
 
 KP, KD = np.array([40.0, 25.0]), np.array([1.5, 0.8])
@@ -217,3 +219,15 @@ def test_semicolons_are_noticed_and_other_files_refused(arm: Robot, tmp_path: Pa
     (tmp_path / "a.docx").write_text("x")
     with pytest.raises(InputError, match=r"a\.docx: found no file of a known format; expected one of csv, hdf5"):
         propose_map(tmp_path / "a.docx", arm)
+
+
+def test_recordings_and_datasets_are_proposed_for_too(arm: Robot, tmp_path: Path) -> None:
+    """LowState and LowCmd of a Unitree robot with a motor more than the model; episodes whose time begins anew."""
+    options = yaml.safe_load(propose_map(write_mcap(tmp_path / "walk"), arm))["ros"]
+    assert options["columns"]["joint_pos/*"] == "/lowstate/motor_state[*].q"
+    assert options["columns"]["cmd_tau/*"] == "/lowcmd/motor_cmd[*].tau"
+    assert options["columns"]["cmd_kp/*"] == "/lowcmd/motor_cmd[*].kp"
+    assert options["joint_names"] == {"0": "shoulder", "1": "elbow"}
+    options = yaml.safe_load(propose_map(write_lerobot(tmp_path / "arm_data"), arm))["lerobot"]
+    assert options["columns"]["time"] == "timestamp"
+    assert options["columns"]["joint_pos/*"] == "observation.state.*.pos"

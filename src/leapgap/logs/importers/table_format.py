@@ -112,6 +112,10 @@ class TableFormat(LogFormat):
             raise InputError(path, "no rows that are kept", f"{options.least_rows} or more", "correct how it is cut")
         return logs
 
+    def first_log(self, table: Table) -> Table:
+        """The rows of a table that are one run, to propose a map from; a format whose files hold several cuts them."""
+        return table
+
     def table(self, path: Path, options: Any, wanted: Wanted = lambda _: True) -> Table:
         """The table of one file, its size checked."""
         if not path.exists():

@@ -17,7 +17,7 @@ SAME = 0.15
 CLEAR, PLAIN = 0.8, 0.95
 """Correlation from which on two columns belong together, and share of rows in the limits from which on a unit fits."""
 USED = 0.1
-"""Share of its limits that some joint must use before they decide a unit: a hundredth of a degree lies in any limits."""
+"""Share of its limits that some joint must use before they decide a unit: tiny motions lie in any limits."""
 MARGIN_RAD = 0.1
 """Positions may lie beyond the limits by this much: play, soft stops."""
 MOST_ROWS = 20_000

@@ -24,7 +24,7 @@ def propose_map(source: Path, robot: Robot, format: str | None = None) -> str:
     if layout.name == "csv" and len(table.columns) == 1:
         delimiter = next((one for one in DELIMITERS if one in table.columns[0]), None)
         table = layout.table(path, layout.Options(**({"delimiter": delimiter} if delimiter else {})))
-    proposal = propose(table, robot)
+    proposal = propose(layout.first_log(table), robot)
     if delimiter:
         proposal.options["delimiter"] = delimiter
     return as_text(proposal, table, layout.name, robot)
