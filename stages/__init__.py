@@ -1,8 +1,16 @@
 """One thin file a stage: read config and inputs, call one function, write the output."""
 
 import os
+import sys
 
 # Sums of BLAS depend on its number of threads, and a stage already uses one process a core: so one thread each, which
 # makes the outputs independent of the machine's cores and is faster. It must be set before numpy is imported.
 for library in ("OMP", "OPENBLAS", "MKL"):
-    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    os.environ[f"{library}_NUM_THREADS"] = "1"
+
+if sys.argv[:1] == ["-m"]:  # `python -m stages.<stage>` imports this first: Ctrl-C may come while it imports
+    from leapgap.output_folder import what_is_kept
+    from leapgap.processes import InterruptGuard
+
+    STAGE = next((word for word in sys.orig_argv if word.startswith("stages.")), "stages")
+    InterruptGuard(lambda: f"{STAGE}: stopped by Ctrl-C; {what_is_kept()}").install()

@@ -5,12 +5,14 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import whole_folder
 from leapgap.jumping.learning import window_extraction, windows
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.logs import log as jump
-from leapgap.robot.model import Robot
+from leapgap.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.chunk"
 
 
 @dataclass
@@ -33,11 +35,11 @@ class ChunkSettings:
 def chunk(config: DictConfig) -> None:
     """Read a folder of jump logs and write their windows."""
     section = read_config(ChunkSettings, config.chunk, "chunk")
-    out = output_folder(section.out)
+    out = output_folder(section.out, STAGE, [section.logs, config.robot.model])
     extracted = window_extraction.cut(
-        jump.read_logs(Path(section.logs)), section.grid, Robot.load(config.robot.model), section.force
+        jump.read_logs(Path(section.logs)), section.grid, load_robot(config), section.force
     )
-    with whole_folder(out) as folder:
+    with whole_folder(out, STAGE) as folder:
         windows.write(extracted, folder)
     print(
         "no logs: no windows" if not len(extracted) else f"{len(extracted)} windows of {len(extracted.jumps)} jumps",

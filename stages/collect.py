@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import whole_folder
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.executor import Executor
@@ -27,12 +26,16 @@ from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to
 from leapgap.jumping.task import Target, target_of
 from leapgap.logs import log as jump_log
+from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.corrected import read_corrected
 from leapgap.simulation.open_loop import Course
 from leapgap.simulation.presets import Variant
 from stages.common import output_folder, read_config, read_optional, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.collect"
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,8 @@ def collect(config: DictConfig) -> None:
     """Simulate the configured jumps on the chosen hardware, and write their logs."""
     settings = read_config(CollectSettings, config.collect, "collect")
     executor = read_config(Executor, config.executor, "executor")
-    robot, corrections = robot_of(settings, config.robot.model)
+    out = output_folder(settings.out, STAGE, (settings.references, settings.robot, config.robot.model))
+    robot, corrections = robot_of(settings, config)
     effects = (*corrections, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
     rng = np.random.default_rng(settings.seed)
     targets = targets_of(settings, rng)
@@ -83,16 +87,16 @@ def collect(config: DictConfig) -> None:
         planned.append(
             CollectionSpec(f"{settings.hardware}_{i:02d}", task, method, effects, world, seed, settings.excitation)
         )
-    with whole_folder(output_folder(settings.out)) as folder:
+    with whole_folder(out, STAGE) as folder:
         for result in executor.map(CollectionSpec.run, planned):
             jump_log.write_log(result.log, folder / f"{result.log.name}.parquet")
             print(describe_result(result), flush=True)
 
 
-def robot_of(settings: CollectSettings, model: str) -> tuple[Robot, tuple[Effect, ...]]:
+def robot_of(settings: CollectSettings, config: DictConfig) -> tuple[Robot, tuple[Effect, ...]]:
     """The nominal robot, or a corrected one with the effects a diagnosis found."""
     if settings.robot is None:
-        return Robot.load(model), ()
+        return load_robot(config), ()
     return read_corrected(Path(settings.robot))
 
 

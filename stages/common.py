@@ -7,7 +7,8 @@ Bad input ends with exit code 2 and one message, and no traceback.
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -19,6 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from leapgap.errors import InputError
+from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, system_error
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
@@ -27,31 +29,38 @@ CONF = ROOT / "conf"
 T = TypeVar("T")
 
 
-def run_stage(stage: Callable[[DictConfig], Any]) -> None:
+def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None) -> None:
     """Run a stage's function with its configuration; every stage module calls this as its ``__main__``.
 
-    The function may return figures by name, which a sweep tabulates (``stages.sweep``).
+    The function may return figures by name, which a sweep tabulates (``stages.sweep``). ``extensible`` is a section
+    whose sections take keys that conf/ does not show; the stage refuses those that are wrong.
     """
     name = Path(sys.argv[0]).stem
 
     def stage_or_refusal(config: DictConfig) -> Any:
         try:
             return stage(config)
-        except InputError as error:
+        except (InputError, OSError) as error:
             refuse(name, error)
+        finally:
+            OUTPUTS.close()
 
     try:
         if "DVC_STAGE" in os.environ:
-            stage_or_refusal(params_with_overrides(sys.argv[1:]))
+            stage_or_refusal(params_with_overrides(sys.argv[1:], extensible))
         else:
+            sys.argv[1:] = [with_leave_to_add(argument, extensible) for argument in sys.argv[1:]]
             run_with_hydra(stage_or_refusal, name)
-    except InputError as error:
+    except (InputError, OSError) as error:
         refuse(name, error)
 
 
-def refuse(name: str, error: InputError) -> NoReturn:
+def refuse(name: str, error: InputError | OSError) -> NoReturn:
     """Print the message of bad input and exit with code 2; Hydra adds nothing to a ``SystemExit``."""
-    print(f"stages.{name}: {error}", file=sys.stderr)
+    if isinstance(error, BrokenPipeError):  # nobody reads what is printed; Python must not flush into it at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    message = error if isinstance(error, InputError) else system_error(error)
+    print(f"stages.{name}: {message}", file=sys.stderr)
     raise SystemExit(2) from None
 
 
@@ -66,11 +75,23 @@ def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
         raise config_error(error) from None
 
 
-def params_with_overrides(arguments: list[str]) -> DictConfig:
-    """``params.yaml`` of the working folder, overridden by ``key=value`` arguments."""
+def with_leave_to_add(argument: str, extensible: str | None) -> str:
+    """An override of a key in a section of the extensible section as Hydra takes it where conf/ has no such key."""
+    key, is_override, _ = argument.partition("=")
+    parts = key.split(".")
+    return f"++{argument}" if is_override and len(parts) > 2 and parts[0] == extensible else argument
+
+
+def params_with_overrides(arguments: list[str], extensible: str | None = None) -> DictConfig:
+    """``params.yaml`` of the working folder, overridden by ``key=value`` arguments.
+
+    ``extensible`` as in ``run_stage``.
+    """
     try:
         params = OmegaConf.load(PARAMS)
         OmegaConf.set_struct(params, True)
+        if extensible is not None:
+            OmegaConf.set_struct(params[extensible], False)
         return OmegaConf.merge(params, OmegaConf.from_dotlist(arguments))
     except OmegaConfBaseException as error:
         raise config_error(error) from None
@@ -155,10 +176,21 @@ def in_sweep() -> bool:
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
-def output_folder(out: Any) -> Path:
-    """The configured output folder; by default, outside DVC, a folder in Hydra's run folder of this job."""
-    if out is not None:
-        return Path(out)
-    if "DVC_STAGE" in os.environ:
+OUTPUTS = ExitStack()
+"""Locks of the output folders of the running stage."""
+
+
+def output_folder(
+    out: Any, by: str, inputs: Iterable[str | Path | None] = (), kept: bool = False, name: str = "out"
+) -> Path:
+    """The configured output folder, checked and locked until the stage ends; see ``leapgap.output_folder``.
+
+    By default, outside DVC, it is the folder ``name`` in Hydra's run folder of this job. ``by`` is the stage, and
+    ``inputs`` are the files and folders that it reads; ``kept``: the stage adds to the folder instead of replacing it.
+    """
+    if out is None and "DVC_STAGE" in os.environ:
         raise InputError("configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it")
-    return Path(HydraConfig.get().runtime.output_dir) / "out"
+    folder = Path(HydraConfig.get().runtime.output_dir) / name if out is None else Path(out)
+    STATES[check_output(folder, by, inputs, kept)] = AS_IT_WAS
+    OUTPUTS.enter_context(folder_lock(folder))
+    return folder

@@ -5,38 +5,59 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import whole_folder, write_json, write_text
+from leapgap.atomic_io import write_json, write_text
 from leapgap.diagnosis.diagnose import Settings
-from leapgap.reports.diagnosis import RECORDING, diagnose_folder
+from leapgap.output_folder import whole_folder
+from leapgap.reports.diagnosis import RECORDING, Report, diagnose_folder
 from leapgap.reports.diagnosis_recording import record_report, write_replays
-from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.diagnose"
 
 
 def diagnose(config: DictConfig) -> None:
     """Judge the logs, then write report, corrected robot, replays and recording, all or nothing."""
     section = config.diagnose
     settings = read_config(Settings, section.settings, "diagnose.settings")
-    robot = Robot.load(section.robot or config.robot.model)
-    logs, out = Path(section.logs), output_folder(section.out)
-    replays = Path(section.replays) if section.replays else out / "replays"
+    model = section.robot or config.robot.model
+    out = output_folder(section.out, STAGE, (section.logs, model))
+    replays = output_folder(section.replays, STAGE, (section.logs, model, out)) if section.replays else None
+    robot, logs = load_robot(config, section.robot), Path(section.logs)
     report = diagnose_folder(logs, robot, settings, partial(print, flush=True), section.threads)
     if report is None:
         print(f"no logs in {logs}: nothing to diagnose")
-        for folder in (out, replays):
-            with whole_folder(folder) as empty:
-                write_text(empty / "no_logs.txt", "There were no jump logs to diagnose.\n")
+    with whole_folder(out, STAGE) as folder:
+        if report is None:
+            write_note(folder)
+        else:
+            report.write(folder)
+            if section.recordings:
+                record_report(report, folder / RECORDING)
+        if replays is None:
+            write_replays_or_note(report, folder / "replays")
+    if replays is not None:
+        with whole_folder(replays, STAGE) as folder:
+            write_replays_or_note(report, folder)
+    if report is None:
         return
-    with whole_folder(out) as folder:
-        report.write(folder)
-        if section.recordings:
-            record_report(report, folder / RECORDING)
-    with whole_folder(replays) as folder:
-        write_replays(report, folder)
     if section.metrics:
         write_json(Path(section.metrics), report.content.metrics())
     print(report.sentence)
     print(f"report: {out / 'report.html'}")
+
+
+def write_replays_or_note(report: Report | None, folder: Path) -> None:
+    """Write the replays of a report, or that there were no logs."""
+    if report is None:
+        write_note(folder)
+    else:
+        write_replays(report, folder)
+
+
+def write_note(folder: Path) -> None:
+    """Write that there were no logs."""
+    write_text(folder / "no_logs.txt", "There were no jump logs to diagnose.\n")
 
 
 if __name__ == "__main__":

@@ -17,10 +17,13 @@ from leapgap.content_hash import file_digests
 from leapgap.diagnosis.diagnose import Settings as Diagnosing
 from leapgap.errors import InputError
 from leapgap.executor import Executor
+from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
+STAGE = "stages.diagnose_withheld"
 SCRIPT = "plotly.js"
 """Script that all reports of a run share, so that thousands of pages stay small."""
 REAL = "real"
@@ -66,7 +69,8 @@ def diagnose_withheld(config: DictConfig) -> None:
     """Diagnose the cases without a valid verdict; remove the verdicts of cases that no longer exist."""
     settings = read_config(DiagnoseWithheldSettings, config.diagnose_withheld, "diagnose_withheld")
     executor = read_config(Executor, config.executor, "executor")
-    logs, cache = Path(settings.logs), ResultCache(output_folder(settings.out))
+    out = output_folder(settings.out, STAGE, (settings.logs, config.robot.model), kept=True)
+    logs, cache = Path(settings.logs), ResultCache(out)
     if not logs.is_dir():
         raise InputError(logs, "no such folder", "withheld logs, one folder a case", "run stages.withhold first")
     cases = [path.name for path in sorted(logs.iterdir()) if path.is_dir() and (settings.real or path.name != REAL)]
@@ -74,8 +78,9 @@ def diagnose_withheld(config: DictConfig) -> None:
     if unknown:
         raise InputError("diagnose_withheld.only", ", ".join(sorted(unknown)), "names of cases", "correct them")
     own = diagnosis_settings(config, settings.settings)
-    robot = Robot.load(config.robot.model).path
+    robot = load_robot(config).path
     jobs = [Job(name, logs / name, robot, own) for name in settings.only or cases]
+    claim_folder(out, STAGE)
     for name in cases:
         cache.expect(name)
     for job in jobs:

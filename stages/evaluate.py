@@ -6,14 +6,19 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import read_json, whole_folder, write_json, write_text
+from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.jumping.learning import evaluation, store, time_grid_comparison, window_extraction, windows
 from leapgap.jumping.learning.evaluation import HeldOutPredictions
 from leapgap.jumping.learning.time_grid_comparison import RollOut
 from leapgap.jumping.reports import learning as page
 from leapgap.logs import log as jump
+from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.evaluate"
+METRICS = "learning.json"
 
 
 @dataclass
@@ -33,16 +38,19 @@ class EvaluateSettings:
 def evaluate(config: DictConfig) -> None:
     """Write the metrics and predictions of held-out jumps; with ``logs``, learning.json of those logs."""
     section = read_config(EvaluateSettings, config.evaluate, "evaluate")
-    out, models = output_folder(section.out), Path(section.models)
+    inputs = (section.models, section.windows, section.fixed_models, section.fixed_windows, section.logs)
+    out, models = output_folder(section.out, STAGE, (*inputs, config.robot.model)), Path(section.models)
     if section.logs is not None:
-        evaluate_logs(Path(section.logs), models, Robot.load(config.robot.model), out)
+        evaluate_logs(Path(section.logs), models, load_robot(config), out)
         return
     extracted = windows.read(Path(section.windows))
-    metrics = Path(section.metrics) if section.metrics else out / "learning.json"
+    metrics = Path(section.metrics) if section.metrics else out / METRICS
     if not len(extracted):
-        with whole_folder(out) as folder:
+        with whole_folder(out, STAGE) as folder:
             write_json(folder / "note.json", {"note": "no logs: nothing was predicted"})
-        print(f"no logs: {metrics} kept" if metrics.exists() else f"no logs: {metrics} says so")
+            if not section.metrics:
+                write_json(folder / METRICS, {"jumps": 0})
+        print(f"no logs: {metrics} kept" if section.metrics and metrics.exists() else f"no logs: {metrics} says so")
         if not metrics.exists():
             write_json(metrics, {"jumps": 0})
         return
@@ -51,7 +59,7 @@ def evaluate(config: DictConfig) -> None:
     roll_outs = None if folds is None else compare_time_grids(folds, section)
     if roll_outs is not None:
         figures["landing_rms"] = time_grid_comparison.landing_rms(roll_outs)
-    with whole_folder(out) as folder:
+    with whole_folder(out, STAGE) as folder:
         if folds is not None:
             evaluation.write_predictions(folds, folder)
             evaluation.write_error_by_step(folds, folder / "error_by_step.csv")
@@ -59,7 +67,10 @@ def evaluate(config: DictConfig) -> None:
             write_text(folder / "report.html", report(section, figures, folder, roll_outs))
         else:
             write_json(folder / "note.json", {"note": "one jump: none could be held out"})
-    write_json(metrics, figures)
+        if not section.metrics:
+            write_json(folder / METRICS, figures)
+    if section.metrics:
+        write_json(metrics, figures)
     print(f"{len(extracted)} windows of {len(extracted.jumps)} jumps predicted -> {metrics}, {out}")
 
 
@@ -86,11 +97,12 @@ def evaluate_logs(logs: Path, models: Path, robot: Robot, out: Path) -> None:
     model = store.load(models / "all", name)
     extracted = window_extraction.cut(jump.read_logs(logs), model.purpose.grid, robot)
     mse = evaluation.errors_on_other_jumps(extracted, models) if len(extracted) else {}
-    write_json(out / "learning.json", {"jumps": len(extracted.jumps), "windows": len(extracted), "mse": mse})
+    with whole_folder(out, STAGE) as folder:
+        write_json(folder / METRICS, {"jumps": len(extracted.jumps), "windows": len(extracted), "mse": mse})
     seen = set(extracted.jumps) & set(model.trained_on)
     if seen:
         print(f"{len(seen)} of these jumps bear names of jumps the models were trained on: no test of them")
-    print(f"{len(extracted.jumps)} jumps judged -> {out / 'learning.json'}" if mse else f"no logs in {logs}")
+    print(f"{len(extracted.jumps)} jumps judged -> {out / METRICS}" if mse else f"no logs in {logs}")
 
 
 if __name__ == "__main__":

@@ -5,13 +5,15 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import whole_folder
 from leapgap.errors import InputError
 from leapgap.jumping import published_a1  # noqa: F401 (found by its entry point; named so that DVC knows its code)
 from leapgap.logs import log as log_file
 from leapgap.logs.importers import log_format
-from leapgap.robot.model import Robot
+from leapgap.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.import_logs"
 
 
 def import_logs(config: DictConfig) -> None:
@@ -20,12 +22,13 @@ def import_logs(config: DictConfig) -> None:
     source = Path(settings.source)
     if not source.exists():
         raise InputError("import_logs.source", str(source), "a folder", "name the folder of the logs")
+    out = output_folder(settings.out, STAGE, (source, config.robot.model))
     layout = log_format(settings.format)
     options: Any = read_config(layout.Options, section(settings), f"import_logs.{settings.format}")
-    robot = Robot.load(config.robot.model)
+    robot = load_robot(config)
     paths = layout.find(source)
     number = 0
-    with whole_folder(output_folder(settings.out)) as folder:
+    with whole_folder(out, STAGE) as folder:
         for name, path in paths.items():
             for log in layout.read_all(path, name, robot, options):
                 log_file.write_log(log, folder / f"{log.name}.parquet")

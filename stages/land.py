@@ -17,9 +17,12 @@ from leapgap.jumping.experiments.scores import landing_figures, write_rows
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.reports import landing as page
-from leapgap.robot.model import Robot
+from leapgap.output_folder import claim_folder
 from leapgap.simulation.closed_loop import Sensing
 from stages.common import output_folder, read_config, read_one_of, read_optional, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.land"
 
 
 def land(config: DictConfig) -> None:
@@ -31,11 +34,12 @@ def land(config: DictConfig) -> None:
         read_one_of(known(), settings.method_settings, "land.method_settings"),
         OmegaConf.to_container(config.collect.variants),
         *tasks_of(settings.tasks),
-        Robot.load(config.robot.model),
+        load_robot(config),
         read_config(Sensing, config.collect.sensing, "collect.sensing"),
         read_optional(RigidBody, config.robot.get("body"), "robot.body"),
     )
-    out = output_folder(settings.out)
+    inputs = (settings.references, settings.published, settings.corrected, *settings.models.values())
+    out = claim_folder(output_folder(settings.out, STAGE, (*inputs, config.robot.model), kept=True), STAGE)
     for name in (FIGURES, TABLE, PAGE):  # results of an earlier call, so that none are left if this one fails
         (out / name).unlink(missing_ok=True)
     cache = ResultCache(out / RUNS)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import whole_folder, write_json
+from leapgap.atomic_io import write_json
 from leapgap.jumping.models.corrected_robot import planar_robot_with
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.batch import metrics, read_targets, timing, write_references
@@ -13,9 +13,12 @@ from leapgap.jumping.planning.reference import Gains, name_of
 from leapgap.jumping.planning.reference_store import select_planar_robot
 from leapgap.jumping.planning.solve import solve_all
 from leapgap.jumping.task import ContactSchedule
-from leapgap.robot.model import Robot
+from leapgap.output_folder import whole_folder
 from leapgap.simulation.corrected import read_corrected
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.optimize"
 
 
 def optimize(config: DictConfig) -> None:
@@ -26,9 +29,9 @@ def optimize(config: DictConfig) -> None:
     limits = read_config(Limits, section.limits, "optimize.limits")
     gains = read_config(Gains, section.gains, "optimize.gains")
     targets = read_targets(OmegaConf.to_container(section).get("targets"), "optimize.targets")
-    planar = planar_of(section, config.robot.model)
+    out = output_folder(section.out, STAGE, (section.robot, config.robot.model))
+    planar = planar_of(section, config)
     problems = [Problem(target, grid, planar, weights, limits) for target in targets]
-    out = output_folder(section.out)
     solutions = []
     for solution in solve_all(problems):
         solutions.append(solution)
@@ -37,7 +40,7 @@ def optimize(config: DictConfig) -> None:
             f"{solution.iterations} iterations, {solution.seconds:.2f} s",
             flush=True,
         )
-    with whole_folder(out) as folder:
+    with whole_folder(out, STAGE) as folder:
         write_references(solutions, folder, gains)
         if section.timing == "beside":
             write_json(folder / "timing.json", timing(solutions))
@@ -48,10 +51,10 @@ def optimize(config: DictConfig) -> None:
     print(f"{len(solutions)} references in {out}")
 
 
-def planar_of(section: DictConfig, model: str) -> PlanarRobot:
+def planar_of(section: DictConfig, config: DictConfig) -> PlanarRobot:
     """Planar robot of the published planner, of the robot, or of a corrected robot with the effects of a diagnosis."""
     if section.robot is None:
-        return select_planar_robot(str(section.planar), Robot.load(model))
+        return select_planar_robot(str(section.planar), load_robot(config))
     return planar_robot_with(*read_corrected(Path(section.robot)))
 
 

@@ -20,6 +20,7 @@ from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
+from leapgap.output_folder import claim_folder
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, further_jumps
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
@@ -27,7 +28,9 @@ from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import open_truth
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
+from stages.robot import load_robot
 
+STAGE = "stages.revisit"
 RUNNABLE = ("target", "targets", "jumps", "block_height_m")
 """Settings of ``collect`` that the generator can follow for the robot of a case."""
 
@@ -63,10 +66,12 @@ def revisit(config: DictConfig) -> None:
     """Choose the cases, diagnose them again, and write the results."""
     settings = read_config(RevisitSettings, config.revisit, "revisit")
     executor = read_config(Executor, config.executor, "executor")
-    cache = ResultCache(output_folder(settings.out))
-    robot = Robot.load(config.robot.model)
+    inputs = (settings.logs, settings.truth, settings.verdicts, settings.references, config.robot.model)
+    cache = ResultCache(output_folder(settings.out, STAGE, inputs, kept=True))
+    robot = load_robot(config)
     cases = read_cases(settings, robot.topology.sides)
     base = diagnosis_settings(config, config.diagnose_withheld.settings)
+    claim_folder(cache.folder, STAGE)
     ablated = ablation_cases(cases, settings.struck)
     jobs = [
         Job(f"struck/{case.name}", Path(settings.logs) / case.name, robot.path, without(base, case.first.true[0]))

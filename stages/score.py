@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import read_json, whole_folder, write_json, write_text
+from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.diagnosis.report import round_floats
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
+from leapgap.output_folder import whole_folder
 from leapgap.reports.validation import html
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected
@@ -21,7 +22,9 @@ from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import SEALS, open_truth
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
+STAGE = "stages.score"
 REPORTED, TUNING, REAL = "reported", "tuning", "real"
 
 
@@ -44,7 +47,9 @@ class ScoreSettings:
 def score(config: DictConfig) -> None:
     """Open every truth whose case has a verdict, and write the scores."""
     settings = read_config(ScoreSettings, config.score, "score")
-    robot = Robot.load(config.robot.model)
+    inputs = (settings.logs, settings.truth, settings.verdicts, settings.revisits, config.robot.model)
+    out = output_folder(settings.out, STAGE, inputs)
+    robot = load_robot(config)
     cases = sorted(read_json(Path(settings.logs) / SEALS))
     diagnosed = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
     if not diagnosed:
@@ -58,8 +63,7 @@ def score(config: DictConfig) -> None:
         for half in (REPORTED, TUNING)
     }
     real = [o for o in outcomes if o.half == REAL]
-    out = output_folder(settings.out)
-    with whole_folder(out) as folder:
+    with whole_folder(out, STAGE) as folder:
         data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
         write_json(folder / "scores.json", round_floats(data))
         write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))

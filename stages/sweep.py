@@ -20,7 +20,8 @@ class Table(Callback):
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **kwargs: Any) -> None:
         """Add one row for a job that returned figures."""
         if job_return.status == JobStatus.COMPLETED and isinstance(job_return.return_value, dict):
-            varied = dict(override.split("=", 1) for override in job_return.overrides or [])
+            overrides = [override.lstrip("+") for override in job_return.overrides or []]  # Hydra's mark of added keys
+            varied = dict(override.split("=", 1) for override in overrides)
             self.rows.append(varied | job_return.return_value)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:

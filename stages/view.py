@@ -2,20 +2,28 @@
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import whole_folder
 from leapgap.jumping.reports.record_all import View, record_all
-from leapgap.robot.model import Robot
+from leapgap.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
+
+STAGE = "stages.view"
 
 
 def view(config: DictConfig) -> None:
     """Record references, jumps with their simulated ghosts, and predictions; empty folders are skipped."""
     chosen = read_config(View, config.view, "view")
-    out = output_folder(chosen.out)
-    with whole_folder(out) as beside:
-        for line in record_all(chosen, Robot.load(config.robot.model), beside):
+    out = output_folder(chosen.out, STAGE, [*folders_of(chosen), config.robot.model])
+    with whole_folder(out, STAGE) as beside:
+        for line in record_all(chosen, load_robot(config), beside):
             print(line)
     print(f"look at them: rerun {out}/*.rrd")
+
+
+def folders_of(view: View) -> list[str]:
+    """Every folder that is read."""
+    replays, predictions = (view.replays_damped, view.replays_real), (view.predictions_simulated, view.predictions_real)
+    return [view.references, view.simulated, view.damped, view.real, *replays, *predictions, view.landings]
 
 
 if __name__ == "__main__":

@@ -7,18 +7,21 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import whole_folder, write_json
+from leapgap.atomic_io import write_json
 from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
+from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, real_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.seal import SEALS, seal
 from stages.common import output_folder, read_config, run_stage
+from stages.robot import load_robot
 
+STAGE = "stages.withhold"
 REAL = "real"
 """Name of the case of real jumps; it may be known, since their columns differ anyway."""
 
@@ -46,15 +49,14 @@ def withhold_all(config: DictConfig) -> None:
     world = read_config(CaseSetup, section.world, "withhold.world")
     halves = {name: read_config(Half, section.halves[name], f"withhold.halves.{name}") for name in section.halves}
     executor = read_config(Executor, config.executor, "executor")
-    robot = Robot.load(config.robot.model)
+    inputs = (settings.references, settings.real, config.robot.model)
+    logs_out = output_folder(settings.logs, STAGE, inputs, name="logs")
+    truth_out = output_folder(settings.truth, STAGE, (*inputs, logs_out), name="truth")
+    robot = load_robot(config)
     references = references_of(settings, robot)
     cases = draw_cases(halves, settings.sizes, settings.signed, robot)
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
-    logs_out, truth_out = (
-        Path(chosen) if chosen else output_folder(None) / kind
-        for chosen, kind in ((settings.logs, "logs"), (settings.truth, "truth"))
-    )
-    with whole_folder(truth_out) as truths, whole_folder(logs_out) as logs:
+    with whole_folder(truth_out, STAGE) as truths, whole_folder(logs_out, STAGE) as logs:
         job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)
         seals = dict(executor.map(job, list(names.items())))
         real = jump_log.read_logs(Path(settings.real)) if settings.real else []

@@ -19,6 +19,7 @@ from leapgap.jumping.learning import export
 from leapgap.jumping.learning.experiment import fit_task
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
+from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
 from leapgap.validation.case import further_jumps
@@ -97,10 +98,11 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
 }
 """What makes the results of each stage with a cache."""
 REPORTS, PLANS = ("reports", "jumping/reports"), ("jumping/planning", "jumping/models")
-NO_PART_OF_RESULTS = {f"src/leapgap/{n}.py" for n in ("cache", "content_hash", "former_results", "import_closure")} | {
-    "src/leapgap/executor.py"
+NO_PART_OF_RESULTS = {
+    f"src/leapgap/{name}.py"
+    for name in ("cache", "content_hash", "former_results", "import_closure", "executor", "output_folder", "processes")
 }
-"""What finds results or runs what makes them."""
+"""What finds results, guards the folder they lie in, or runs what makes them."""
 
 
 @pytest.fixture
@@ -324,3 +326,13 @@ def test_former_results_are_replaced_and_swept_and_their_likes_are_not(tmp_path:
     store_result(cache, "worn/ours/jump_0", json="new")
     cache.sweep()
     assert names(tmp_path) == {*LIKE_FORMER, "worn/ours/jump_0.json", "worn/ours/jump_0.key"}
+
+
+def test_a_sweep_leaves_another_output_below_it_alone(tmp_path: Path) -> None:
+    inner = tmp_path / "inner"
+    claim_folder(inner, "leapgap test")
+    with ResultCache(inner).store("one", "a" * 64) as folder:
+        (folder / "one.json").write_text("{}")
+    before = {path: path.read_bytes() for path in inner.iterdir()}
+    ResultCache(tmp_path).sweep()
+    assert {path: path.read_bytes() for path in inner.iterdir()} == before

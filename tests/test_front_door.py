@@ -246,3 +246,22 @@ def test_every_command_has_help(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         run("--version")
     assert capsys.readouterr().out == f"leapgap {lg.__version__}\n"
+
+
+def test_the_command_hangs_a_robot_up_and_takes_feet_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "ball.xml").write_text("""<mujoco model="ball"><worldbody><body name="ball"><freejoint/>
+      <geom name="skin" type="box" size="0.1 0.1 0.1"/><site name="pole" pos="0 0 -0.1"/>
+      <body><joint name="arm"/><geom size="0.1" mass="1"/></body></body></worldbody>
+      <actuator><motor joint="arm"/></actuator></mujoco>""")
+
+    def lines(*options: str) -> dict[str, str]:
+        assert cli.main(["effects", str(tmp_path / "ball.xml"), *options]) == 0
+        printed = capsys.readouterr()
+        assert ("the model has no ground" in printed.err) == ("--fix-base" not in options)
+        return {line.split()[0]: line for line in printed.out.splitlines()}
+
+    assert "needs feet" in lines()["foot_friction"]
+    assert "needs" not in lines("--feet", "pole")["foot_friction"]
+    assert "needs a free base" in lines("--fix-base")["payload"]

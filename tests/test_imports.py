@@ -36,7 +36,8 @@ ONLY_IN = {
     "omegaconf": set(),
     "dvc": set(),
 }
-SHARED = {"registry", "errors", "atomic_io", "executor", "cache", "content_hash", "import_closure", "former_results"}
+SHARED = {"registry", "errors", "atomic_io", "output_folder", "processes", "executor", "cache", "content_hash"}
+SHARED |= {"import_closure", "former_results", "blas"}
 """Files beside the packages, which all of them may use."""
 LIBRARY = [name for name in modules() if name.startswith("leapgap.")]
 

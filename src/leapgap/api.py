@@ -94,7 +94,7 @@ class CheckReport:
     def __str__(self) -> str:
         """A line for each check."""
         lines = [f"{'passed' if one.passed else 'FAILED'}  {one.name}: {one.says}" for one in self.results]
-        return "\n".join(lines) or "nothing could be checked: the logs lack the columns"
+        return "\n".join(lines) or "nothing could be checked: the logs lack the columns, or are short or still"
 
 
 def check(logs: Logs, robot: Robot | PathLike | None = None, settings: Settings | None = None) -> CheckReport:

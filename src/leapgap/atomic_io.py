@@ -1,45 +1,74 @@
-"""Atomic writing: files and folders are written under a temporary name beside their place and then renamed."""
+"""Atomic writing of files: each is written under a temporary name beside its place and then renamed."""
 
 import hashlib
 import json
-import shutil
+import os
+import re
+import secrets
+import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from leapgap.errors import InputError
 
+HOST = re.sub(r"[^A-Za-z0-9]", "", socket.gethostname())[:20] or "host"
+PARTIAL = re.compile(r"\.(?P<name>.+)\.(?P<host>[A-Za-z0-9]{1,20})-(?P<pid>\d+)-[0-9a-f]{8}(\.replaced)?\.partial")
+"""Names of temporary files and folders."""
+LONGEST_NAME = 150
+"""Characters of a name that its temporary name repeats, so that it stays a valid one."""
+TEMPORARY: set[Path] = set()
+"""Temporary files and folders of this process that exist now; what ends it at once removes them."""
+
 
 def partial(path: Path) -> Path:
-    """Temporary path beside ``path``; its name is fixed, so that killed runs leave at most one file or folder."""
-    return path.with_name(f".{path.name}.partial")
+    """New temporary path beside ``path``, which no other process or thread uses."""
+    token = f"{HOST}-{os.getpid()}-{secrets.token_hex(4)}"
+    return path.with_name(f".{path.name[:LONGEST_NAME]}.{token}.partial")
 
 
-@contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
-    """Yield an empty folder that takes the place of ``folder`` when the block ends without an error."""
-    beside = partial(folder)
-    shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir(parents=True)
+def is_partial(name: str, of: str | None = None) -> bool:
+    """Whether a name is one of ``partial``: of any path, or of one whose name is ``of``."""
+    found = PARTIAL.fullmatch(name)
+    return found is not None and (of is None or found["name"] == of[:LONGEST_NAME])
+
+
+def remove_stale(path: Path) -> None:
+    """Remove temporary files for ``path`` that killed processes of this machine left behind."""
+    for left in path.parent.iterdir():
+        found = PARTIAL.fullmatch(left.name)
+        if found is None or found["name"] != path.name[:LONGEST_NAME] or found["host"] != HOST:
+            continue
+        if not is_running(int(found["pid"])) and left.is_file():
+            left.unlink(missing_ok=True)
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process of this machine exists; True where that cannot be asked."""
+    if os.name != "posix":
+        return True
     try:
-        yield beside
-        if folder.exists():
-            shutil.rmtree(folder)
-        beside.rename(folder)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        pass
+    return True
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a path beside ``path`` that is renamed to it when the block ends without an error."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    remove_stale(path)
     beside = partial(path)
+    TEMPORARY.add(beside)
     try:
         yield beside
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+        TEMPORARY.discard(beside)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -18,6 +18,7 @@ from leapgap.atomic_io import sha256, write_json
 from leapgap.content_hash import digest, modules_within
 from leapgap.former_results import former_files, former_places
 from leapgap.import_closure import PACKAGE, code_hash, distributions, library
+from leapgap.output_folder import Marker
 
 RECORD = ".key"
 MARKER = "leapgap_result"
@@ -112,7 +113,7 @@ class ResultCache:
         """Remove the results, finished or not, that this run did not use; files that no record names stay."""
         for path in sorted(self.folder.rglob(f"*{RECORD}")):
             record = read_record(path)
-            if record is None:
+            if record is None or self._is_of_another_output(path):
                 continue
             if path.stem == UNFINISHED:
                 if self.used_keys.get(record["place"]) != record["key"]:
@@ -127,6 +128,11 @@ class ResultCache:
             for path in former_files(self.folder / place)
         ]
         remove_files(former, self.folder)
+
+    def _is_of_another_output(self, path: Path) -> bool:
+        """Whether a file lies in a further output folder below this one, which is not to be swept."""
+        above = path.relative_to(self.folder).parents
+        return any(Marker.read(self.folder / one) is not None for one in above if one != Path())
 
     def _record(self, place: str) -> Path:
         path = self.folder / place

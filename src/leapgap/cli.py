@@ -15,13 +15,19 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.errors import InputError
+from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
+from leapgap.processes import STOPPED, InterruptGuard
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
+IMPORT, REPLAY = "leapgap import", "leapgap replay"
+"""Commands, as the markers of their output folders name them."""
 UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; its exit code."""
+    if arguments is None:  # the command itself, not a call from Python
+        InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}").install()
     chosen = parser().parse_args(arguments)
     try:
         chosen.run(chosen)
@@ -29,11 +35,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"leapgap {chosen.command}: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
-        return 130
     except BrokenPipeError:  # the reader of a pipe, such as `head`, has enough; Python must not flush into it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        print(f"leapgap {chosen.command}: {system_error(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
+        return STOPPED
     return 0
 
 
@@ -50,16 +59,20 @@ def parser() -> argparse.ArgumentParser:
 
     diagnose = command("diagnose", run_diagnose, "diagnose logs against a MuJoCo model and write a report")
     diagnose.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
-    diagnose.add_argument("robot", type=Path, help="MuJoCo model of the robot (XML)")
+    diagnose.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
     diagnose.add_argument("--out", type=Path, metavar="DIR", help="folder for report and corrected robot; none: print")
     diagnose.add_argument("--effects", metavar="A,B", help="look for these effects only (see: leapgap effects)")
     diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings that differ, as JSON")
     diagnose.add_argument("--threads", type=int, metavar="N", help="threads to use; none: all cores")
     diagnose.add_argument("--quiet", action="store_true", help="print the answer and nothing on the way")
 
+    robot_options(diagnose)
+
     check = command("check", run_check, "check clocks and consistency of logs; takes seconds and fits nothing")
     check.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
     check.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: free fall and planted feet are checked too")
+
+    robot_options(check)
 
     replay = command("replay", run_replay, "simulate the logs' own commands and write the replays as logs")
     replay.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
@@ -72,6 +85,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME[@PLACE]:PARAMETER=VALUE,…",
         help="add an effect, such as joint_damping@RR_calf:damping=0.4; may be repeated",
     )
+
+    robot_options(replay)
 
     bring = command("import", run_import, "turn logs of another format into logs of ours")
     bring.add_argument("source", type=Path, help="folder that holds the logs, or one file")
@@ -88,13 +103,40 @@ def parser() -> argparse.ArgumentParser:
         help="options of the format, as YAML or JSON: alone, or as in conf/import_logs with the format beside them",
     )
 
+    robot_options(bring)
+
     effects = command("effects", run_effects, "list the effects that are looked for, with units and ranges")
     effects.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: nominal values and ranges are read from it")
+    robot_options(effects)
 
     report = command("report", run_report, "print the answer of a report and open its page")
     report.add_argument("folder", type=Path, help="folder that 'leapgap diagnose --out' wrote")
     report.add_argument("--no-browser", action="store_true", help="print where the page is and open nothing")
     return top
+
+
+def robot_options(command: argparse.ArgumentParser) -> None:
+    """Options of a command that say how the model file of the robot is read."""
+    command.add_argument(
+        "--fix-base",
+        action=argparse.BooleanOptionalAction,
+        help="hold a floating robot at the pose of its model; with no-: let a URDF float",
+    )
+    command.add_argument("--feet", metavar="A,B", help="names of geoms or sites that are feet; none: named spheres")
+
+
+def robot_of(chosen: argparse.Namespace) -> Any:
+    """The robot that a command names, with notes on its model file printed; None where it names none."""
+    if chosen.robot is None:
+        return None
+    from leapgap.robot.model import Robot
+    from leapgap.robot.topology import PartNames
+
+    names = PartNames(feet=tuple(chosen.feet.split(","))) if chosen.feet else None
+    robot = Robot.load(chosen.robot, names=names, fix_base=chosen.fix_base)
+    for note in robot.notes:
+        print(f"{robot.path}: {note}", file=sys.stderr)
+    return robot
 
 
 class Version(argparse.Action):
@@ -112,13 +154,16 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     """Diagnose, print the answer, write the report where a folder is named."""
     from leapgap import api
     from leapgap.diagnosis.diagnose import Settings
+    from leapgap.reports.diagnosis import SAVED_BY
     from leapgap.settings import from_json, replaced
 
+    if chosen.out is not None:
+        check_output(chosen.out, SAVED_BY, (chosen.logs, chosen.robot), kept=True)
     settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
     if chosen.effects:
         settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
     tell = (lambda _: None) if chosen.quiet else partial(print, flush=True)
-    report = api.diagnose(chosen.logs, chosen.robot, settings, progress=tell, threads=chosen.threads)
+    report = api.diagnose(chosen.logs, robot_of(chosen), settings, progress=tell, threads=chosen.threads)
     print(report)
     if chosen.out is not None:
         print(f"page: {report.save(chosen.out) / 'report.html'}")
@@ -128,7 +173,7 @@ def run_check(chosen: argparse.Namespace) -> None:
     """Print each check on a line."""
     from leapgap import api
 
-    print(api.check(chosen.logs, chosen.robot))
+    print(api.check(chosen.logs, robot_of(chosen)))
 
 
 def run_replay(chosen: argparse.Namespace) -> None:
@@ -136,22 +181,21 @@ def run_replay(chosen: argparse.Namespace) -> None:
     from leapgap import api, effects
     from leapgap.simulation.corrected import read_corrected
 
-    robot: Any = chosen.robot
-    found: tuple[Any, ...] = ()
-    if chosen.robot.is_dir():
-        robot, found = read_corrected(chosen.robot)
+    check_output(chosen.out, REPLAY, (chosen.logs, chosen.robot), kept=True)
+    robot, found = read_corrected(chosen.robot) if chosen.robot.is_dir() else (robot_of(chosen), ())
     found = (*found, *(effects.from_config([effect_entry(text)])[0] for text in chosen.effect))
     replays = api.replay(chosen.logs, robot, found)
-    write_all(replays, chosen.out)
+    write_all(replays, chosen.out, REPLAY)
     print(f"{len(replays)} replays: {chosen.out}")
 
 
-def write_all(logs: Sequence[Any], folder: Path) -> None:
-    """Write logs into a folder, which may hold other files; a log of the same name is replaced."""
+def write_all(logs: Sequence[Any], folder: Path, by: str) -> None:
+    """Write logs into a folder, beside those that the same command wrote before; one of the same name is replaced."""
     from leapgap import api
 
-    for log in logs:
-        api.write_log(log, folder / f"{log.name}.parquet")
+    with merged_folder(folder, by) as beside:
+        for log in logs:
+            api.write_log(log, beside / f"{log.name}.parquet")
 
 
 def effect_entry(text: str) -> dict[str, Any]:
@@ -182,10 +226,11 @@ def run_import(chosen: argparse.Namespace) -> None:
         return
     if chosen.out is None:
         raise InputError("--out", "no folder", "a folder for the logs", "name it: --out DIR")
+    check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)
     name, values = import_options(chosen.options, chosen.format)
     options = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
-    logs = api.read_logs(chosen.source, name, chosen.robot, options)
-    write_all(logs, chosen.out)
+    logs = api.read_logs(chosen.source, name, robot_of(chosen), options)
+    write_all(logs, chosen.out, IMPORT)
     for log in logs:
         print(import_line(log))
     print(f"{len(logs)} logs: {chosen.out}")
@@ -214,9 +259,7 @@ def import_line(log: Any) -> str:
 
 def run_effects(chosen: argparse.Namespace) -> None:
     """Print a line for each parameter of each effect."""
-    from leapgap.robot.model import Robot
-
-    rows = effect_rows(Robot.load(chosen.robot) if chosen.robot else None)
+    rows = effect_rows(robot_of(chosen))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from leapgap.errors import InputError, needs
+from leapgap.processes import starting_workers
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -29,9 +30,12 @@ class Executor:
             with needs("pipeline"):
                 import joblib
 
-            yield from joblib.Parallel(n_jobs=self.workers, return_as="generator", batch_size=1)(
-                joblib.delayed(function)(item) for item in items
-            )
+            with starting_workers() as (initializer, arguments):
+                parallel = joblib.Parallel(
+                    self.workers, return_as="generator", batch_size=1, initializer=initializer, initargs=arguments
+                )
+                results = parallel(joblib.delayed(function)(item) for item in items)
+            yield from results
         elif self.kind == "ray":
             yield from self._by_ray(function, items)
         else:

@@ -17,7 +17,7 @@ SPREADS = ("spread", "spread_no_phase", "spread_forecast")
 def former_places(folder: Path) -> set[str]:
     """Places of former results below a folder: paths without endings, relative to it."""
     found = set()
-    for path in folder.rglob("*.json"):
+    for path in folder.rglob("[!.]*.json"):
         found.add(path.parent if path.name == "key.json" else path.with_name(path.name.split(".")[0]))
     found |= {path.with_suffix("") for path in folder.rglob("*.npz") if path.stem in SPREADS}
     found |= {path for path in folder.glob("*_logs/*") if path.is_dir()}

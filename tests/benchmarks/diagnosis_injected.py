@@ -20,8 +20,8 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.atomic_io import write_json
-from leapgap.diagnosis.checks import run_checks
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, clock_of, diagnose
+from leapgap.diagnosis.checks import clock_of, run_checks
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.gap import candidate_squares, closure, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -115,7 +115,7 @@ def realised_closure(found: Diagnosis, proof: Sequence[Log], robot: Robot, setti
     None where the effect changes these jumps by less than twice the noise floor.
     """
     judged, replayer = JudgedLogs.of(proof, robot), Replayer(robot, threads=1)
-    clock = clock_of(run_checks(judged.logs, robot, settings.check_thresholds), judged, robot)
+    clock = clock_of(run_checks(judged.logs, robot, settings.check_thresholds))
     corrected = []
     for jump in judged.logs:
         own = []

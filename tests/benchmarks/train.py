@@ -20,17 +20,18 @@ import torch
 from omegaconf import OmegaConf
 
 from leapgap.atomic_io import write_json
-from leapgap.jumping.learning import initialisation, store, torch_rollout
+from leapgap.jumping.learning import store, torch_rollout
 from leapgap.jumping.learning import windows as windows_module
 from leapgap.jumping.learning.experiment import TrainConfig, fit_task
 from leapgap.jumping.learning.model import Nominal
+from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig, initial_published_networks
 from leapgap.jumping.learning.network import NetworkModel
-from leapgap.jumping.learning.registry import RECIPES
+from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
-from stages.common import read_config
 from stages.params import compose_params
+from stages.train import read_train_config
 
 PUBLISHED_S = 0.90
 """A step of the published script on two server cores (shared/design/learning, as measured there)."""
@@ -82,9 +83,9 @@ def time_steps(steps: Iterator[float]) -> tuple[list[float], list[float]]:
 
 def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
     """The paper's networks before training."""
-    recipe = config.published_recipe
+    recipe = config.settings(PublishedRecipeConfig)
     nominal = Nominal(RigidBody(recipe.mass_kg, recipe.pitch_inertia_kgm2))
-    return initialisation.initial_published_networks(windows.grid, nominal, recipe, np.random.default_rng(config.seed))
+    return initial_published_networks(windows.grid, nominal, recipe, np.random.default_rng(config.seed))
 
 
 def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
@@ -94,7 +95,7 @@ def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
         for name in config.models:
             task = fit_task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")
             began = time.perf_counter()
-            model, _ = RECIPES[name].fit(task)
+            model, _ = recipes()[name].fit(task)
             seconds[name] = time.perf_counter() - began
             store.save(store.StoredModel(model, Purpose.of(windows), windows.jumps, ""), Path(place), name)
     return seconds
@@ -108,10 +109,10 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="of torch for the recipe; models are fitted with one")
     given = parser.parse_args()
     windows = windows_module.read(given.windows)
-    config = read_config(TrainConfig, OmegaConf.create(compose_params()).train, "train")
+    config = read_train_config(OmegaConf.create(compose_params()).train)
     config.trainer["enable_progress_bar"] = False
     torch.set_num_threads(given.threads)
-    start, fitting = published_start(windows, config), config.published_recipe.fitting
+    start, fitting = published_start(windows, config), config.settings(PublishedRecipeConfig).fitting
     recipe = (windows, fitting.learning_rate, fitting.output_penalty)
     vectorised, peer = torch_rollout.ResidualModule(start, 0.0), Looped(start, 0.0)
     ours, ours_s = time_steps(descent(vectorised, *recipe))

@@ -21,6 +21,7 @@ from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
 from tests.diagnosis.test_gap import hardware
+from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
 
 FEW = Settings(
     effects=["joint_damping", "sample_period", "torque_gain"],
@@ -202,28 +203,9 @@ def diagnosed_of(jumps: list[Log], robot: Robot):
     return diagnose(jumps, robot, FEW).report
 
 
-ARM = """
-<mujoco model="arm">
-  <option timestep="0.001" integrator="implicitfast"/>
-  <worldbody>
-    <body name="upper"><joint name="L_shoulder" axis="0 1 0" damping="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
-      <body name="lower" pos="0.3 0 0"><joint name="L_elbow" axis="0 1 0" damping="0.1"/>
-        <geom type="capsule" fromto="0 0 0 0.25 0 0" size="0.02" mass="0.6"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator>
-    <motor joint="L_shoulder" ctrlrange="-40 40" forcerange="-40 40"/>
-    <motor joint="L_elbow" ctrlrange="-40 40" forcerange="-40 40"/>
-  </actuator>
-</mujoco>
-"""
-
-
 def test_a_robot_with_a_fixed_base_is_diagnosed_by_its_joints(tmp_path, robot: Robot) -> None:
     """An arm that swings with joint PD: what it lacks is damping of its elbow."""
-    (tmp_path / "arm.xml").write_text(ARM, encoding="utf-8")
+    (tmp_path / "arm.xml").write_text(two_link_arm(TORQUE_MOTOR), encoding="utf-8")
     arm = Robot.load(tmp_path / "arm.xml")
     rng = np.random.default_rng(0)
     damped, replayer = (effects.effect("joint_damping", location="L_elbow", damping=0.5),), Replayer(arm)
@@ -276,10 +258,10 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
 
 def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Log) -> None:
     """Other distances than were logged, as settings of `collect`; nothing where nothing is ambiguous."""
-    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4, robot)
+    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4)
     assert asked is not None
     assert asked["separates"] == ["torque_gain", "leg_mass"]
     section = OmegaConf.from_dotlist(asked["collect"]).collect
     assert section.jumps == 8
     assert all(abs(target[0] - target_of(reference).x_m) > 0.02 for target in section.targets)
-    assert next_experiment((("payload",),), [reference], robot) is None
+    assert next_experiment((("payload",),), [reference]) is None

@@ -18,6 +18,7 @@ from leapgap.logs.log import Log
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected, write_corrected
+from tests.diagnosis.two_link_arm import SERVO, two_link_arm
 
 
 @dataclass(frozen=True)
@@ -37,30 +38,13 @@ class CableSpring(Effect):
             model.jnt_stiffness[model.dof_jntid[dof]] += self.stiffness_nm_rad
 
 
-ARM = """
-<mujoco model="arm">
-  <option timestep="0.001" integrator="implicitfast"/>
-  <worldbody>
-    <body name="upper"><joint name="L_shoulder" axis="0 1 0" damping="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="1"/>
-      <body name="lower" pos="0.3 0 0"><joint name="L_elbow" axis="0 1 0" damping="0.1"{elbow}/>
-        <geom type="capsule" fromto="0 0 0 0.25 0 0" size="0.02" mass="0.6"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator>
-    <general joint="L_shoulder" biastype="affine" biasprm="0 -60 -1"/>
-    <general joint="L_elbow" biastype="affine" biasprm="0 -60 -1"/>
-  </actuator>
-</mujoco>
-"""
 STIFFNESS = 4.0
 
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     path = tmp_path_factory.mktemp("arm") / "arm.xml"
-    path.write_text(ARM.format(elbow=""), encoding="utf-8")
+    path.write_text(two_link_arm(SERVO), encoding="utf-8")
     return Robot.load(path)
 
 
@@ -72,7 +56,7 @@ def logs() -> list[Log]:
 
 def swung(elbow: str) -> list[Log]:
     """By MuJoCo alone: an arm with more in its file, swung by its servos, and noise on what is read."""
-    model = mujoco.MjModel.from_xml_string(ARM.format(elbow=elbow))
+    model = mujoco.MjModel.from_xml_string(two_link_arm(SERVO, elbow))
     rng, joints, found = np.random.default_rng(0), ("L_shoulder", "L_elbow"), []
     for i in range(3):
         time = np.arange(800) / 1000
@@ -109,7 +93,7 @@ SETTINGS = Settings(
 @pytest.mark.parametrize("true", [0.0, 0.15])
 def test_a_model_with_too_much_friction_is_told_so(tmp_path: Path, true: float) -> None:
     """The file says 0.5 N·m of the elbow; it truly has none, which is the end of all ranges, or a third."""
-    (tmp_path / "stiff.xml").write_text(ARM.format(elbow=' frictionloss="0.5"'), encoding="utf-8")
+    (tmp_path / "stiff.xml").write_text(two_link_arm(SERVO, ' frictionloss="0.5"'), encoding="utf-8")
     logs = swung(f' frictionloss="{true}"')
     report = diagnose(logs, Robot.load(tmp_path / "stiff.xml"), SETTINGS).report
     assert report.verdict == "named" and report.answer == (("joint_friction",),)

@@ -72,7 +72,7 @@ def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> 
     wave = 0.01 * np.sin(2 * np.pi * 10 * jump.time)
     jump = replace(jump, columns=dict(jump.columns) | {"base_pos_x": wave})
     row = round(0.325 * rate_hz)  # the crest
-    pieces = Pieces.of(jump, [row], StateChannels.of([jump], robot))
+    pieces = Pieces.of(jump, [row], np.array([1]), StateChannels.of([jump], robot))
     assert pieces.starts.states[0, 0] == pytest.approx(wave[row], abs=0.04 * 0.01)
 
 

@@ -6,11 +6,12 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.short_rollouts import ShortRollouts, StateChannels, smooth_start, thin_evenly, turn_between
+from leapgap.diagnosis.short_rollouts import ShortRollouts, StateChannels, smooth_start, thin_evenly
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
+from leapgap.robot.rotations import turn_between
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 from leapgap.simulation.sensors import SensorNoise
 from tests.diagnosis.test_gap import hardware
@@ -42,7 +43,7 @@ def test_long_steps_see_the_same_departures(evidence: ShortRollouts) -> None:
         nominal, damped = np.split(errors, 2)
         changes.append((damped - nominal).reshape(evidence.size, -1))
     exact, rough = changes
-    assert evidence.with_steps(0.0022).ages.tolist() == (evidence.ages // 2).tolist()
+    assert evidence.with_steps(0.0022).pieces[0].ages.tolist() == (evidence.pieces[0].ages // 2).tolist()
     alike = (exact * rough).sum(axis=1) / np.linalg.norm(exact, axis=1) / np.linalg.norm(rough, axis=1)
     assert np.median(alike) > 0.98
     assert np.median(np.linalg.norm(rough, axis=1) / np.linalg.norm(exact, axis=1)) == pytest.approx(1, abs=0.05)
@@ -51,7 +52,7 @@ def test_long_steps_see_the_same_departures(evidence: ShortRollouts) -> None:
 def test_pieces_that_begin_at_odd_rows_keep_every_row(evidence: ShortRollouts) -> None:
     starts = replace(evidence.pieces[0].starts, rows=[r + 1 for r in evidence.pieces[0].starts.rows])
     odd = replace(evidence, pieces=(replace(evidence.pieces[0], starts=starts), *evidence.pieces[1:]))
-    assert odd.with_steps(0.0022).ages.tolist() == odd.ages.tolist()
+    assert odd.with_steps(0.0022).pieces[0].ages.tolist() == odd.pieces[0].ages.tolist()
 
 
 def test_a_piece_may_end_with_the_log(robot: Robot, reference: Log) -> None:
@@ -60,7 +61,7 @@ def test_a_piece_may_end_with_the_log(robot: Robot, reference: Log) -> None:
     jumps = [jump.first_rows(201) for jump in jumps]
     for step_s in (0.0011, 0.0022):
         ends = ShortRollouts.of(jumps, Replayer(robot), 0.1, 0.01, 8).with_steps(step_s)
-        assert [of.starts.rows[-1] + int(ends.ages[-1]) for of in ends.pieces] == [
+        assert [of.starts.rows[-1] + int(of.ages[-1]) for of in ends.pieces] == [
             len(ends.pieces[0].logged.qpos) - 1
         ] * 2
         assert all(np.isfinite(of).all() for of in ends.errors([(i, (), p.starts) for i, p in enumerate(ends.pieces)]))
@@ -90,7 +91,7 @@ def test_a_displaced_state_differs_in_its_channel_alone(evidence: ShortRollouts,
     state, at = evidence.state, evidence.pieces[0].starts.states[0]
     nq = robot.model.nq
     for channel in (0, 4, 8, 15, 30):
-        moved = state.displace(at, channel, 1e-3)
+        moved = state.displace(at, int(state.entries[channel]), 1e-3)
         as_motion = [Motion(s[None, :nq], s[None, nq:]) for s in (moved, at)]
         difference = state.differences(*as_motion)[0]
         assert difference[channel] == pytest.approx(1e-3, abs=1e-8)

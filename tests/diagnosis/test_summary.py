@@ -1,13 +1,11 @@
 """What a diagnosis says in its one sentence: shares that a reader can believe."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.gap import HeldOutFigures, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import sentence, share_in_words
 from leapgap.effects.joint_damping import JointDamping
@@ -35,8 +33,8 @@ def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robo
     damping = Hypothesis(JointDamping, robot)
     belief = Candidate((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
     conclusion = Conclusion("named", (("joint_damping",),), (belief,), (1.0,))
-    judged = SimpleNamespace(logs=[SimpleNamespace(name="jump_0"), SimpleNamespace(name="jump_1")])
-    words = sentence(conclusion, belief, 1.40, 0.11, Interval(1.08, 1.03, 1.13), judged)
+    logs = ["jump_0", "jump_1"]
+    words = sentence(conclusion, belief, 1.40, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs)
     assert words.endswith("explains all of the gap on logs not fitted on: it shrinks from 1.40 to 0.11.")
-    words = sentence(conclusion, belief, 1.40, 0.31, Interval(0.85, 0.80, 0.91), judged)
+    words = sentence(conclusion, belief, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
     assert "explains 85 % (95 %: 80 to 91) of the gap on logs not fitted on: it shrinks from" in words

@@ -9,7 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from leapgap.reports.report import overlay, row_of
+from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.report import Cause
+from leapgap.reports.report import CORRECTED, closures, overlay, row_of
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -76,6 +78,21 @@ def test_curves_have_a_point_every_4_ms_or_every_row(robot: Robot, rate_hz: int)
     report = SimpleNamespace(median_log=jump.name, answer=())
     figure = overlay(report, [jump], {jump.name: jump}, {})  # type: ignore[arg-type]
     assert all(np.diff(curve.x) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9) for curve in figure.data)
+
+
+def test_only_the_place_that_was_selected_is_blue() -> None:
+    """The same effect at another place is a rival, and grey."""
+
+    def cause(effect: str, location: str, closes: float) -> Cause:
+        return Cause(effect, location, 0.5, {}, {}, Interval(closes, closes, closes), 1.0, ())
+
+    found = [cause("joint_damping", "RR_calf", 0.9), cause("joint_damping", "rear", 0.6), cause("payload", "all", 0.7)]
+    report = SimpleNamespace(causes=tuple(found), answer=(("joint_damping",),))
+    (bars,) = closures(report).data  # type: ignore[arg-type]
+    blue = [label for label, colour in zip(bars.y, bars.marker.color, strict=True) if colour == CORRECTED]
+    assert blue == ["joint_damping (RR_calf)"]
+    nothing = SimpleNamespace(causes=tuple(found), answer=())
+    assert CORRECTED not in closures(nothing).data[0].marker.color  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("module", ["report", "page"])

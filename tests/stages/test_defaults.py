@@ -16,9 +16,11 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from leapgap.diagnosis.diagnose import Settings
-from leapgap.jumping.learning.experiment import TrainConfig
+from leapgap.jumping.learning.models.residual_networks import NetworksConfig
+from leapgap.jumping.learning.registry import settings_by_section
 from leapgap.logs.importers import formats
 from stages.common import CONF, read_config
+from stages.train import read_train_config
 from tests.code import ROOT
 
 DATA = {
@@ -77,11 +79,15 @@ def section(key: str) -> Any:
 
 
 def kinds(expression: ast.expr, key: str, module: Any) -> list[type]:
-    """The dataclass that a call names; options of an importer are found by its name, as the stage does."""
+    """The dataclass that a call names; others are found by the name of the section, as the stages do."""
     if isinstance(expression, ast.Name):
         return [getattr(module, expression.id)]
-    name = key.rpartition(".")[2]
-    return [formats()[name].Options] if name in formats() else []
+    part, _, name = key.rpartition(".")
+    by_name: dict[str, Mapping[str, type]] = {
+        "import_logs": {name: kind.Options for name, kind in formats().items()},
+        "train": settings_by_section(),
+    }
+    return [by_name[part][name]] if name in by_name[part] else []
 
 
 def differences(kind: type, shown: Mapping[str, Any], key: str) -> Iterator[str]:
@@ -119,6 +125,7 @@ def test_every_section_with_a_dataclass_is_found() -> None:
     found = {key for key, _ in read_by_stages()}
     assert found >= {"collect", "train", "evaluate", "diagnose.settings", "withhold.halves.tuning", "optimize.limits"}
     assert found >= {"land", "import_logs.csv", "import_logs.published", "collect.sensing", "executor", "view"}
+    assert found >= {"train.kernel", "train.networks", "train.published_recipe"}
 
 
 def test_the_walk_sees_nested_differences() -> None:
@@ -136,6 +143,6 @@ def test_a_library_call_with_settings_as_made_is_the_stage() -> None:
 def test_a_mapping_in_conf_stands_in_place_of_the_default_and_is_not_laid_over_it() -> None:
     """What a section leaves out of a mapping is left out: inputs of networks, tolerances."""
     chosen = OmegaConf.create(conf("train/inputs=no_phase")["train"])
-    assert "phase" not in read_config(TrainConfig, chosen, "train").networks.inputs
+    assert "phase" not in read_train_config(chosen).settings(NetworksConfig).inputs
     none = OmegaConf.create({"tolerances": {}})
     assert read_config(Settings, none, "diagnose.settings").tolerances == {}

@@ -1,7 +1,7 @@
 """Channels that are compared between a log and a replay, with unit, scale and index in the state."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,11 +9,12 @@ from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
-from leapgap.robot.rotations import pitch_of
+from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, VELOCITY_SLICE, Motion
+from leapgap.robot.rotations import pitch_of, turn_between, turn_by
 
 BASE_TURNS = ("base_roll", "base_pitch", "base_yaw")
-HEADLINE = {
+PITCH = "base_pitch"
+JUMP = {
     "base_pos_x": 0.05,
     "base_pos_z": 0.05,
     "base_pitch": 0.1,
@@ -21,9 +22,13 @@ HEADLINE = {
     "base_linvel_z": 0.3,
     "base_angvel_y": 0.6,
 }
-"""Channels of the headline gap and their scales: m, m, rad, m/s, m/s, rad/s."""
-JOINT_SCALES = {"joint_pos": 0.1, "joint_vel": 1.0}
-"""Scales of joint channels, rad and rad/s; on a robot with a fixed base they form the headline gap."""
+"""Channels of the headline gap of jumps and their sizes: m, m, rad, m/s, m/s, rad/s."""
+SPREAD_SHARE = 0.1
+"""The size of a channel for which none is given: this share of its standard deviation within the logs."""
+LEAST_SHARE = 0.1
+"""A channel's size is at least this share of the largest size among the channels of its quantity."""
+LEAST_SPREAD = 1e-6
+"""Smallest spread, so that a channel in which nothing moves can be divided by its size."""
 
 
 @dataclass(frozen=True)
@@ -37,25 +42,8 @@ class Channel:
     unit: str
     entry: int
     """Index in the tangent of the state: position 3, rotation in base axes 3, joints; then their velocities."""
-    scale: float | None = None
-    """Unit of the channel in the headline gap; None where it is not part of it."""
-
-    @property
-    def column(self) -> str:
-        """The column that a log needs to have this channel."""
-        return BASE_QUATERNION[0] if self.quantity == "base_turn" else self.name
-
-    def values(self, motion: Motion, robot: Robot) -> np.ndarray:
-        """Values of the channel in a motion, (rows,); of the orientation only pitch has values."""
-        if self.name == "base_pitch":
-            return pitch_of(motion.base_quaternion)
-        nv = robot.model.nv
-        if self.entry >= nv:
-            return motion.qvel[:, self.entry - nv]
-        if self.quantity == "joint_pos":
-            return motion.qpos[:, robot.joint_qpos[np.flatnonzero(robot.joint_dofs == self.entry)[0]]]
-        assert self.quantity == "base_pos", f"{self.name} has no single value"
-        return motion.base_position[:, self.entry]
+    scale: float = 1.0
+    """Size of the channel: its errors are divided by it in the headline gap."""
 
 
 def state_channels(robot: Robot) -> tuple[Channel, ...]:
@@ -68,13 +56,10 @@ def state_channels(robot: Robot) -> tuple[Channel, ...]:
             ("base_linvel", QUANTITIES["base_linvel"].unit, nv, BASE_VELOCITY),
             ("base_angvel", QUANTITIES["base_angvel"].unit, nv + 3, BASE_ANGULAR_VELOCITY),
         ):
-            found += [
-                Channel(name, quantity, unit, entry + axis, HEADLINE.get(name)) for axis, name in enumerate(names)
-            ]
+            found += [Channel(name, quantity, unit, entry + axis) for axis, name in enumerate(names)]
     for quantity, first in (("joint_pos", 0), ("joint_vel", nv)):
-        unit, scale = QUANTITIES[quantity].unit, JOINT_SCALES[quantity]
         found += [
-            Channel(f"{quantity}/{joint}", quantity, unit, first + int(dof), scale)
+            Channel(f"{quantity}/{joint}", quantity, QUANTITIES[quantity].unit, first + int(dof))
             for joint, dof in zip(robot.joints, robot.joint_dofs, strict=True)
         ]
     return tuple(found)
@@ -85,31 +70,67 @@ def logged_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
     return tuple(c for c in state_channels(robot) if all(is_logged(log, c.name) for log in logs))
 
 
-def scaled_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
-    """Logged channels with a scale: headline channels of the base, then joint positions and velocities."""
-    return tuple(c for c in logged_channels(logs, robot) if c.scale is not None)
-
-
 def is_logged(log: Log, channel: str) -> bool:
     """Whether a log has the column of a channel."""
     return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in log
 
 
-def channel_values(motion: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
-    """Values of channels in a motion, (rows, channels)."""
-    return np.stack([channel.values(motion, robot) for channel in channels], axis=1)
+def tangent_difference(simulated: Motion, measured: Motion, robot: Robot) -> np.ndarray:
+    """Simulated − measured in the tangent of the state, (rows, 2 nv); orientations as turns in base axes, rad."""
+    nv = robot.model.nv
+    found = np.zeros((len(simulated), 2 * nv))
+    if robot.has_free_base:
+        found[:, VELOCITY_SLICE] = simulated.base_position - measured.base_position
+        found[:, ANGULAR_VELOCITY_SLICE] = turn_between(measured.base_quaternion, simulated.base_quaternion)
+    found[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - measured.qpos[:, robot.joint_qpos]
+    found[:, nv:] = simulated.qvel - measured.qvel
+    return found
+
+
+def displaced(motion: Motion, by: np.ndarray, robot: Robot) -> Motion:
+    """The motion displaced by small steps (rows, 2 nv) in the tangent of its states, the inverse of the difference."""
+    nv, found = robot.model.nv, motion.copy()
+    if robot.has_free_base:
+        found.base_position[:] += by[:, VELOCITY_SLICE]
+        found.base_quaternion[:] = turn_by(motion.base_quaternion, by[:, ANGULAR_VELOCITY_SLICE])
+    found.qpos[:, robot.joint_qpos] += by[:, robot.joint_dofs]
+    found.qvel[:] += by[:, nv:]
+    return found
+
+
+def channel_errors(simulated: Motion, measured: Motion, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
+    """Simulated − measured in some channels, (rows, channels); pitch is the difference of the two pitch angles."""
+    errors = tangent_difference(simulated, measured, robot)[:, [channel.entry for channel in channels]]
+    for k, channel in enumerate(channels):
+        if channel.name == PITCH:
+            errors[:, k] = pitch_of(simulated.base_quaternion) - pitch_of(measured.base_quaternion)
+    return errors
 
 
 def logged_values(log: Log, channel: str) -> np.ndarray:
     """Logged values of one channel, by its name, (rows,)."""
-    return log.pitch if channel == "base_pitch" else log[channel]
+    return log.angles[channel] if channel in BASE_TURNS else log[channel]
 
 
-def measured_values(log: Log, channels: Sequence[Channel]) -> np.ndarray:
-    """Logged values of channels, (rows, channels)."""
-    return np.stack([logged_values(log, channel.name) for channel in channels], axis=1)
-
-
-def sensor_noise(log: Log, channels: Sequence[Channel]) -> np.ndarray:
+def sensor_noise(measured: Motion, period_s: float, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
     """Standard deviation of each channel's sensor noise, (channels,)."""
-    return noise_of(np.diff(measured_values(log, channels), axis=0), log.info.sample_period_s)
+    return noise_of(channel_errors(measured[1:], measured[:-1], channels, robot), period_s)
+
+
+def jump_channels(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+    """The channels of the headline gap of jumps, at their sizes."""
+    return tuple(replace(channel, scale=JUMP[channel.name]) for channel in channels if channel.name in JUMP)
+
+
+def sized_channels(
+    motions: Sequence[Motion], channels: Sequence[Channel], robot: Robot, sizes: Mapping[str, float]
+) -> tuple[Channel, ...]:
+    """All channels at their sizes: those given by name or quantity, else a tenth of their spread within the logs."""
+    departures = [channel_errors(motion, motion[np.zeros(len(motion), int)], channels, robot) for motion in motions]
+    spread = np.concatenate([departure - departure.mean(axis=0) for departure in departures]).std(axis=0)
+    found = []
+    for k, channel in enumerate(channels):
+        alike = [spread[i] for i, other in enumerate(channels) if other.quantity == channel.quantity]
+        own = SPREAD_SHARE * max(float(spread[k]), LEAST_SHARE * float(max(alike)), LEAST_SPREAD)
+        found.append(replace(channel, scale=sizes.get(channel.name, sizes.get(channel.quantity, own))))
+    return tuple(found)

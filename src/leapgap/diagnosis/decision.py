@@ -10,7 +10,7 @@ from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, Full
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.robust_least_squares import losses
-from leapgap.diagnosis.sensitivities import FINE_STEP_S
+from leapgap.diagnosis.sensitivities import FINE
 
 Answer = tuple[tuple[str, ...], ...]
 
@@ -191,7 +191,7 @@ def judge(
     heldout_gap.squares([*result.steps, *result.alternatives])
     gap = heldout_gap.gap(heldout_gap.nominal) / heldout_gap.gap(heldout_gap.floor)
     # The nominal step's own error may hide what a small effect closes.
-    closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure, FINE_STEP_S)
+    closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure, FINE)
     conclusion = decide(result, shares, gap, closes, thresholds)
     if conclusion.verdict == "unknown" and is_first_cause_confirmed(result):
         causes = FullRollouts(heldout_gap, full, progress).search(result.before(1), hypotheses, thresholds.rival_share)

@@ -11,11 +11,12 @@ from leapgap.diagnosis.decision import DecisionThresholds, judge
 from leapgap.diagnosis.full_rollouts import FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import ReportContent
+from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
-from leapgap.diagnosis.sensitivities import FINE_STEP_S
+from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import causes_of, next_experiment, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect
@@ -61,6 +62,9 @@ class Settings:
     tolerances: dict[str, float] = field(default_factory=lambda: dict(TOLERANCES))
     """``effect.parameter`` → standard deviation of that number of the model, in units of the model's own value
     (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""
+    sizes: dict[str, float] = field(default_factory=dict)
+    """Channel or quantity (``joint_pos``) → size by which its errors are divided in the headline gap, rad, m and per s.
+    A channel without one is divided by a tenth of its spread in the logs; jumps have sizes of their own."""
     model_error: float = 0.03
     """Relative error of a departure from nominal because the simulation differs from the robot."""
     where_horizon_s: float = 0.1
@@ -123,17 +127,19 @@ def diagnose(
     rng = np.random.default_rng(settings.seed)
     slots = max((len(log.info.terrain) for log in logs), default=0)
     replayer = Replayer(robot, max(1, slots), threads)
-    heldout_gap = HeldOutGap.of(logs, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
+    judged = JudgedLogs.of(logs, robot, settings.sizes)
+    heldout_gap = HeldOutGap.of(
+        logs, judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng
+    )
     gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
-    progress(f"{len(logs)} logs, {sum(heldout_gap.judged.rows)} rows judged")
+    progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
-    judged_logs = heldout_gap.judged.logs
-    checks = run_checks(judged_logs, robot, settings.check_thresholds)
+    checks = run_checks(judged.logs, robot, settings.check_thresholds)
     clock = clock_of(checks)
     hypotheses = list_hypotheses(kinds, robot, clock)
     most = settings.pieces(len(logs))
     whole, coarse = (
-        ShortRollouts.of(judged_logs, replayer, settings.horizon_s, settings.every_s, pieces)
+        ShortRollouts.of(judged.logs, replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
@@ -142,16 +148,23 @@ def diagnose(
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
     judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
     shared = heldout_gap.shared_closure(selected) if conclusion.answer else None
+    horizons = tuple(
+        HorizonError(at.horizon_s, at.nominal, own, at.unmoved) for at, own in heldout_gap.gaps_at_horizons(selected)
+    )
     by_log = heldout_gap.gap_by_log(corrected.squares), heldout_gap.misplaced_by_log(replays)
     # Short steps: what the nominal simulation's own step does is no part of the gap.
-    fine = replayer.with_steps(FINE_STEP_S)
-    places = localise(heldout_gap.judged, fine, settings.where_horizon_s, settings.noise_draws, rng)
+    fine = replayer.with_steps(FINE * replayer.largest_step_s)
+    places = localise(judged, fine, settings.where_horizon_s, settings.noise_draws, rng)
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, corrected, names),
         gap_nominal=gap,
         gap_corrected=corrected.gap,
         noise_floor=floor,
+        headline=Headline(
+            judged.preset, {channel.name: channel.scale for channel in judged.channels}, heldout_gap.horizon_s
+        ),
+        horizons=horizons,
         answer=conclusion.answer,
         closure_of_answer=corrected.closure if conclusion.answer else None,
         closure_shared=shared,
@@ -159,7 +172,7 @@ def diagnose(
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(checks),
         next_experiment=next_experiment(conclusion.answer, logs),
-        not_judged=tuple(not_judged(logs, robot)),
+        not_judged=tuple(not_judged(judged, logs)),
         profiles=tuple(profiles_of(judgement.result)),
         gap_per_log=by_log[0],
         landing_misplaced_m=by_log[1],

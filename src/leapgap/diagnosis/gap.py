@@ -6,13 +6,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.channels import channel_values, measured_values
+from leapgap.diagnosis.channels import channel_errors
+from leapgap.diagnosis.horizons import (
+    HorizonGap,
+    RestartedReplayer,
+    gap_of,
+    horizons_of,
+    longest_informative,
+    noise_floor_at,
+    replayer_at,
+    unmoved_errors,
+)
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
@@ -43,7 +51,7 @@ class Interval:
 
 
 def scaled_errors(
-    judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
+    judged: JudgedLogs, replayer: Replayer | RestartedReplayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
 ) -> list[list[np.ndarray]]:
     """Simulated − measured, scaled, of every candidate on every log: ``[candidate][log]`` (rows, channels).
 
@@ -55,26 +63,33 @@ def scaled_errors(
         for log, effects in zip(judged.logs, of_candidate, strict=True)
     ]
     motions = iter(replayer.motions(trials))
-    return [[scaled_error(next(motions), log, judged, replayer.robot) for log in judged.logs] for _ in candidates]
+    return [[scaled_error(next(motions), judged, log) for log in range(len(judged.logs))] for _ in candidates]
 
 
-def scaled_error(motion: Motion, log: Log, judged: JudgedLogs, robot: Robot) -> np.ndarray:
+def scaled_error(motion: Motion, judged: JudgedLogs, log: int) -> np.ndarray:
     """Simulated − measured, scaled, in the judged rows of a log, (rows, channels); ``motion`` may go on longer."""
-    difference = channel_values(motion[: len(log)], judged.channels, robot) - measured_values(log, judged.channels)
-    return np.clip(np.nan_to_num(difference / judged.scales, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
+    measured = judged.motions[log]
+    error = channel_errors(motion[: len(measured)], measured, judged.channels, judged.robot) / judged.scales
+    return np.clip(np.nan_to_num(error, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
 
 
-def motion_squares(motions: Sequence[Motion], judged: JudgedLogs, robot: Robot) -> np.ndarray:
+def motion_squares(motions: Sequence[Motion], judged: JudgedLogs) -> np.ndarray:
     """Sum of squared scaled errors of one motion for each log, (logs,)."""
-    errors = (scaled_error(motion, log, judged, robot) for motion, log in zip(motions, judged.logs, strict=True))
+    errors = (scaled_error(motion, judged, log) for log, motion in enumerate(motions))
     return np.array([float((error**2).sum()) for error in errors])
 
 
 def candidate_squares(
-    judged: JudgedLogs, replayer: Replayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
+    judged: JudgedLogs, replayer: Replayer | RestartedReplayer, candidates: Sequence[Sequence[tuple[Effect, ...]]]
 ) -> np.ndarray:
     """Sum of squared scaled errors of each candidate on each log, (candidates, logs)."""
     return np.array([[float((e**2).sum()) for e in of_logs] for of_logs in scaled_errors(judged, replayer, candidates)])
+
+
+def horizon_gap(horizon_s: float | None, motions: Sequence[Motion], judged: JudgedLogs) -> HorizonGap:
+    """The gap of replays at a horizon, beside that of a robot that stays as it was."""
+    errors = [scaled_error(motion, judged, log) for log, motion in enumerate(motions)]
+    return HorizonGap(horizon_s, gap_of(errors), gap_of(unmoved_errors(judged, horizon_s)))
 
 
 def headline_gap(sum_of_squares: np.ndarray, judged: JudgedLogs) -> float:
@@ -143,7 +158,8 @@ class HeldOutGap:
     """The headline gap of candidates on held-out logs, in replays of whole logs; each candidate is replayed once."""
 
     judged: JudgedLogs
-    replayer: Replayer
+    replayer: Replayer | RestartedReplayer
+    """Of whole logs, or of pieces of the horizon that is judged."""
     folds: np.ndarray
     """Index of the fold of each log, (logs,)."""
     nominal: np.ndarray
@@ -156,6 +172,8 @@ class HeldOutGap:
     """The logs with all their rows, beyond those that are judged."""
     nominal_motions: Sequence[Motion] = ()
     """Their replays by the nominal robot."""
+    horizons: Sequence[HorizonGap] = ()
+    """The nominal robot's gap at several horizons."""
     cache: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
     """Sums of squares by identity of the candidate, whose arrays cannot be hashed."""
     motions: dict[int, Sequence[Motion]] = field(default_factory=dict)
@@ -163,16 +181,28 @@ class HeldOutGap:
 
     @staticmethod
     def of(
-        logs: Sequence[Log], replayer: Replayer, folds: int, noise_draws: int, draws: int, rng: np.random.Generator
+        logs: Sequence[Log],
+        judged: JudgedLogs,
+        base: Replayer,
+        folds: int,
+        noise_draws: int,
+        draws: int,
+        rng: np.random.Generator,
     ) -> "HeldOutGap":
-        """Replay the logs by the nominal robot, and measure the gap and its noise floor."""
-        judged = JudgedLogs.of(logs, replayer.robot)
+        """Replay the logs by the nominal robot, and measure the gap and its noise floor.
+
+        The gap of jumps is that of whole logs; of other motions, at the longest horizon that is informative.
+        """
         fold_of_log = folds_of(len(logs), folds)
-        motions = replayer.motions([Rollout(log) for log in logs])
-        nominal = motion_squares(motions, judged, replayer.robot)
-        floor = noise_floor(judged, replayer, noise_draws, rng, motions)
+        trials = [Rollout(log) for log in logs]
+        at_horizons = [(horizon, replayer_at(base, horizon).motions(trials)) for horizon in horizons_of(judged)]
+        gaps = [horizon_gap(horizon, motions, judged) for horizon, motions in at_horizons]
+        chosen = gaps[0] if judged.preset == "jump" else longest_informative(gaps)
+        motions, replayer = at_horizons[gaps.index(chosen)][1], replayer_at(base, chosen.horizon_s)
+        nominal = motion_squares(motions, judged)
+        floor = noise_floor_at(replayer, judged, noise_draws, rng, motions)
         resampled = resamples(len(logs), draws, rng)
-        return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, logs, motions)
+        return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, logs, motions, horizons=gaps)
 
     @property
     def names(self) -> list[str]:
@@ -191,7 +221,7 @@ class HeldOutGap:
         for candidate in new:
             motions = [next(found) for _ in self.logs]
             self.motions[id(candidate)] = motions
-            self.cache[id(candidate)] = candidate, motion_squares(motions, self.judged, self.replayer.robot)
+            self.cache[id(candidate)] = candidate, motion_squares(motions, self.judged)
         return [
             self.motions[id(candidate)] if candidate.hypotheses else self.nominal_motions for candidate in candidates
         ]
@@ -239,8 +269,28 @@ class HeldOutGap:
         """Share of the gap that is closed, without an interval."""
         return closure(self.nominal, corrected, self.floor, self.judged, self.draws[:1]).value
 
-    def best_closure(self, candidate: Candidate, enough: float, fine_step_s: float) -> float | None:
-        """Share of the gap that a candidate closes, by fine steps of the simulation where that is not ``enough``.
+    def gaps_at_horizons(self, candidate: Candidate) -> list[tuple[HorizonGap, float]]:
+        """The nominal gap at each horizon, and that of a candidate on held-out logs."""
+        effects = [candidate.effects_on(log, fold) for log, fold in zip(self.names, self.folds.tolist(), strict=True)]
+        trials = [Rollout(log, own) for log, own in zip(self.judged.logs, effects, strict=True)]
+        base = self.replayer.replayer if isinstance(self.replayer, RestartedReplayer) else self.replayer
+        found = []
+        for gap in self.horizons:
+            if gap.horizon_s == self.horizon_s or not candidate.hypotheses:
+                own_gap = self.gap(*self.squares([candidate])) if candidate.hypotheses else gap.nominal
+            else:
+                motions = replayer_at(base, gap.horizon_s).motions(trials)
+                own_gap = gap_of([scaled_error(motion, self.judged, log) for log, motion in enumerate(motions)])
+            found.append((gap, own_gap))
+        return found
+
+    @property
+    def horizon_s(self) -> float | None:
+        """The horizon that is judged; None: whole logs."""
+        return self.replayer.horizon_s if isinstance(self.replayer, RestartedReplayer) else None
+
+    def best_closure(self, candidate: Candidate, enough: float, fine: float) -> float | None:
+        """Share of the gap that a candidate closes, where that is not ``enough`` by steps of the share ``fine``.
 
         None where there is nothing to close.
         """
@@ -249,7 +299,7 @@ class HeldOutGap:
         closes = self.closure_value(*self.squares([candidate]))
         if closes >= enough:
             return closes
-        finer = self.with_steps(fine_step_s)
+        finer = self.with_steps(fine * self.replayer.largest_step_s)
         return max(closes, finer.closure_value(*finer.squares([candidate])))
 
     @property

@@ -108,8 +108,8 @@ def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:
     groups = [*robot.limbs_of_pair, *((*robot.joint_groups, *robot.topology.limbs) if of == "joints" else ())]
     found: dict[str, tuple[str, ...]] = {}
     for location in ("all", *groups, *single):
-        members = tuple(single[i] for i in at(location))
-        if members not in found.values():
+        members = tuple(single[i] for i in at(location) if not kind.needs_motor or robot.driven[i])
+        if members and members not in found.values():
             found[location] = members
     return found
 

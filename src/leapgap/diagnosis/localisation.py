@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.channels import Channel, channel_values, measured_values, scaled_channels, sensor_noise
+from leapgap.diagnosis.channels import Channel, channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import state_noise
 from leapgap.logs.log import Log
 from leapgap.logs.segments import segment_of_rows
+from leapgap.logs.state import motion_of
+from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 OUTSIDE = "outside"
@@ -47,6 +49,7 @@ class Piece:
     """Some rows of a log with a replay of their own; it is compared in the second half, after its start settled."""
 
     log: Log
+    measured: Motion
     phases: np.ndarray
     """Index of the phase of each row, (rows,)."""
     phase_number: int
@@ -74,21 +77,20 @@ def localise(
     Replays restart from the log every ``horizon_s``, so that an error counts in the phase in which it arises. The mean
     effect of sensor noise over ``draws`` is subtracted from the shares.
     """
-    names = phase_names(judged.logs)
-    robot, channels = replayer.robot, scaled_channels(judged.logs, replayer.robot)
-    sigma = {log.name: sensor_noise(log, channels) for log in judged.logs}
+    names, channels = phase_names(judged.logs), judged.mapped
     pieces = [
-        Piece(piece, phases, len(names), sigma[log.name])
-        for log in judged.logs
-        for piece, phases in pieces_of(log, names, horizon_s)
+        Piece(piece, motion_of(piece, judged.robot), phases, len(names), sigma)
+        for log, sigma in enumerate(judged.noise(channels))
+        for piece, phases in pieces_of(judged.logs[log], names, horizon_s)
     ]
+    starts = [state_noise(judged, log) for log, cut in enumerate(judged.logs) for _ in pieces_of(cut, names, horizon_s)]
     least = np.array([least_noise(c) for c in channels])
     motions = replayer.motions([Rollout(piece.log) for piece in pieces])
-    simulated_there = [channel_values(motion, channels, robot) for motion in motions]
     errors = [
-        found - measured_values(piece.log, channels) for piece, found in zip(pieces, simulated_there, strict=True)
+        channel_errors(motion, piece.measured, channels, judged.robot)
+        for piece, motion in zip(pieces, motions, strict=True)
     ]
-    of_noise = noise_errors(pieces, simulated_there, channels, replayer, draws, rng)
+    of_noise = noise_errors(pieces, starts, motions, channels, replayer, draws, rng)
 
     def scaled(of: Sequence[np.ndarray]) -> np.ndarray:
         return sum_of(p.squares(e / np.maximum(p.sigma, least)) for p, e in zip(pieces, of, strict=True))
@@ -108,7 +110,8 @@ def localise(
 
 def noise_errors(
     pieces: Sequence[Piece],
-    nominal: Sequence[np.ndarray],
+    starts: Sequence[np.ndarray],
+    nominal: Sequence[Motion],
     channels: Sequence[Channel],
     replayer: Replayer,
     draws: int,
@@ -116,26 +119,22 @@ def noise_errors(
 ) -> list[list[np.ndarray]]:
     """Errors ``[draw][piece]`` (rows, channels) that sensor noise alone gives, where ``nominal`` are the true motions.
 
-    Every piece is replayed from a noisy first state and compared with noisy rows.
+    Every piece is replayed from a first state with noise ``starts`` (nq + nv,), and compared with noisy rows.
     """
     states = [replayer.first_state(Rollout(piece.log)) for piece in pieces]
-    sigmas = [dict(zip((c.name for c in channels), piece.sigma, strict=True)) for piece in pieces]
-    off = [state_noise(sigma, replayer.robot) for sigma in sigmas]
     trials = [
-        Rollout(piece.log, first_state=state + rng.standard_normal(len(state)) * noise_there)
+        Rollout(piece.log, first_state=state + rng.standard_normal(len(state)) * noise)
         for _ in range(draws)
-        for piece, state, noise_there in zip(pieces, states, off, strict=True)
+        for piece, state, noise in zip(pieces, states, starts, strict=True)
     ]
     motions = iter(replayer.motions(trials))
-    return [
-        [
-            channel_values(next(motions), channels, replayer.robot)
-            - true
-            - rng.standard_normal(true.shape) * piece.sigma
-            for piece, true in zip(pieces, nominal, strict=True)
-        ]
-        for _ in range(draws)
-    ]
+    found = []
+    for _ in range(draws):
+        of_pieces = (channel_errors(next(motions), true, channels, replayer.robot) for true in nominal)
+        found.append(
+            [e - rng.standard_normal(e.shape) * piece.sigma for e, piece in zip(of_pieces, pieces, strict=True)]
+        )
+    return found
 
 
 def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:

@@ -1,13 +1,13 @@
 """The noise floor: the gap that sensor noise alone would make between a log and a replay of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from leapgap.diagnosis.channels import scaled_channels, sensor_noise, state_channels
+from leapgap.diagnosis.channels import BASE_TURNS, channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
+from leapgap.logs.state import fitted_noise
+from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 
@@ -23,34 +23,40 @@ def noise_floor(
     The motion of the nominal robot plus noise of each channel is taken as measured, and replayed from its noisy first
     row. ``nominal`` are its motions, where they are known already.
     """
-    robot = replayer.robot
-    every = scaled_channels(judged.logs, robot)
-    total = np.zeros(len(judged.logs))
-    sigma = [dict(zip((c.name for c in every), sensor_noise(log, every), strict=True)) for log in judged.logs]
+    robot, total = judged.robot, np.zeros(len(judged.logs))
+    of_starts = [state_noise(judged, log) for log in range(len(judged.logs))]
+    of_rows = judged.noise(judged.channels)
     motions = nominal or replayer.motions([Rollout(log) for log in judged.logs])
     true = [motion[: len(log)] for motion, log in zip(motions, judged.logs, strict=True)]
     for _ in range(draws):
         trials = []
-        for log, own in zip(judged.logs, sigma, strict=True):
+        for log, noise in zip(judged.logs, of_starts, strict=True):
             state = replayer.first_state(Rollout(log))
-            trials.append(Rollout(log, first_state=state + rng.standard_normal(len(state)) * state_noise(own, robot)))
+            trials.append(Rollout(log, first_state=state + rng.standard_normal(len(state)) * noise))
         for j, motion in enumerate(replayer.motions(trials)):
-            for c in judged.channels:
-                seen = c.values(true[j], robot) + rng.standard_normal(judged.rows[j]) * sigma[j][c.name]
-                total[j] += float((((c.values(motion, robot) - seen) / c.scale) ** 2).sum())
+            error = channel_errors(motion, true[j], judged.channels, robot)
+            for c, channel in enumerate(judged.channels):
+                own = error[:, c] - rng.standard_normal(judged.rows[j]) * of_rows[j][c]
+                total[j] += float(((own / channel.scale) ** 2).sum())
     return total / draws
 
 
-def state_noise(sigma: Mapping[str, float], robot: Robot) -> np.ndarray:
-    """Noise of the first state, (nq + nv,), where it was measured; orientation only in pitch, about y.
+def state_noise(judged: JudgedLogs, log: int) -> np.ndarray:
+    """Noise of the first state of a log, (nq + nv,), in the channels of the map.
 
-    ``sigma`` is the noise of the headline's and the joints' channels by name.
+    An orientation is disturbed as the imaginary part of its quaternion, for small angles.
     """
-    noise_of = Motion(np.zeros((1, robot.model.nq)), np.zeros((1, robot.model.nv)))
-    for channel in state_channels(robot):
-        known = float(sigma.get(channel.name, 0.0))
-        if channel.name == "base_pitch":
-            noise_of.base_quaternion[0, 2] = known / 2
-        elif channel.quantity != "base_turn":
-            channel.values(noise_of, robot)[:] = known
-    return noise_of.first_state
+    robot = judged.robot
+    nq, nv = robot.model.nq, robot.model.nv
+    found = np.concatenate([np.zeros(nq), fitted_noise(judged.logs[log], judged.motions[log], robot, [0])[0, nv:]])
+    for channel, sigma in zip(judged.mapped, judged.noise(judged.mapped)[log], strict=True):
+        if channel.entry >= nv:
+            found[nq + channel.entry - nv] = sigma
+        elif channel.quantity == "base_turn":
+            found[QUATERNION_SLICE][1 + BASE_TURNS.index(channel.name)] = sigma / 2
+        elif channel.quantity == "base_pos":
+            found[channel.entry] = sigma
+        else:
+            (joint,) = np.flatnonzero(robot.joint_dofs == channel.entry)
+            found[robot.joint_qpos[joint]] = sigma
+    return found

@@ -57,6 +57,31 @@ class Profile:
 
 
 @dataclass(frozen=True)
+class Headline:
+    """What the headline gap is the root mean square of."""
+
+    preset: str
+    """``jump``: the plane of a jump at fixed sizes; ``all``: every channel by its spread or a given size."""
+    sizes: Mapping[str, float]
+    """Channel → size by which its errors are divided, m, rad, m/s, rad/s."""
+    horizon_s: float | None
+    """Time after which replays start anew from the log; None: whole logs."""
+
+
+@dataclass(frozen=True)
+class HorizonError:
+    """The headline gap of replays that start anew from the log after a horizon."""
+
+    horizon_s: float | None
+    """None: whole logs."""
+    nominal: float
+    corrected: float
+    """On held-out logs."""
+    unmoved: float
+    """That of a robot that stays as it was at each start."""
+
+
+@dataclass(frozen=True)
 class ReportContent:
     """All results of a diagnosis; ``report.json`` holds them."""
 
@@ -65,6 +90,8 @@ class ReportContent:
     gap_nominal: float
     gap_corrected: float
     noise_floor: float
+    headline: Headline
+    horizons: tuple[HorizonError, ...]
     answer: tuple[tuple[str, ...], ...]
     closure_of_answer: Interval | None
     closure_shared: Interval | None
@@ -108,6 +135,8 @@ class ReportContent:
                     "noise_floor": self.noise_floor,
                     "unit": "1",
                 },
+                "headline": asdict(self.headline),
+                "horizons": [asdict(one) for one in self.horizons],
                 "answer": [list(names) for names in self.answer],
                 "closure_of_answer": closure_to_json(closure) if closure else None,
                 "closure_shared": closure_to_json(self.closure_shared) if self.closure_shared else None,

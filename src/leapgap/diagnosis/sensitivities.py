@@ -16,9 +16,9 @@ from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 from leapgap.robot.model import Robot
 
-FINE_STEP_S, ROUGH_STEP_S = 0.00028, 0.0022
-"""Largest simulation steps. Replays of short steps show the error of the nominal step. Long steps are accurate enough
-for derivatives of the effects that are searched, but not for those of nuisances."""
+FINE, ROUGH = 0.255, 2.0
+"""Largest simulation steps as shares of the replayer's. Replays of short steps show the error of the nominal step. Long
+steps are accurate enough for derivatives of the effects that are searched, but not for those of nuisances."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Sensitivities:
         )
         evidence = evidence.whiten_for(on_logs(evidence, *around))
         exact = Departures.of(evidence, around)
-        rough = Departures.of(evidence.with_steps(ROUGH_STEP_S), around)
+        rough = Departures.of(evidence.with_steps(ROUGH * evidence.replayer.largest_step_s), around)
         origin, free = exact.start, {name.partition(".")[0] for name in tolerances}
         columns = np.zeros((*origin.shape, len(keys)))
         for departures, chosen in (
@@ -110,7 +110,8 @@ class Sensitivities:
             changes = departures([[moderate_departure(names[keys[i].effect], keys[i])] for i in chosen])
             for i, change in zip(chosen, changes, strict=True):
                 columns[:, :, i] = change / at_place(names[keys[i].effect], keys[i]).moderate[keys[i].number]
-        (stepped,) = evidence.with_steps(FINE_STEP_S).residuals([on_logs(evidence, *around)])
+        fine = evidence.with_steps(FINE * evidence.replayer.largest_step_s)
+        (stepped,) = fine.residuals([on_logs(evidence, *around)])
         nuisances = [concatenate_logs(stepped) - origin]
         for name, share in tolerances.items():
             effect, _, parameter = name.partition(".")

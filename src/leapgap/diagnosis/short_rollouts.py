@@ -15,15 +15,14 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.channels import Channel, logged_channels
+from leapgap.diagnosis.channels import Channel, logged_channels, tangent_difference
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
-from leapgap.logs.state import motion_of
+from leapgap.logs.state import fitted_noise, motion_of
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
-from leapgap.robot.rotations import turn_between
+from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 Effects = tuple[Effect, ...]
@@ -66,20 +65,13 @@ class StateChannels:
 
     def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
         """Simulated − logged in the channels, (rows, channels)."""
-        robot = self.robot
-        full = np.zeros((len(simulated), 2 * robot.model.nv))
-        if robot.has_free_base:
-            full[:, VELOCITY_SLICE] = simulated.base_position - logged.base_position
-            full[:, ANGULAR_VELOCITY_SLICE] = turn_between(logged.base_quaternion, simulated.base_quaternion)
-        full[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - logged.qpos[:, robot.joint_qpos]
-        full[:, robot.model.nv :] = simulated.qvel - logged.qvel
-        return full[:, self.entries]
+        return tangent_difference(simulated, logged, self.robot)[:, self.entries]
 
-    def displace(self, state: np.ndarray, channel: int, by: float) -> np.ndarray:
-        """Displace a state (nq + nv,) by ``by`` in one channel."""
+    def displace(self, state: np.ndarray, entry: int, by: float) -> np.ndarray:
+        """Displace a state (nq + nv,) by ``by`` in one entry of its tangent (2 nv)."""
         nq, nv = self.robot.model.nq, self.robot.model.nv
         tangent = np.zeros(2 * nv)
-        tangent[self.entries[channel]] = by
+        tangent[entry] = by
         qpos = state[:nq].copy()
         mujoco.mj_integratePos(self.robot.model, qpos, tangent[:nv], 1.0)
         return np.concatenate([qpos, state[nq:] + tangent[nv:]])
@@ -112,6 +104,15 @@ def smooth_start(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.nd
     return np.concatenate([qpos, qvel]), float(np.linalg.norm(weights))
 
 
+def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -> tuple[Starts, np.ndarray]:
+    """Smoothed states at some rows of a log, and the share of the noise that remains in each, (rows,)."""
+    found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
+    states = np.array([start for start, _ in found]).reshape(len(rows), robot.model.nq + robot.model.nv)
+    if robot.has_free_base:
+        states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
+    return Starts(rows, states), np.array([kept for _, kept in found])
+
+
 @dataclass(frozen=True)
 class Pieces:
     """The pieces of one log."""
@@ -123,27 +124,37 @@ class Pieces:
     """Standard deviation of the log's sensor noise, (channels,)."""
     start_noise: np.ndarray
     """Share of the noise that remains in the smoothed starts, (pieces,)."""
+    fitted_noise: np.ndarray
+    """Standard deviation of velocities of the starts that were not logged, in their tangent, (pieces, 2 nv)."""
+    ages: np.ndarray
+    """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
 
     @staticmethod
-    def of(log: Log, rows: Sequence[int], state: StateChannels) -> "Pieces":
-        """Pieces of a log that start at these rows."""
+    def of(log: Log, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
+        """Pieces of a log that start at these rows, and are compared after ``ages`` rows."""
         logged = motion_of(log, state.robot)
-        found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
-        states = np.array([start for start, _ in found]).reshape(len(rows), state.robot.model.nq + state.robot.model.nv)
-        if state.robot.has_free_base:
-            states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
-        return Pieces(
-            log,
-            logged,
-            Starts(rows, states),
-            state.noise(logged, log.info.sample_period_s),
-            np.array([kept for _, kept in found]),
-        )
+        starts, kept = smooth_starts(logged, rows, log, state.robot)
+        fitted = fitted_noise(log, logged, state.robot, rows)
+        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept, fitted, ages)
 
     def downsample(self, rows: int) -> "Pieces":
         """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
         starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
-        return replace(self, log=self.log.downsample(rows), logged=self.logged[::rows], starts=starts)
+        log, logged = self.log.downsample(rows), self.logged[::rows]
+        return replace(self, log=log, logged=logged, starts=starts, ages=self.ages // rows)
+
+    def for_steps(self, largest_step_s: float) -> "Pieces":
+        """The same pieces with rows as far apart as a step of the simulation, compared at the same instants."""
+        rows = max(1, round(largest_step_s / self.log.info.sample_period_s))
+        return self.downsample(math.gcd(*self.ages.tolist(), *self.starts.rows, rows))
+
+    def errors(self, motions: Sequence[Motion], starts: Starts, state: StateChannels) -> np.ndarray:
+        """Simulated − logged values of replays from some starts, (starts, ages × channels)."""
+        found = [
+            state.differences(motion[self.ages], self.logged[row + self.ages]).ravel()
+            for motion, row in zip(motions, starts.rows, strict=True)
+        ]
+        return np.array(found).reshape(len(found), len(self.ages) * len(state.channels))
 
 
 @dataclass(frozen=True)
@@ -153,8 +164,6 @@ class ShortRollouts:
     state: StateChannels
     replayer: Replayer
     pieces: tuple[Pieces, ...]
-    ages: np.ndarray
-    """Rows after the start of a piece at which it is compared, (ages,)."""
     whitening: tuple[np.ndarray, ...]
     """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
 
@@ -162,17 +171,16 @@ class ShortRollouts:
     def of(logs: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
         """Cut logs to at most ``most`` pieces of a horizon, compared every ``every_s``; without whitening yet."""
         state = StateChannels.of(logs, replayer.robot)
-        period = logs[0].info.sample_period_s
-        ages = np.arange(1, round(horizon_s / every_s) + 1) * max(1, round(every_s / period))
-        length = ages[-1] + 1
-        rows = thin_evenly([np.arange(0, len(log) - length + 1, length - 1) for log in logs], most)
+        number = np.arange(1, round(horizon_s / every_s) + 1)
+        ages = [number * log.info.rows(every_s) for log in logs]
+        rows = thin_evenly([np.arange(0, len(log) - a[-1], a[-1]) for log, a in zip(logs, ages, strict=True)], most)
         if not any(map(len, rows)):
-            longest = max(len(log) for log in logs) * period
+            longest = max(len(log) * log.info.sample_period_s for log in logs)
             raise InputError(
                 "diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions"
             )
-        pieces = [Pieces.of(log, own.tolist(), state) for log, own in zip(logs, rows, strict=True)]
-        return ShortRollouts(state, replayer, tuple(pieces), ages, ())
+        pieces = [Pieces.of(log, own.tolist(), a, state) for log, own, a in zip(logs, rows, ages, strict=True)]
+        return ShortRollouts(state, replayer, tuple(pieces), ())
 
     def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":
         """The same with the whitening for a robot with these effects, one tuple for each log."""
@@ -194,12 +202,8 @@ class ShortRollouts:
 
     def with_steps(self, largest_step_s: float) -> "ShortRollouts":
         """The same pieces with another largest step, which may be several rows; compared at the same instants."""
-        replayer = self.replayer.with_steps(largest_step_s)
-        period = self.pieces[0].log.info.sample_period_s
-        begun = [row for of in self.pieces for row in of.starts.rows]
-        every = math.gcd(*self.ages.tolist(), *begun, max(1, round(largest_step_s / period)))
-        pieces = tuple(of.downsample(every) for of in self.pieces)
-        return replace(self, replayer=replayer, pieces=pieces, ages=self.ages // every)
+        pieces = tuple(of.for_steps(largest_step_s) for of in self.pieces)
+        return replace(self, replayer=self.replayer.with_steps(largest_step_s), pieces=pieces)
 
     def errors(self, trials: Sequence[RolloutRequest]) -> Iterator[np.ndarray]:
         """Simulated − logged values of each request, (pieces, values), computed by all threads."""
@@ -217,19 +221,15 @@ class ShortRollouts:
             yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
 
     def _batch(self, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
-        found = []
-        trials = [Rollout(self.pieces[log].log, effects) for log, effects, _ in batch]
-        motions = self.replayer.replay_pieces(trials, [starts for _, _, starts in batch], int(self.ages[-1]) + 1)
-        for (log, _, starts), of_trial in zip(batch, motions, strict=True):
-            logged = self.pieces[log].logged
-            errors = [
-                self._difference(motion, logged, row).ravel() for motion, row in zip(of_trial, starts.rows, strict=True)
-            ]
-            found.append(np.array(errors).reshape(len(errors), len(self.ages) * len(self.state.channels)))
-        return found
-
-    def _difference(self, motion: Motion, logged: Motion, row: int) -> np.ndarray:
-        return self.state.differences(motion[self.ages], logged[row + self.ages])
+        found: dict[int, np.ndarray] = {}
+        lengths = [int(self.pieces[log].ages[-1]) + 1 for log, _, _ in batch]
+        for length in dict.fromkeys(lengths):
+            chosen = [k for k, own in enumerate(lengths) if own == length]
+            trials = [Rollout(self.pieces[batch[k][0]].log, batch[k][1]) for k in chosen]
+            motions = self.replayer.replay_pieces(trials, [batch[k][2] for k in chosen], length)
+            for k, of_trial in zip(chosen, motions, strict=True):
+                found[k] = self.pieces[batch[k][0]].errors(of_trial, batch[k][2], self.state)
+        return [found[k] for k in range(len(batch))]
 
     def residuals(self, candidates: Sequence[Sequence[Effects]]) -> list[list[np.ndarray]]:
         """Whitened errors ``[candidate][log]``, (pieces, values), of effects ``candidates[candidate][log]``."""
@@ -253,15 +253,20 @@ class ShortRollouts:
         errors = self.errors(trials)
         for own in self.pieces:
             base = next(errors)
-            growth = np.nan_to_num(np.stack([next(errors) - base for _ in self.state.channels], axis=2))
-            white = np.tile(own.noise, len(self.ages)) ** 2  # growth: (pieces, values, channels)
+            displaced = len(self.state.channels) + int(own.fitted_noise.any(axis=0).sum())
+            growth = np.nan_to_num(np.stack([next(errors) - base for _ in range(displaced)], axis=2))
+            white = np.tile(own.noise, len(own.ages)) ** 2  # growth: (pieces, values, channels)
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
 
     def _displace_starts(self, own: Pieces) -> Iterator[Starts]:
-        """The starts of a log, displaced in one channel after the other by a standard deviation of their noise."""
+        """The starts of a log, displaced in one entry after the other by a standard deviation of their noise.
+
+        First in the channels, then in velocities that were not logged.
+        """
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
-        for c in range(len(self.state.channels)):
-            by = sign * own.start_noise * own.noise[c]
-            states = [self.state.displace(s, c, b) for s, b in zip(own.starts.states, by, strict=True)]
+        sizes = [(int(e), own.start_noise * own.noise[c]) for c, e in enumerate(self.state.entries)]
+        sizes += [(int(e), own.fitted_noise[:, e]) for e in np.flatnonzero(own.fitted_noise.any(axis=0))]
+        for entry, size in sizes:
+            states = [self.state.displace(s, entry, b) for s, b in zip(own.starts.states, sign * size, strict=True)]
             yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

@@ -7,13 +7,14 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate, SearchResult
-from leapgap.diagnosis.channels import HEADLINE, is_logged
+from leapgap.diagnosis.channels import is_logged, state_channels
 from leapgap.diagnosis.decision import Answer, Conclusion, Judgement
 from leapgap.diagnosis.gap import HeldOutFigures, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log
-from leapgap.robot.model import Robot
+from leapgap.logs.state import fitted_velocities
 
 SIGMAS = 1.96
 """Half width of a 95 % interval in standard deviations."""
@@ -166,9 +167,10 @@ def next_experiment(answer: Answer, logs: Sequence[Log]) -> dict[str, Any] | Non
     return {"sentence": sentence, "separates": separates, "collect": collect}
 
 
-def not_judged(logs: Sequence[Log], robot: Robot) -> list[str]:
-    """Names of columns that some log lacks, in words."""
-    wanted = [*HEADLINE, *(f"base_angvel_{axis}" for axis in "xz")] if robot.has_free_base else []
+def not_judged(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
+    """What could not be judged, in words: columns that some log lacks, and rows that are left out."""
+    robot = judged.robot
+    wanted = [channel.name for channel in state_channels(robot) if channel.name.startswith("base_")]
     wanted += [f"{quantity}/{robot.joints[0]}" for quantity in ("joint_pos", "joint_vel", "tau")]
     wanted += ["imu_acc_z", "supply_voltage"]
     lacking = [name for name in wanted if not all(is_logged(log, name) for log in logs)]
@@ -179,4 +181,16 @@ def not_judged(logs: Sequence[Log], robot: Robot) -> list[str]:
         "imu_acc_z": "the IMU's accelerations",
         "supply_voltage": "sag of the supply",
     }
-    return [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking]
+    named = [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking]
+    fitted = {quantity for log in logs for quantity in fitted_velocities(log, robot)[1]}
+    started = [f"{quantity} (at the start of replays from a fit through the positions)" for quantity in sorted(fitted)]
+    plain = [name for name in named if not any(name.startswith(quantity) for quantity in fitted)]
+    return list(dict.fromkeys([*plain, *started])) + rows_left_out(judged, logs)
+
+
+def rows_left_out(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
+    """One line on the rows after those that are judged; nothing where all are."""
+    ends = [log.time[-1] - log.time[rows - 1] for log, rows in zip(logs, judged.rows, strict=True)]
+    if max(ends) <= 0:
+        return []
+    return [f"the last {min(ends):.2f} to {max(ends):.2f} s of the logs, after touch-down or a change of gains"]

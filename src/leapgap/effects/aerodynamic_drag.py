@@ -23,6 +23,7 @@ class AerodynamicDrag(Effect):
     """
 
     name = "aerodynamic_drag"
+    needs_base = True
 
     coefficient: float = parameter(0.0, "N·s²/m²", 0.0, 8.0, 1.0)
 

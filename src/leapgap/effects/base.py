@@ -102,6 +102,8 @@ class Effect(ABC):
     """Whether its value may differ from log to log."""
     needs_base: ClassVar[bool] = False
     """Whether it exists only on a robot with a free base."""
+    needs_motor: ClassVar[bool] = False
+    """Whether it acts on motors alone, and so at no passive joint."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 

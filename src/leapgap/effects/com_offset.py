@@ -13,6 +13,7 @@ class ComOffset(Effect):
     """Shift of the base body's centre of mass along its own axes: forward and up."""
 
     name = "com_offset"
+    needs_base = True
 
     x_m: float = parameter(0.0, "m", -0.1, 0.1, 0.03)
     z_m: float = parameter(0.0, "m", -0.1, 0.1, 0.03)

@@ -19,6 +19,7 @@ class CommandDelay(Effect):
 
     name = "command_delay"
     places = "joints"
+    needs_motor = True
 
     delay_s: float = parameter(0.0, "s", 0.0, 0.025, 0.005)
 

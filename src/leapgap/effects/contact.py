@@ -23,7 +23,7 @@ class FootContacts:
 
 def foot_geoms(model: mujoco.MjModel, robot: Robot, location: str) -> np.ndarray:
     """Geoms of the feet at a location, by name: terrain and other parts shift the robot's own numbers."""
-    return np.array([model.geom(robot.feet[foot]).id for foot in robot.feet_at(location)], dtype=int)
+    return np.array([model.geom(robot.foot_geom_names[foot]).id for foot in robot.feet_at(location)], dtype=int)
 
 
 def foot_contacts(robot: Robot, location: str) -> FootContacts:

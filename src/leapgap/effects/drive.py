@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from leapgap.robot import actuators
 from leapgap.robot.model import Robot
-
-FEED_FORWARD_INPUT = 4
-"""MuJoCo's input signature of a DC motor whose one control is a torque (bits: position 1, velocity 2, torque 4)."""
 
 
 @dataclass(frozen=True)
@@ -43,35 +41,18 @@ class Drive:
         return np.where(self.electric, self.gain, 1.0)
 
     def put_into(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Set these motors in the model, whose actuators already have the joint PD in their bias."""
-        actuators = robot.joint_actuators
-        model.actuator_gainprm[actuators, 0] *= self.gain
-        model.actuator_biasprm[actuators, :3] *= self.gain[:, None]
-        model.actuator_forcerange[actuators] *= self.gain[:, None]
-        chosen = self.electric
-        if not chosen.any():
-            return
-        motors = actuators[chosen]
-        kp, kd = -model.actuator_biasprm[motors, 1], -model.actuator_biasprm[motors, 2]
-        model.actuator_dyntype[motors] = int(mujoco.mjtDyn.mjDYN_DCMOTOR)
-        model.actuator_gaintype[motors] = int(mujoco.mjtGain.mjGAIN_DCMOTOR)
-        model.actuator_biastype[motors] = int(mujoco.mjtBias.mjBIAS_DCMOTOR)
-        model.actuator_ctrlspec[motors] = FEED_FORWARD_INPUT
-        model.actuator_actearly[motors] = True
-        model.actuator_gainprm[motors], model.actuator_biasprm[motors], model.actuator_dynprm[motors] = 0.0, 0.0, 0.0
-        model.actuator_gainprm[motors, 0], model.actuator_gainprm[motors, 1] = resistance_of(robot), 1.0
-        model.actuator_gainprm[motors, 4], model.actuator_gainprm[motors, 6] = kp, kd
-        model.actuator_gainprm[motors, 7] = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)[chosen]
-        model.actuator_dynprm[motors, 0] = self.lag_s[chosen]
+        """Set these motors in the model, whose actuators already have the joint PD."""
+        actuators.scale_torque(model, robot.joint_actuators, self.gain)
+        chosen = self.electric & robot.driven
+        if chosen.any():
+            voltage = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)
+            motors = robot.joint_actuators[chosen]
+            actuators.make_dc_motors(model, motors, resistance_of(robot), voltage[chosen], self.lag_s[chosen])
 
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
         """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
-        actuators, chosen = robot.joint_actuators, self.electric
-        affine, motors = actuators[~chosen], actuators[chosen]
-        model.actuator_biasprm[affine, 1] = -(kp * self.gain)[~chosen]
-        model.actuator_biasprm[affine, 2] = -(kd * self.gain)[~chosen]
-        model.actuator_gainprm[motors, 4] = (kp * self.gain)[chosen]
-        model.actuator_gainprm[motors, 6] = (kd * self.gain)[chosen]
+        for chosen, put in ((~self.electric, actuators.set_joint_pd), (self.electric, actuators.set_dc_joint_pd)):
+            put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (kd * self.gain)[chosen])
 
 
 def resistance_of(robot: Robot) -> float:
@@ -79,14 +60,7 @@ def resistance_of(robot: Robot) -> float:
     return 1.0 if robot.motors is None else robot.motors.resistance
 
 
-def add_lag(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> None:
-    """Give the motors of these joints their torque as a state, which a lag needs."""
-    for actuator in spec.actuators:
-        if actuator.target in joints:
-            actuator.dyntype = mujoco.mjtDyn.mjDYN_DCMOTOR
-            actuator.gaintype = mujoco.mjtGain.mjGAIN_DCMOTOR
-            actuator.biastype = mujoco.mjtBias.mjBIAS_DCMOTOR
-            actuator.ctrlspec = FEED_FORWARD_INPUT
-            actuator.gainprm[:2] = resistance, 1.0
-            actuator.dynprm[0] = 1.0  # any lag: its size comes with the drive
-            actuator.actearly = True
+def add_lag(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
+    """Give the motors of the joints at a location their torque as a state, which a lag needs."""
+    joints = {robot.joints[i] for i in robot.joints_at(location) if robot.driven[i]}
+    actuators.add_dc_state(spec, joints, resistance_of(robot))

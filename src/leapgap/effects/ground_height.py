@@ -39,8 +39,8 @@ class GroundHeight(Effect):
             for key in COPIED:
                 setattr(copy, key, getattr(geom, key))
         for foot in robot.feet_at(self.location):
-            spec.geom(robot.feet[foot]).contype = 0
-            spec.geom(robot.feet[foot]).conaffinity = own
+            spec.geom(robot.foot_geom_names[foot]).contype = 0
+            spec.geom(robot.foot_geom_names[foot]).conaffinity = own
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Raise the copy of the ground by the height."""

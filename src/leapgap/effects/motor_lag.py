@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import mujoco
 
 from leapgap.effects.base import Effect, parameter
-from leapgap.effects.drive import Drive, add_lag, resistance_of
+from leapgap.effects.drive import Drive, add_lag
 from leapgap.robot.model import Robot
 
 
@@ -20,6 +20,7 @@ class MotorLag(Effect):
 
     name = "motor_lag"
     places = "joints"
+    needs_motor = True
 
     time_constant_s: float = parameter(0.0, "s", 0.0, 0.03, 0.005)
 
@@ -30,7 +31,7 @@ class MotorLag(Effect):
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Give the motors their torque as a state."""
-        add_lag(spec, {robot.joints[i] for i in robot.joints_at(self.location)}, resistance_of(robot))
+        add_lag(spec, robot, self.location)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Add to the motors' time constant."""

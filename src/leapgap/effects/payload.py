@@ -17,6 +17,7 @@ class Payload(Effect):
     """A point mass at the trunk's centre of mass; a negative one where the trunk is lighter than the model has it."""
 
     name = "payload"
+    needs_base = True
 
     mass_kg: float = parameter(0.0, "kg", 0.0, 6.0, 1.0, limits=(-inf, inf))
 

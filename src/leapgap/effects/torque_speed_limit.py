@@ -23,6 +23,7 @@ class TorqueSpeedLimit(Effect):
 
     name = "torque_speed_limit"
     places = "joints"
+    needs_motor = True
 
     voltage_v: float | None = parameter(None, "V", 0.0, inf, limits=(0.0, inf))
 
@@ -55,22 +56,8 @@ def torque_limits(robot: Robot) -> np.ndarray:
 
     Where the model states none: the stall torque at the voltage of the motor's top speed.
     """
-    model, actuators = robot.model, robot.joint_actuators
-    joints = model.actuator_trnid[actuators, 0]
-    gear = np.abs(model.actuator_gear[actuators, 0])
-    plain = model.actuator_biastype[actuators] == 0  # a control that is a torque, of no servo
-    by_force = np.abs(model.actuator_forcerange[actuators]).max(axis=1) * gear
-    by_control = np.abs(model.actuator_ctrlrange[actuators]).max(axis=1) * gear * model.actuator_gainprm[actuators, 0]
-    by_joint = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
-    found = np.minimum.reduce(
-        [
-            np.where(model.actuator_forcelimited[actuators].astype(bool), by_force, inf),
-            np.where(model.actuator_ctrllimited[actuators].astype(bool) & plain, by_control, inf),
-            np.where(model.jnt_actfrclimited[joints].astype(bool), by_joint, inf),
-        ]
-    )
     motors = stated_motors(robot)
-    return np.where(np.isfinite(found), found, motors.top_speed_rad_s / motors.resistance)
+    return np.where(np.isfinite(robot.torque_limits), robot.torque_limits, motors.top_speed_rad_s / motors.resistance)
 
 
 def stated_motors(robot: Robot) -> MotorConstants:

@@ -13,6 +13,7 @@ class TrunkInertia(Effect):
     """Ratio of true to nominal rotational inertia of the base body about its centre of mass; its mass stays."""
 
     name = "trunk_inertia"
+    needs_base = True
 
     scale: float = parameter(1.0, "1", 0.3, 3.0, 1.5)
 

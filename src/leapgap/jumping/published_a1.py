@@ -70,61 +70,58 @@ class PublishedA1(LogFormat):
 
     def find(self, source: Path) -> dict[str, Path]:
         """Folders below ``source`` that hold a jump, by name: ``jump_07`` for ``…/7``."""
-        return find_logs(source)
+        folders = sorted(
+            {path.parent for path in source.rglob("joint_act.txt")} | {path.parent for path in source.rglob("pos.txt")}
+        )
+        named: dict[str, Path] = {}
+        for folder in folders:
+            number = folder.name
+            name = f"jump_{int(number):02d}" if number.isdigit() else f"jump_{number}"
+            if name in named:
+                raise InputError(source, f"two folders named {number}", "one folder a jump", "rename or remove one")
+            named[name] = folder
+        return dict(sorted(named.items()))
 
     def read(self, path: Path, name: str, robot: Robot, options: PublishedOptions) -> Log:
-        """One published jump; ``InputError`` names the file and what is wrong with it."""
-        return read_log(path, name, robot, options)
+        """One published jump as a log; ``InputError`` names the file and what is wrong with it."""
+        files = read_tables(path)
+        body, forces = files["pos"], files["data_f"]
+        rotation = Rotation.from_euler("ZYX", body[:, [8, 7, 6]])
+        columns = {"time": np.arange(len(body)) * options.sample_period_s}
+        columns |= named(BASE_POSITION, body[:, 3:6])
+        columns |= named(BASE_QUATERNION, rotation.as_quat(canonical=False, scalar_first=True))
+        columns |= named(BASE_VELOCITY, body[:, 0:3])
+        columns["base_angvel_y"] = forces[:, 5]  # the only component of the gyro that was logged
+        columns |= joint_columns(files, options)
+        in_contact = body[:, 37:41] > 0  # an estimate: 0 or 0.5
+        columns |= named([f"contact/{leg}" for leg in LEGS], in_contact.astype(float))
+        columns |= named([f"foot_force/{leg}" for leg in LEGS], body[:, 41:45])
+        columns |= named([f"mpc_force/{axis}" for axis in PAIR_FORCE_AXES], forces[:, 11:15])
+        columns |= named([f"pd_force/{axis}" for axis in PAIR_FORCE_AXES], files["data_pd"][:, :4])
+        columns |= named([f"train_force/{axis}" for axis in PAIR_FORCE_AXES], files["data_fmpc_pd"][:, 11:15])
+        return Log(
+            name,
+            {key: np.ascontiguousarray(value) for key, value in columns.items()},
+            jump_info(
+                robot=robot.name,
+                sample_period_s=options.sample_period_s,
+                schedule=ContactSchedule(double_contact_s=0.5, rear_contact_s=0.3, flight_s=0.4),
+                target=Target(x_m=commanded_distance(files["joint_des"])),
+                source=f"published A1 jump {path.name}",
+                terrain=block_under_front_feet(columns, robot, options),
+            ),
+        )
 
 
-def find_logs(source: Path) -> dict[str, Path]:
-    """Folders below ``source`` that hold a jump, by name: ``jump_07`` for ``…/7``."""
-    folders = sorted(
-        {path.parent for path in source.rglob("joint_act.txt")} | {path.parent for path in source.rglob("pos.txt")}
-    )
-    named: dict[str, Path] = {}
-    for folder in folders:
-        number = folder.name
-        name = f"jump_{int(number):02d}" if number.isdigit() else f"jump_{number}"
-        if name in named:
-            raise InputError(source, f"two folders named {number}", "one folder a jump", "rename or remove one")
-        named[name] = folder
-    return dict(sorted(named.items()))
-
-
-def read_log(path: Path, name: str, robot: Robot, options: PublishedOptions) -> Log:
-    """One published jump as a jump log; ``InputError`` names the file and what is wrong with it."""
-    files = {stem: read_table(path / f"{stem}.txt", *shape) for stem, shape in COLUMNS_OF_FILE.items()}
-    rows = len(files["pos"])
-    for stem, table in files.items():
+def read_tables(folder: Path) -> dict[str, np.ndarray]:
+    """The tables of one jump by the stem of their files, all with as many rows."""
+    tables = {stem: read_table(folder / f"{stem}.txt", *shape) for stem, shape in COLUMNS_OF_FILE.items()}
+    rows = len(tables["pos"])
+    for stem, table in tables.items():
         if len(table) != rows:
-            raise InputError(path / f"{stem}.txt", f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump anew")
-    body, forces = files["pos"], files["data_f"]
-    rotation = Rotation.from_euler("ZYX", body[:, [8, 7, 6]])
-    columns = {"time": np.arange(rows) * options.sample_period_s}
-    columns |= named(BASE_POSITION, body[:, 3:6])
-    columns |= named(BASE_QUATERNION, rotation.as_quat(canonical=False, scalar_first=True))
-    columns |= named(BASE_VELOCITY, body[:, 0:3])
-    columns["base_angvel_y"] = forces[:, 5]  # the only component of the gyro that was logged
-    columns |= joint_columns(files, options)
-    columns |= named([f"contact/{leg}" for leg in LEGS], (body[:, 37:41] > 0).astype(float))  # an estimate: 0 or 0.5
-    columns |= named([f"foot_force/{leg}" for leg in LEGS], body[:, 41:45])
-    columns |= named([f"mpc_force/{axis}" for axis in PAIR_FORCE_AXES], forces[:, 11:15])
-    columns |= named([f"pd_force/{axis}" for axis in PAIR_FORCE_AXES], files["data_pd"][:, :4])
-    columns |= named([f"train_force/{axis}" for axis in PAIR_FORCE_AXES], files["data_fmpc_pd"][:, 11:15])
-    jump = Log(
-        name,
-        {key: np.ascontiguousarray(value) for key, value in columns.items()},
-        jump_info(
-            robot=robot.name,
-            sample_period_s=options.sample_period_s,
-            schedule=ContactSchedule(double_contact_s=0.5, rear_contact_s=0.3, flight_s=0.4),
-            target=Target(x_m=commanded_distance(files["joint_des"])),
-            source=f"published A1 jump {path.name}",
-            terrain=block_under_front_feet(columns, robot, options),
-        ),
-    )
-    return jump
+            where = folder / f"{stem}.txt"
+            raise InputError(where, f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump anew")
+    return tables
 
 
 def named(names: list[str] | tuple[str, ...], values: np.ndarray) -> dict[str, np.ndarray]:

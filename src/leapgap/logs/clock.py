@@ -44,3 +44,19 @@ def held_at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.nd
 def interpolated_at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Measured values (rows,) between the rows beside each instant, on a straight line."""
     return np.interp(instants, time, values)
+
+
+EVEN = 1e-3
+"""Largest departure of a row's length from the sample period, as a share of it, that counts as none."""
+
+
+def is_even(time: np.ndarray, period_s: float) -> bool:
+    """Whether every row lasts one sample period."""
+    return bool(np.abs(np.diff(time) - period_s).max() <= EVEN * period_s)
+
+
+def row_lengths(time: np.ndarray, period_s: float) -> np.ndarray:
+    """How long each row lasted by the log's own time, in sample periods, (rows,); the last one as a mean row."""
+    if is_even(time, period_s):
+        return np.ones(len(time))
+    return np.append(np.diff(time) / period_s, 1.0)

@@ -18,9 +18,10 @@ import pyarrow.parquet as pq
 
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
+from leapgap.logs.clock import check_period, is_even, row_lengths
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
-from leapgap.robot.rotations import pitch_of, yaw_of
+from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
 
 FORMAT_VERSION = 2
@@ -160,6 +161,16 @@ class Log:
         return self.columns["time"]
 
     @cached_property
+    def is_even(self) -> bool:
+        """Whether every row lasts one sample period."""
+        return is_even(self.time, self.info.sample_period_s)
+
+    @cached_property
+    def row_lengths(self) -> np.ndarray:
+        """How long each row lasted by the log's own time, in sample periods, (rows,)."""
+        return row_lengths(self.time, self.info.sample_period_s)
+
+    @cached_property
     def segments(self) -> tuple[Segment, ...]:
         """Named intervals of the log; where it states none, by the feet in contact, else equal parts of its time."""
         feet = [name.removeprefix("contact/") for name in self.columns if name.startswith("contact/")]
@@ -176,6 +187,11 @@ class Log:
     def yaw(self) -> np.ndarray:
         """Heading of the base in the world, rad, positive to the left."""
         return yaw_of(self.stack(BASE_QUATERNION))
+
+    @cached_property
+    def angles(self) -> dict[str, np.ndarray]:
+        """Roll, pitch and yaw of the base, rad, by the names of their channels, (rows,) each."""
+        return {"base_roll": roll_of(self.stack(BASE_QUATERNION)), "base_pitch": self.pitch, "base_yaw": self.yaw}
 
     def pair_force(self, source: str) -> np.ndarray:
         """``mpc_force``, ``pd_force`` or ``train_force``: front x z, rear x z on the robot, N, (rows, 4)."""
@@ -287,7 +303,9 @@ def read_log(path: Path) -> Log:
     except (ValueError, TypeError) as error:
         raise InputError(path, f"a column that is not numeric ({error})", "float64 columns", "import it anew") from None
     info = LogInfo.from_json(metadata[METADATA_KEY], path)
-    return Log(path.stem, columns, info)
+    log = Log(path.stem, columns, info)
+    check_period(path, log.time, info.sample_period_s)
+    return log
 
 
 def read_logs(folder: Path) -> list[Log]:

@@ -35,7 +35,7 @@ def add_velocities(log: Log, joints: Sequence[str], window_s: float) -> tuple[Lo
         turn = continuous(log.stack(BASE_QUATERNION))
         rate = velocity_fit(log.time, turn, window_s).velocity
         add("base_angvel", BASE_ANGULAR_VELOCITY, angular_velocity(turn, rate), "base_quat")
-    return replace(log, columns={**log.columns, **added}), derived
+    return (replace(log, columns={**log.columns, **added}) if added else log), derived
 
 
 def continuous(quaternion: np.ndarray) -> np.ndarray:

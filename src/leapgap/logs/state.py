@@ -1,19 +1,29 @@
 """Conversion between the columns of a log and the motion of a robot; no other file does it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.log import Log
+from leapgap.logs.missing_velocities import add_velocities
+from leapgap.logs.noise import noise_of
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
+from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, VELOCITY_SLICE, Motion
+from leapgap.robot.rotations import turn_between
+
+FIT_WINDOW_S, FIT_ROWS = 0.03, 7
+"""Velocities that were not logged are slopes of parabolas through the positions within this time, or so many rows."""
 
 
 def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
     """The measured motion of the robot in some rows of a log.
 
-    A free base needs a logged pose (``InputError`` otherwise). Velocities that were not logged are zero, and
-    joints that were not logged keep the model's ``qpos0``.
+    A free base needs a logged pose (``InputError`` otherwise). Velocities of which no component was logged come from a
+    fit through the positions (``fitted_velocities``); a single component that is missing is zero.
     """
+    log, _ = fitted_velocities(log, robot)
     number = len(range(*rows.indices(len(log))))
     motion = Motion(np.tile(robot.model.qpos0, (number, 1)), np.zeros((number, robot.model.nv)))
     if robot.has_free_base:
@@ -29,6 +39,56 @@ def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
     if f"joint_vel/{robot.joints[0]}" in log:
         motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)[rows]
     return motion
+
+
+def fitted_velocities(log: Log, robot: Robot) -> tuple[Log, frozenset[str]]:
+    """The log with velocities from its positions where it has none, and the quantities that were fitted; cached.
+
+    They start replays, and are compared with nothing.
+    """
+    if "_fitted" not in log.__dict__:
+        window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
+        joints = [joint for joint in robot.joints if f"joint_pos/{joint}" in log]
+        enough = len(log) >= FIT_ROWS
+        full, derived = add_velocities(log, joints, window) if enough else (log, {})
+        log.__dict__["_fitted"] = (full, frozenset(derived))
+    found: tuple[Log, frozenset[str]] = log.__dict__["_fitted"]
+    return found
+
+
+def fitted_noise(log: Log, motion: Motion, robot: Robot, rows: Sequence[int]) -> np.ndarray:
+    """Standard deviation of fitted velocities by the noise of the positions, in the tangent of states, (rows, 2 nv).
+
+    It is zero where velocities were logged, and largest at the ends of a log. ``motion`` is that of the log.
+    """
+    nv, found = robot.model.nv, np.zeros((len(rows), 2 * robot.model.nv))
+    _, fitted = fitted_velocities(log, robot)
+    if not fitted:
+        return found
+    window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
+    gain = velocity_fit(log.time, log.time, window).noise_gain[list(rows)]
+    sigma = noise_of(np.diff(tangent_of(motion, robot), axis=0), log.info.sample_period_s)
+    for quantity, entries in entries_of(robot).items():
+        if quantity in fitted:
+            found[:, nv + entries] = gain[:, None] * sigma[entries]
+    return found
+
+
+def entries_of(robot: Robot) -> dict[str, np.ndarray]:
+    """Entries of each velocity in ``qvel``, by its quantity."""
+    base = {"base_linvel": np.arange(3), "base_angvel": np.arange(3, 6)} if robot.has_free_base else {}
+    return base | {"joint_vel": robot.joint_dofs}
+
+
+def tangent_of(motion: Motion, robot: Robot) -> np.ndarray:
+    """Positions as departures from the first row, in the tangent of the state, (rows, nv)."""
+    found = np.zeros((len(motion), robot.model.nv))
+    if robot.has_free_base:
+        found[:, VELOCITY_SLICE] = motion.base_position - motion.base_position[0]
+        first = np.repeat(motion.base_quaternion[:1], len(motion), axis=0)
+        found[:, ANGULAR_VELOCITY_SLICE] = turn_between(first, motion.base_quaternion)
+    found[:, robot.joint_dofs] = motion.qpos[:, robot.joint_qpos]
+    return found
 
 
 def columns_of(motion: Motion, robot: Robot) -> dict[str, np.ndarray]:

@@ -5,11 +5,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from leapgap.atomic_io import sha256, write_json, write_text
+from leapgap.blas import one_blas_thread
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
+from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log, read_logs
+from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -18,6 +21,8 @@ from leapgap.simulation.replay import Replayer
 
 REPORT, PAGE, CORRECTED, RECORDING = "report.json", "report.html", "corrected", "diagnosis.rrd"
 """What ``Report.save`` writes into a folder."""
+SAVED_BY = "leapgap diagnose"
+"""What the marker of a saved report says that wrote it."""
 CAUSES_PRINTED = 5
 
 
@@ -76,26 +81,32 @@ class Report:
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
         if content.not_judged:
-            lines.append(f"not judged, for want of columns: {'; '.join(content.not_judged)}")
+            lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
 
     def save(self, folder: Path | str) -> Path:
         """Write report, page, corrected robot and, where Rerun is installed, a recording; the folder.
 
-        Files of an earlier report in the folder are replaced; nothing else in it is touched.
+        Files of an earlier report in the folder are replaced; nothing else in it is touched. A file of yours that has
+        the name of one of the report's is an ``InputError``.
         """
-        path = Path(folder)
-        path.mkdir(parents=True, exist_ok=True)
-        self.write(path)
-        if self.record is not None:
-            self.record(self, path / RECORDING)
-        return path
+        with merged_folder(Path(folder), SAVED_BY) as beside:
+            self.write(beside)
+            if self.record is not None:
+                self.record(self, beside / RECORDING)
+        return Path(folder)
 
+    @one_blas_thread()
     def write(self, folder: Path) -> None:
         """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder."""
         write_json(folder / REPORT, self.content.to_json())
         write_text(folder / PAGE, html(self.content, self.logs, self.robot, self.nominal, self.corrected))
-        write_corrected(folder / CORRECTED, self.robot, self.correction)
+        write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
+
+
+def gains_of(log: Log) -> dict[str, tuple[float, float]]:
+    """Gains kp and kd of each joint in the first row of a log."""
+    return {joint: (float(log[f"cmd_kp/{joint}"][0]), float(log[f"cmd_kd/{joint}"][0])) for joint in log.joints}
 
 
 def cause_in_words(cause: Cause) -> str:
@@ -109,6 +120,7 @@ def cause_in_words(cause: Cause) -> str:
     return f"  {cause.effect}{place}: {numbers}, {closes}"
 
 
+@one_blas_thread()
 def diagnose_logs(
     logs: Sequence[Log],
     robot: Robot,
@@ -119,7 +131,13 @@ def diagnose_logs(
     threads: int | None = None,
     record: Callable[[Report, Path], None] | None = None,
 ) -> Report:
-    """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
+    """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
+
+    A single long log is cut into parts, so that there are others to judge a cause on.
+    """
+    logs = at_least_two(logs)
+    for note in robot.notes:
+        progress(f"{robot.name}: {note}")
     diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
     replayer = Replayer(robot)
 

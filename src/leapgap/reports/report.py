@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from leapgap.diagnosis.channels import HEADLINE, is_logged, logged_values
+from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
 from leapgap.diagnosis.localisation import phase_names
 from leapgap.diagnosis.report import ReportContent
+from leapgap.diagnosis.summary import brief
 from leapgap.logs.log import Log
-from leapgap.logs.schema import QUANTITIES
+from leapgap.logs.schema import QUANTITIES, quantity_of
 from leapgap.reports.page import render_page
 from leapgap.robot.model import Robot
 
@@ -27,16 +28,23 @@ REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
 GREY = "#8a93a3"
 LABELS = {
     "base_pos_x": "forward x",
+    "base_pos_y": "sideways y",
     "base_pos_z": "height z",
+    "base_roll": "roll",
     "base_pitch": "pitch (nose down)",
+    "base_yaw": "yaw",
     "base_linvel_x": "forward velocity",
+    "base_linvel_y": "sideways velocity",
     "base_linvel_z": "vertical velocity",
+    "base_angvel_x": "roll rate",
     "base_angvel_y": "pitch rate",
+    "base_angvel_z": "yaw rate",
 }
-UNITS = dict(zip(HEADLINE, ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True))
 JOINT_WORDS = {"joint_pos": "position", "joint_vel": "velocity"}
 HALF_OF_CHI2_95 = 1.92
 """Loss of log likelihood at the end of a parameter's 95 % interval, for errors that are noise alone."""
+OVERLAID = 6
+"""Number of channels whose curves are drawn, where the headline does not name them."""
 SHOWN_EVERY_S = 0.004
 """Interval between drawn points: the page stays small and the curves look smooth."""
 
@@ -58,6 +66,8 @@ def html(
         report=report,
         loudest=list(report.where[:6]),
         labels=LABELS,
+        title=channel_title,
+        brief=brief,
         number_of_logs=len(logs),
         segments=[segment.name for segment in logs[0].info.segments],
         judged_until=max(log.time[-1] for log in logs),
@@ -72,7 +82,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
     for place in report.where:
         rows.setdefault(row_of(place.channel, robot), np.zeros(len(phases)))[phases.index(place.phase)] += place.share
     order = [
-        *(LABELS[name] for name in HEADLINE if LABELS[name] in rows),
+        *(label for label in LABELS.values() if label in rows),
         *sorted(set(rows) - set(LABELS.values())),
     ]
     shown = [p for p, _ in enumerate(phases) if any(rows[name][p] for name in order)]
@@ -187,32 +197,37 @@ def overlay(
 
 
 def overlay_channels(report: ReportContent, logs: Sequence[Log]) -> list[str]:
-    """Channels of the overlay: those of the headline; on a robot with a fixed base, those with the largest gap."""
-    headline = [name for name in HEADLINE if all(is_logged(log, name) for log in logs)]
-    return headline or list(dict.fromkeys(place.channel for place in report.where))[: len(HEADLINE)]
+    """Channels of the overlay: those of the headline of jumps; else the channels with the largest gap."""
+    if report.headline.preset == "jump":
+        return [name for name in JUMP if all(is_logged(log, name) for log in logs)]
+    return list(dict.fromkeys(place.channel for place in report.where))[:OVERLAID]
 
 
 def channel_title(channel: str) -> str:
     """Label and unit of a channel, such as ``height z, m`` or ``elbow velocity, rad/s``."""
     if channel in LABELS:
-        return f"{LABELS[channel]}, {UNITS[channel]}"
+        known = quantity_of(channel)
+        return f"{LABELS[channel]}, {known.unit if known else 'rad'}"
     quantity, _, joint = channel.partition("/")
     return f"{joint} {JOINT_WORDS[quantity]}, {QUANTITIES[quantity].unit}"
 
 
 def closures(report: ReportContent) -> go.Figure:
-    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals; selected effects blue."""
+    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals.
+
+    Blue are the selected effects, each at the place that was selected. They are the first causes of the report.
+    """
     import plotly.graph_objects as go
 
     causes = sorted(report.causes, key=lambda cause: cause.closure.value)
-    selected = {name for names in report.answer for name in names[:1]}
+    selected = {(cause.effect, cause.location) for cause in report.causes[: len(report.answer)]}
     value = 100 * np.array([cause.closure.value for cause in causes])
     figure = go.Figure(
         go.Bar(
             x=value,
             y=[f"{c.effect} ({c.location})" for c in causes],
             orientation="h",
-            marker_color=[CORRECTED if c.effect in selected else "#c3cad6" for c in causes],
+            marker_color=[CORRECTED if (c.effect, c.location) in selected else "#c3cad6" for c in causes],
             error_x={
                 "type": "data",
                 "symmetric": False,

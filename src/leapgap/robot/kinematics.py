@@ -82,7 +82,7 @@ def feet_in_world(
 
 def feet_positions(robot: Robot, qpos: np.ndarray) -> np.ndarray:
     """Centres of the feet, m, world frame, (rows, feet, 3), of configurations (rows, nq)."""
-    positions = (data.geom_xpos[robot.foot_geoms] for data in each_pose(robot, qpos))
+    positions = (robot.foot_shapes.positions(data) for data in each_pose(robot, qpos))
     return gather(len(qpos), positions, (len(robot.feet), 3))
 
 

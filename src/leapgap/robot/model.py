@@ -1,6 +1,5 @@
 """The MuJoCo model of a robot, with names and indices of its parts."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,9 +9,14 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.actuators import SINGLE, JointActuator, actuators_of, check_joint_pd, replace_actuators
+from leapgap.robot.feet import Feet, feet_of, name_contacts
+from leapgap.robot.model_file import compile_spec, read_spec
+from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames, Topology, indices, topology_of
+from leapgap.robot.urdf import is_urdf
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 ROOTED_M = 0.5
@@ -23,9 +27,11 @@ PARKED_BELOW_FLOOR_M = 50.0
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot as a MuJoCo model file describes it: joints with one actuator each, sphere feet, maybe a free base.
+    """A robot as a model file describes it: hinge and slide joints, feet, maybe a free base.
 
-    Limbs, groups and feet come from the tree of its bodies, or from the user's ``names``.
+    The file is an MJCF as its makers publish it, or a URDF. Whatever actuators it has, the model here has one torque
+    actuator at each joint (``robot.actuators``). Limbs, groups and feet come from the tree of its bodies, or from the
+    user's ``names``.
     """
 
     path: Path
@@ -33,34 +39,89 @@ class Robot:
     """Constants of the motors in place of those that the model file states."""
     names: PartNames | None = field(default=None, compare=False)
     """The user's names of its parts; None: by the tree of its bodies."""
+    fix_base: bool | None = None
+    """True: a floating robot is held at the pose of its model file. False: a robot of a URDF floats. None: as the
+    file has it."""
 
     @staticmethod
     def load(
-        path: Path | str = DEFAULT_MODEL, motors: MotorConstants | None = None, names: PartNames | None = None
+        path: Path | str = DEFAULT_MODEL,
+        motors: MotorConstants | None = None,
+        names: PartNames | None = None,
+        fix_base: bool | None = None,
     ) -> "Robot":
-        """Read and compile a model file; ``InputError`` where it is invalid or lacks what a replay needs."""
-        robot = Robot(Path(path), motors, names)
-        if not robot.path.is_file():
-            raise InputError(path, "no such file", "a MuJoCo model (XML)", "name the robot's model file")
-        try:
-            model = robot.model
-        except ValueError as error:
-            raise InputError(path, f"no valid MuJoCo model ({error})", "a model that compiles", "repair it") from None
-        driven = set(model.actuator_trnid[:, 0])
-        idle = [name for name, joint in zip(robot.joints, robot._joint_ids, strict=True) if joint not in driven]
-        if idle or not robot.joints:
+        """Read and compile a model file; ``InputError`` where it is invalid or cannot be replayed."""
+        robot = Robot(Path(path), motors, names, fix_base)
+        robot.check()
+        return robot
+
+    def check(self) -> None:
+        """Raise ``InputError`` for a robot that cannot be replayed; at the end, each joint PD is tried."""
+        free = [j for j in range(self.model.njnt) if self.model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_FREE)]
+        balls = [j for j in range(self.model.njnt) if self.model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_BALL)]
+        if free not in ([], [0]) or balls:
+            bodies = ", ".join(self.model.body(self.model.jnt_bodyid[j]).name or "(no name)" for j in (*free, *balls))
             raise InputError(
-                path,
-                f"no actuator at {', '.join(idle) or 'any joint'}",
-                "one actuator at every hinge or slide joint",
+                self.path,
+                f"free or ball joints of the bodies {bodies}",
+                "at most one free joint, the base's and the first of all; other joints turn or slide about one axis",
+                "leave loose objects out of the model, and put the robot first",
+            )
+        if not self.driven.any():
+            raise InputError(
+                self.path,
+                f"no actuator at {', '.join(self.joints) or 'any joint'}",
+                "an actuator at every joint that is commanded",
                 "add the actuators",
             )
-        return robot
+        check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The compiled model as it stands in the file. Shared: copy it before changing anything."""
-        return mujoco.MjModel.from_xml_path(str(self.path))
+        """The compiled model, with one actuator at each joint. Shared: copy it before changing anything."""
+        return compile_spec(self.spec(), self.path)
+
+    def published_spec(self) -> mujoco.MjSpec:
+        """Specification of the model file with the actuators of its makers; a fresh one at each call."""
+        return read_spec(self.path, self.fix_base)[0]
+
+    def spec(self) -> mujoco.MjSpec:
+        """Specification of the model, with one actuator at each joint; a fresh one at each call."""
+        spec = self.published_spec()
+        replace_actuators(spec, self.actuators)
+        name_contacts(spec, self.names.feet if self.names else ())
+        return spec
+
+    @property
+    def actuators(self) -> tuple[JointActuator, ...]:
+        """What the model file says of the motor of each joint, in the order of the joints."""
+        return self._reading[0]
+
+    @property
+    def states_actuators(self) -> bool:
+        """Whether the model file says which joints have motors; a URDF does not, and any of its joints may have one."""
+        return self._reading[2]
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what of the model file is left out or changed."""
+        notes = self._reading[1]
+        if self.has_free_base and not self._has_ground:
+            notes = (*notes, "the model has no ground: the robot falls freely (a scene file may add the floor)")
+        return notes
+
+    @cached_property
+    def _reading(self) -> tuple[tuple[JointActuator, ...], tuple[str, ...], bool]:
+        spec, notes = read_spec(self.path, self.fix_base)
+        stated = len(spec.actuators) > 0 or not is_urdf(self.path.read_text(encoding="utf-8", errors="replace"))
+        spec.discard_visual()  # meshes that only show take most of the time
+        motors, on_motors = actuators_of(compile_spec(spec, self.path), self.path, all_driven=not stated)
+        return motors, (*notes, *on_motors), stated
+
+    @property
+    def _has_ground(self) -> bool:
+        of_world = self.model.geom_bodyid == 0
+        return bool((self.model.geom_contype[of_world] | self.model.geom_conaffinity[of_world]).any())
 
     @cached_property
     def motors(self) -> MotorConstants | None:
@@ -69,12 +130,11 @@ class Robot:
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of the model file: exported networks and reports carry it.
+        """Hash of the compiled model, included files and meshes with it: exported networks and reports carry it.
 
         It includes motors stated beside the file, so that robots with different motors have different hashes.
         """
-        motors = b"" if self.stated_motors is None else repr(self.stated_motors).encode()
-        return hashlib.sha256(self.path.read_bytes() + motors).hexdigest()
+        return hash_model(self.model, self.published_spec(), self.stated_motors)
 
     @cached_property
     def name(self) -> str:
@@ -84,16 +144,15 @@ class Robot:
     @cached_property
     def has_free_base(self) -> bool:
         """Whether the first joint is free: a floating-base robot."""
-        return self.model.njnt > 0 and self.model.jnt_type[0] == int(mujoco.mjtJoint.mjJNT_FREE)
+        return bool(self.model.njnt > 0 and self.model.jnt_type[0] == int(mujoco.mjtJoint.mjJNT_FREE))
 
     @cached_property
     def _joint_ids(self) -> np.ndarray:
-        single = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
-        return np.flatnonzero(np.isin(self.model.jnt_type, single))
+        return np.flatnonzero(np.isin(self.model.jnt_type, SINGLE))
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the hinge and slide joints in the order of the model."""
+        """Names of the hinge and slide joints, driven and passive, in the order of the model."""
         return tuple(self.model.joint(j).name for j in self._joint_ids)
 
     @cached_property
@@ -118,6 +177,21 @@ class Robot:
         return np.array([of_joint[int(joint)] for joint in self._joint_ids], dtype=int)
 
     @cached_property
+    def driven(self) -> np.ndarray:
+        """Whether a motor drives each joint, bool, (joints,); a passive joint moves and is logged, without commands."""
+        return np.array([motor.driven for motor in self.actuators], dtype=bool)
+
+    @cached_property
+    def driven_joints(self) -> tuple[str, ...]:
+        """Names of the joints that a motor drives."""
+        return tuple(motor.joint for motor in self.actuators if motor.driven)
+
+    @cached_property
+    def torque_limits(self) -> np.ndarray:
+        """Largest torque of each joint's motor, N·m (N for slides), shape (joints,); infinite where none is stated."""
+        return np.array([max(abs(end) for end in motor.limit) for motor in self.actuators])
+
+    @cached_property
     def topology(self) -> Topology:
         """Limbs, groups, feet and pairs."""
         joints = dict(zip(self.joints, self._joint_ids.tolist(), strict=True))
@@ -129,19 +203,37 @@ class Robot:
         return self.topology.feet
 
     @cached_property
-    def foot_geoms(self) -> np.ndarray:
-        """Geom index of each foot, shape (feet,)."""
-        return np.array([self.model.geom(name).id for name in self.feet], dtype=int)
+    def foot_shapes(self) -> Feet:
+        """Where the feet are and what of them touches the ground."""
+        return feet_of(self.model, self.feet)
 
-    @cached_property
+    @property
+    def foot_geoms(self) -> np.ndarray:
+        """Index of the geom of each foot that touches the ground, shape (feet,)."""
+        return self.foot_shapes.geoms
+
+    @property
+    def foot_geom_names(self) -> tuple[str, ...]:
+        """Names of those geoms, which hold in models with terrain or other parts too."""
+        return tuple(self.model.geom(geom).name for geom in self.foot_geoms)
+
+    @property
     def foot_radius(self) -> np.ndarray:
-        """Radius of each foot, m, shape (feet,)."""
-        return self.model.geom_size[self.foot_geoms, 0].copy()
+        """Height of each foot's point above its sole, m, shape (feet,): the radius of a sphere."""
+        return self.foot_shapes.height
 
     @cached_property
     def base_body(self) -> int:
-        """The body that carries everything: the trunk, or the first link of a fixed-base robot."""
-        return 1
+        """The body with the free joint: the trunk; the world (0) for a robot of a fixed base, which has no trunk."""
+        return int(self.model.jnt_bodyid[0]) if self.has_free_base else 0
+
+    @cached_property
+    def bodies(self) -> range:
+        """Bodies of the robot, a free base first: bodies of the world that are fixed beside it are left out."""
+        if not self.has_free_base:
+            return range(1, self.model.nbody)
+        root = self.model.body_rootid
+        return range(self.base_body, self.base_body + int((root == self.base_body).sum()))
 
     @cached_property
     def total_mass(self) -> float:
@@ -184,7 +276,9 @@ class Robot:
         ``slots`` boxes are made, those not needed parked deep below the floor, so that models of different
         terrains have equal sizes and can be rolled out in one batch.
         """
-        spec = mujoco.MjSpec.from_file(str(self.path))
+        spec = self.spec()
+        if len(spec.meshes):
+            spec.discard_visual()  # what only shows makes a model thousands of times larger
         slots = len(boxes) if slots is None else slots
         for i in range(slots):
             geom = spec.worldbody.add_geom()

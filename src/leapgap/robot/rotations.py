@@ -9,6 +9,12 @@ def pitch_of(quaternion: np.ndarray) -> np.ndarray:
     return np.arcsin(np.maximum(-1.0, np.minimum(1.0, 2 * (w * y - z * x))))
 
 
+def roll_of(quaternion: np.ndarray) -> np.ndarray:
+    """Roll of quaternions (…, 4), rad, positive to the right, about x of the roll-pitch-yaw angles, shape (…,)."""
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    return np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+
+
 def yaw_of(quaternion: np.ndarray) -> np.ndarray:
     """Heading of quaternions (…, 4) in the world, rad, positive to the left, shape (…,)."""
     w, x, y, z = (quaternion[..., i] for i in range(4))

@@ -21,7 +21,7 @@ class PartNames:
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Group → joints that are alike, one of each limb."""
     feet: Sequence[str] = ()
-    """Geoms that are feet."""
+    """Geoms or sites that are feet."""
 
 
 @dataclass(frozen=True)
@@ -136,22 +136,23 @@ def sphere_feet(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def check_names(named: PartNames, joints: Sequence[str], feet: Sequence[str], model: mujoco.MjModel) -> None:
-    """Raise ``InputError`` for parts with joints or geoms that the model does not have."""
-    geoms = {model.geom(g).name for g in range(model.ngeom)}
+    """Raise ``InputError`` for parts with joints, geoms or sites that the model does not have."""
+    parts = {model.geom(g).name for g in range(model.ngeom)} | {model.site(s).name for s in range(model.nsite)}
     unknown = [j for of in (*named.limbs.values(), *named.groups.values()) for j in of if j not in joints]
-    unknown += [foot for foot in feet if foot not in geoms]
+    unknown += [foot for foot in feet if foot not in parts]
     if unknown:
         raise InputError(
             "robot",
             f"parts made of {', '.join(unknown)}",
-            f"joints among {', '.join(joints)}; feet among the named geoms",
+            f"joints among {', '.join(joints)}; feet among the named geoms and sites",
             "correct limbs, groups or feet of the robot's configuration",
         )
 
 
 def carrier(model: mujoco.MjModel, foot: str, moved: set[int]) -> int:
     """The body, among those that joints move, that carries a foot; the world where none does."""
-    body = int(model.geom(foot).bodyid[0])
+    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, foot)
+    body = int(model.geom_bodyid[geom] if geom >= 0 else model.site(foot).bodyid[0])
     while body not in moved and body != 0:
         body = int(model.body_parentid[body])
     return body

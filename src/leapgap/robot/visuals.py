@@ -66,7 +66,7 @@ class Poses:
 def bodies(robot: Robot) -> tuple[str, ...]:
     """Names of the moving bodies in the order of the model: the base first, the world left out."""
     model = robot.model
-    return tuple(model.body(b).name or f"body_{b}" for b in range(robot.base_body, model.nbody))
+    return tuple(model.body(b).name or f"body_{b}" for b in robot.bodies)
 
 
 def shapes(robot: Robot) -> tuple[Shape, ...]:
@@ -77,7 +77,7 @@ def shapes(robot: Robot) -> tuple[Shape, ...]:
     """
     model, names = robot.model, bodies(robot)
     found = []
-    for at, body in enumerate(range(robot.base_body, model.nbody)):
+    for at, body in enumerate(robot.bodies):
         first, count = model.body_geomadr[body], model.body_geomnum[body]
         geoms = [g for g in range(first, first + count) if int(model.geom_type[g]) in KINDS]
         visual = [g for g in geoms if model.geom_group[g] < SHOWN_GROUPS]
@@ -120,11 +120,10 @@ def body_poses(
     ``base_position`` (rows, 3) m and ``base_quaternion`` (rows, 4) w x y z are used by a free base alone.
     """
     qpos = configurations(robot, joint_pos, base_position, base_quaternion, joints)
-    moving = slice(robot.base_body, robot.model.nbody)
-    count = robot.model.nbody - robot.base_body
+    moving, count = slice(robot.bodies.start, robot.bodies.stop), len(robot.bodies)
     positions, quaternions = np.empty((len(qpos), count, 3)), np.empty((len(qpos), count, 4))
     feet = np.empty((len(qpos), len(robot.feet), 3))
     for row, data in enumerate(each_pose(robot, qpos)):
         positions[row], quaternions[row] = data.xpos[moving], data.xquat[moving]
-        feet[row] = data.geom_xpos[robot.foot_geoms]
+        feet[row] = robot.foot_shapes.positions(data)
     return Poses(bodies(robot), positions, quaternions, feet)

@@ -61,7 +61,8 @@ class Plant:
         self.effects_of_commands = overriding(effects, "change_commands")
         self.effects_of_sensors = overriding(effects, "change_measured")
         self.foot_of_geom = np.full(self.model.ngeom, -1)
-        self.foot_of_geom[[self.model.geom(foot).id for foot in self.robot.feet]] = np.arange(len(self.robot.feet))
+        geoms = [self.model.geom(name).id for name in self.robot.foot_geom_names]
+        self.foot_of_geom[geoms] = np.arange(len(geoms))
         self.data.qpos[:], self.data.qvel[:] = np.split(ready.start, [self.model.nq])
         mujoco.mj_forward(self.model, self.data)  # contacts of the first tick
         self.gains: tuple[np.ndarray, np.ndarray] | None = None

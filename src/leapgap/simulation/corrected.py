@@ -1,29 +1,69 @@
-"""A corrected robot on disk: the nominal model and the effects that a diagnosis identified."""
+"""A corrected robot on disk: a plain MJCF for any simulator, and the nominal model with the effects to add to it.
 
-import shutil
-from collections.abc import Sequence
+``robot.xml`` is the corrected robot as far as a model can hold it, and ``README.md`` says what it cannot hold.
+``nominal.xml`` with ``effects.json`` is the whole correction, which ``read_corrected`` reads.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from leapgap import effects
-from leapgap.atomic_io import read_json, write_json
+from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.robot.mjcf import write_mjcf
 from leapgap.robot.model import Robot
+from leapgap.robot.motors import MotorConstants
+from leapgap.robot.topology import PartNames
+from leapgap.simulation.corrected_model import corrected_spec
+from leapgap.simulation.corrected_values import Gains, isaac_actuators, parameters, readme, urdf_dynamics
 
-MODEL, EFFECTS = "robot.xml", "effects.json"
+MODEL, NOMINAL, EFFECTS = "robot.xml", "nominal.xml", "effects.json"
+PARAMETERS, README, URDF, ISAAC = "parameters.json", "README.md", "urdf_dynamics.xml", "isaac_actuators.json"
 
 
-def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...]) -> None:
-    """Write the nominal model beside the effects to add to it."""
+def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...], gains: Gains | None = None) -> None:
+    """Write the corrected model, its numbers, and the nominal model beside the effects to add to it.
+
+    ``gains`` are kp and kd of each joint by its name, as the logs have them, for the settings of other simulators.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(robot.path, folder / MODEL)
-    write_json(folder / EFFECTS, {"effects": effects.to_config(correction)})
+    nominal = robot.published_spec() if robot.states_actuators else robot.spec()
+    write_mjcf(nominal, folder / NOMINAL)
+    spec, left_out = corrected_spec(robot, correction)
+    write_mjcf(spec, folder / MODEL)
+    write_json(folder / EFFECTS, {"effects": effects.to_config(correction), **settings_of(robot)})
+    found = parameters(robot, correction, left_out)
+    write_json(folder / PARAMETERS, found)
+    write_text(folder / URDF, urdf_dynamics(found))
+    write_json(folder / ISAAC, isaac_actuators(found, gains or {}))
+    write_text(folder / README, readme(found))
+
+
+def settings_of(robot: Robot) -> dict[str, Any]:
+    """How the robot was loaded beyond its model file, as JSON."""
+    stated: dict[str, Any] = {}
+    if robot.stated_motors is not None:
+        stated["motors"] = asdict(robot.stated_motors)
+    if robot.names is not None:
+        stated["names"] = {
+            "limbs": {limb: list(of) for limb, of in robot.names.limbs.items()},
+            "groups": {group: list(of) for group, of in robot.names.groups.items()},
+            "feet": list(robot.names.feet),
+        }
+    return stated
 
 
 def read_corrected(folder: Path | str, own: Sequence[type[Effect]] = ()) -> tuple[Robot, tuple[Effect, ...]]:
-    """Model and effects of a folder ``corrected``; ``own`` are the user's classes that may be among the effects."""
+    """Nominal model and effects of a folder ``corrected``; ``own`` are the user's classes among the effects."""
     folder = Path(folder)
-    entries = read_json(folder / EFFECTS).get("effects")
+    stated: Mapping[str, Any] = read_json(folder / EFFECTS)
+    entries = stated.get("effects")
     if not isinstance(entries, list):
         raise InputError(folder / EFFECTS, "no list of effects", "the key effects", "write it as a diagnosis does")
-    return Robot.load(folder / MODEL), effects.from_config(entries, effects.registry(own))
+    motors = MotorConstants(**stated["motors"]) if "motors" in stated else None
+    names = PartNames(**stated["names"]) if "names" in stated else None
+    robot = Robot.load(folder / NOMINAL, motors, names)
+    return robot, effects.from_config(entries, effects.registry(own))

@@ -20,11 +20,16 @@ from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.state import columns_of, motion_of
+from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
 LARGEST_STEP_S = 0.0011
-"""Largest step of the simulation, s."""
+"""Largest step of the simulation, s; that of the model file where it is shorter."""
+ROUNDING = 1.1
+"""A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
+UNEVEN_FINER = 4
+"""Rows of uneven length last a whole number of steps, which are so many times finer."""
 MODELS_KEPT = 256
 """Number of compiled models that are kept, one for each terrain and structure."""
 
@@ -64,7 +69,17 @@ def hold_controls(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) 
 
 def joint_gains(log: Log, robot: Robot) -> np.ndarray:
     """Gains of the joint PD in every row, (rows, 2 joints): N·m/rad of all joints, then N·m·s/rad."""
-    return np.concatenate([log.per_joint(gain, robot.joints) for gain in ("cmd_kp", "cmd_kd")], axis=1)
+    return np.concatenate([joint_commands(log, robot, gain) for gain in ("cmd_kp", "cmd_kd")], axis=1)
+
+
+def joint_commands(log: Log, robot: Robot, quantity: str) -> np.ndarray:
+    """A commanded quantity of every joint, (rows, joints); zero for joints that the log does not command."""
+    commanded = [f"cmd_tau/{joint}" in log for joint in robot.joints]
+    if all(commanded):
+        return log.per_joint(quantity, robot.joints)
+    values = np.zeros((len(log), len(robot.joints)))
+    values[:, commanded] = log.per_joint(quantity, tuple(itertools.compress(robot.joints, commanded)))
+    return values
 
 
 @dataclass(frozen=True)
@@ -89,10 +104,11 @@ class Replayer:
         robot: Robot,
         terrain_slots: int = 1,
         threads: int | None = None,
-        largest_step_s: float = LARGEST_STEP_S,
+        largest_step_s: float | None = None,
     ) -> None:
         self.robot = robot
-        self.largest_step_s = largest_step_s
+        own = ROUNDING * float(robot.model.opt.timestep)
+        self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.threads = threads or os.cpu_count() or 1
@@ -225,9 +241,10 @@ class Replayer:
         """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
+        gains = actuators.dc_joint_pd(model, self.robot.joint_actuators)
         for joint, actuator in enumerate(self.robot.joint_actuators):
             if model.actuator_actnum[actuator]:
-                kp, kd = model.actuator_gainprm[actuator, [4, 6]]
+                kp, kd = (gain[joint] for gain in gains)
                 q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
                 asked = control[0, actuator] - kp * q - kd * v
                 activation[model.actuator_actadr[actuator]] = np.clip(asked, *model.actuator_forcerange[actuator])
@@ -263,32 +280,44 @@ class Replayer:
         data.qpos[:nq], data.qvel[:nv] = state[:nq], state[nq:]
         mujoco.mj_forward(model, data)
         depth = np.zeros(len(self.robot.feet))
-        for foot, name in enumerate(self.robot.feet):
+        for foot, name in enumerate(self.robot.foot_geom_names):
             geom = model.geom(name).id
             depth[foot] = max((-c.dist for c in data.contact if geom in c.geom), default=0.0)
         return depth.clip(min=0.0)
 
     def check_joints(self, log: Log) -> None:
-        """Raise ``InputError`` for a log of another robot; it names the joints that differ."""
-        missing, foreign = (
-            set(self.robot.joints) - set(log.joints),
-            set(log.joints) - set(self.robot.joints),
-        )
+        """Raise ``InputError`` for a log of another robot; it names the joints that differ.
+
+        Only a robot whose model file says nothing of motors may have joints that the log does not command.
+        """
+        driven = self.robot.driven_joints
+        missing, foreign = set(driven) - set(log.joints), set(log.joints) - set(driven)
+        if not foreign and not self.robot.states_actuators:
+            return
+        passive = sorted(foreign & set(self.robot.joints))
+        if passive and not missing and set(passive) == foreign:
+            raise InputError(
+                log.name,
+                f"commands of {', '.join(passive)}",
+                f"commands of {', '.join(driven)}: {self.robot.name} has no actuator at the other joints",
+                "add the actuators to the model, or leave out the columns of the commands",
+            )
         if missing or foreign:
             raise InputError(
                 log.name,
                 f"joints {', '.join(sorted(foreign)) or 'fewer'} and no {', '.join(sorted(missing)) or '–'}",
-                f"the joints of {self.robot.name}: {', '.join(self.robot.joints)}",
+                f"the joints of {self.robot.name}: {', '.join(driven)}",
                 "name the model these logs were made with, or rename the columns",
             )
 
     def substeps(self, log: Log) -> int:
         """Simulation steps of one control period of the log."""
-        return max(1, int(np.ceil(log.info.sample_period_s / self.largest_step_s)))
+        largest = self.largest_step_s if log.is_even else self.largest_step_s / UNEVEN_FINER
+        return max(1, int(np.ceil(log.info.sample_period_s / largest)))
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
-        lengths = np.ones(len(trial.log))
+        lengths = trial.log.row_lengths
         for effect in trial.effects:
             lengths = effect.change_rows(lengths)
         ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)
@@ -296,14 +325,14 @@ class Replayer:
 
     def _controls(self, trial: Rollout, rows: int) -> np.ndarray:
         """Controls of the affine actuators, (rows, actuators): τ + kp q* + kd q̇*, by the gains of each row."""
-        log, joints = trial.log, self.robot.joints
-        commands = Commands(*(log.per_joint(c, joints)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
+        log, robot = trial.log, self.robot
+        commands = Commands(*(joint_commands(log, robot, c)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
         for effect in trial.effects:
-            commands = effect.change_commands(commands, trial.period_s, self.robot)
-        kp, kd = (log.per_joint(gain, joints)[:rows] for gain in ("cmd_kp", "cmd_kd"))
+            commands = effect.change_commands(commands, trial.period_s, robot)
+        kp, kd = (joint_commands(log, robot, gain)[:rows] for gain in ("cmd_kp", "cmd_kd"))
         control = np.zeros((rows, self.bare.nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
-        control[:, self.robot.joint_actuators] = asked * self.drive(trial).control_gain
+        control[:, robot.joint_actuators] = asked * self.drive(trial).control_gain
         return control
 
     def drive(self, trial: Rollout) -> Drive:
@@ -317,9 +346,8 @@ class Replayer:
         """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
         log = trial.log
         model = copy.copy(self._compiled(trial))
-        actuators = self.robot.joint_actuators
-        model.actuator_biasprm[actuators, 1] = -log.per_joint("cmd_kp", self.robot.joints)[row]
-        model.actuator_biasprm[actuators, 2] = -log.per_joint("cmd_kd", self.robot.joints)[row]
+        kp, kd = (joint_commands(log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
         model.opt.timestep = trial.period_s / self.substeps(log)
         self.drive(trial).put_into(model, self.robot)
         for effect in trial.effects:

@@ -10,14 +10,16 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.atomic_io import sha256
-from leapgap.diagnosis.channels import HEADLINE, logged_values
+from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.gap import headline_gap
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
+from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
@@ -140,7 +142,7 @@ def detectability(
     nominal = replayer.motions([Rollout(jump) for jump in judged.logs])
     figures: dict[str, Any] = {
         "noise_floor": floor,
-        "gap_nominal": difference(logs, nominal, judged, robot),
+        "gap_nominal": difference(logs, nominal, judged),
     }
     if not case.effects:
         return figures | {"change": 0.0, "detectable": False, "changes": [], "where": []}
@@ -153,7 +155,7 @@ def detectability(
         ]
         trials = [Rollout(jump, of_log) for jump, of_log in zip(clean, kept, strict=True)]
         motions = generator.motions(trials, rows=max(judged.rows))
-        changes.append(difference(clean, motions, judged, robot))
+        changes.append(difference(clean, motions, judged))
     off = [Rollout(jump, e[:1]) for jump, e in zip(clean, own, strict=False)]
     return figures | {
         "change": changes[0],
@@ -163,13 +165,13 @@ def detectability(
     }
 
 
-def difference(jumps: Sequence[Log], motions: Sequence[Any], judged: JudgedLogs, robot: Robot) -> float:
-    """Headline figure (root mean square in the scales of ``HEADLINE``) between jumps and motions on the judged rows."""
+def difference(jumps: Sequence[Log], motions: Sequence[Motion], judged: JudgedLogs) -> float:
+    """Headline figure (root mean square in the sizes of the channels) between jumps and motions on the judged rows."""
     total = 0.0
     for jump, motion, rows in zip(jumps, motions, judged.rows, strict=True):
-        for c in judged.channels:
-            error = c.values(motion, robot)[:rows] - logged_values(jump, c.name)[:rows]
-            total += float(((error / HEADLINE[c.name]) ** 2).sum())
+        measured = motion_of(jump.first_rows(rows), judged.robot)
+        error = channel_errors(motion[:rows], measured, judged.channels, judged.robot)
+        total += float(((error / judged.scales) ** 2).sum())
     return float(np.sqrt(total / judged.value_counts.sum()))
 
 

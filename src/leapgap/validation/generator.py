@@ -60,7 +60,7 @@ class Nuisance(OffTableEffect):
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Scale masses and inertias, shift centres of mass, scale joints, feet and contacts."""
         rng, sizes = np.random.default_rng(self.seed), self.sizes
-        robots = np.arange(robot.base_body, robot.model.nbody)
+        robots = np.array(robot.bodies)
         scale = 1 + sizes.mass * rng.standard_normal(len(robots))
         model.body_mass[robots] *= scale
         model.body_inertia[robots] *= scale[:, None]

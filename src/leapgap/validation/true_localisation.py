@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.channels import channel_values, measured_values, scaled_channels, sensor_noise
+from leapgap.diagnosis.channels import channel_errors, sensor_noise
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of
 from leapgap.logs.log import Log
+from leapgap.logs.state import motion_of
 from leapgap.simulation.replay import Rollout
 from leapgap.validation.generator import Generator
 
@@ -23,17 +24,17 @@ def true_localisation(
     noise-free state, as the diagnosis restarts from the log. Only the second half of each piece counts, in units of
     each channel's noise.
     """
-    robot = generator.robot
-    channels = scaled_channels(judged.logs, robot)
-    names = phase_names(logs)
+    robot, channels, names = generator.robot, judged.mapped, phase_names(logs)
     square = np.zeros((len(names), len(channels)))
     for log, trial, rows in zip(logs, off, judged.rows, strict=True):
-        scale = np.maximum(sensor_noise(log.first_rows(rows), channels), [least_noise(c) for c in channels])
+        measured = motion_of(log.first_rows(rows), robot)
+        noise = sensor_noise(measured, log.info.sample_period_s, channels, robot)
+        scale = np.maximum(noise, [least_noise(c) for c in channels])
         pieces = pieces_of(trial.log.first_rows(rows), names, horizon_s)
         motions = generator.motions([replace(trial, log=piece) for piece, _ in pieces])
         for (piece, phases), motion in zip(pieces, motions, strict=True):
             half = len(piece) // 2
-            error = channel_values(motion, channels, robot) - measured_values(piece, channels)
+            error = channel_errors(motion, motion_of(piece, robot), channels, robot)
             for phase in np.unique(phases[half:]):
                 square[phase] += ((error[half:][phases[half:] == phase] / scale) ** 2).sum(axis=0)
     share = square / max(square.sum(), 1e-300)

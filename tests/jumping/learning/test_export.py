@@ -11,13 +11,15 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.control import inference
-from leapgap.jumping.learning import export, initialisation, kernel, store, torch_rollout
-from leapgap.jumping.learning.ensemble import ModelEnsemble
-from leapgap.jumping.learning.initialisation import NetworksConfig, PublishedRecipeConfig
-from leapgap.jumping.learning.kernel import KernelConfig
+from leapgap.jumping.learning import export, store, torch_rollout
 from leapgap.jumping.learning.model import Nominal
-from leapgap.jumping.learning.nominal import NominalModel, fit_gains
-from leapgap.jumping.learning.playback import Playback
+from leapgap.jumping.learning.models import kernel
+from leapgap.jumping.learning.models.ensemble import ModelEnsemble
+from leapgap.jumping.learning.models.kernel import KernelConfig
+from leapgap.jumping.learning.models.nominal import NominalModel, fit_gains
+from leapgap.jumping.learning.models.playback import Playback
+from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig, initial_published_networks
+from leapgap.jumping.learning.models.residual_networks import NetworksConfig, initial_networks
 from leapgap.jumping.learning.windows import Purpose, TimeGrid, Windows
 from leapgap.jumping.models.affine_model import FEATURES, Situation
 from leapgap.jumping.models.rigid_body import RigidBody
@@ -30,7 +32,7 @@ GAINED = Nominal(A1_BODY, (0.5, 0.9, 0.3))
 
 def single(windows: Windows, seeds: int = 1, hidden: tuple[int, ...] = (24,)):
     config = NetworksConfig(inputs=dict.fromkeys(NAMES, 0.5), hidden=list(hidden), seeds=seeds, output_gain=1.0)
-    return initialisation.initial_networks(windows, GAINED, config, np.random.default_rng(1))
+    return initial_networks(windows, GAINED, config, np.random.default_rng(1))
 
 
 def kernels(windows: Windows):
@@ -39,9 +41,7 @@ def kernels(windows: Windows):
 
 def published_networks(windows: Windows):
     recipe = PublishedRecipeConfig(hidden_h=[8, 9], hidden_G=[11, 7], orthogonal_gain=1.0)
-    return initialisation.initial_published_networks(
-        windows.grid, Nominal(RigidBody(12, 0.17)), recipe, np.random.default_rng(2)
-    )
+    return initial_published_networks(windows.grid, Nominal(RigidBody(12, 0.17)), recipe, np.random.default_rng(2))
 
 
 MAKERS = {

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import kernel
-from leapgap.jumping.learning.constant_velocity import ConstantVelocity
-from leapgap.jumping.learning.kernel import KernelConfig
 from leapgap.jumping.learning.model import Nominal, ResidualModel, squared_errors
-from leapgap.jumping.learning.nominal import NominalModel, fit_gains
-from leapgap.jumping.learning.playback import Playback
+from leapgap.jumping.learning.models import kernel
+from leapgap.jumping.learning.models.constant_velocity import ConstantVelocity
+from leapgap.jumping.learning.models.kernel import KernelConfig
+from leapgap.jumping.learning.models.nominal import NominalModel, fit_gains
+from leapgap.jumping.learning.models.playback import Playback
 from leapgap.jumping.learning.splits import folds, sessions
 from leapgap.jumping.learning.transitions import extract_transitions
 from leapgap.jumping.learning.windows import RolloutInputs, Windows

@@ -61,6 +61,7 @@ def test_logs_become_metrics_and_predictions(jumps, tmp_path):
     assert (found["jumps"], found["windows"]) == (6, 162)
     assert found["cv_mse"]["nominal_fitted"] < 1e-12 < found["cv_mse"]["playback"]
     assert {path.name for path in (tmp_path / "predictions").iterdir()} == {
+        ".leapgap.json",
         "error_by_step.csv",
         "calibration.csv",
         "report.html",

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from leapgap.jumping.learning import initialisation, store, torch_rollout
-from leapgap.jumping.learning.initialisation import PublishedRecipeConfig
+from leapgap.jumping.learning import store, torch_rollout
 from leapgap.jumping.learning.model import Nominal
+from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig, initial_published_networks
+from leapgap.jumping.learning.models.residual_networks import initial_networks
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.affine_model import Situation
 from leapgap.jumping.models.rigid_body import RigidBody
@@ -17,7 +18,7 @@ from tests.jumping.learning.test_training import NETWORKS, same
 
 
 def published_model(windows: Windows):
-    return initialisation.initial_published_networks(
+    return initial_published_networks(
         windows.grid,
         Nominal(RigidBody(12.0, 0.17)),
         PublishedRecipeConfig(hidden_h=[8, 8], hidden_G=[9, 9], orthogonal_gain=1.0),
@@ -27,9 +28,7 @@ def published_model(windows: Windows):
 
 def our_model(windows: Windows):
     nominal = Nominal(A1_BODY, (0.5, 0.9, 0.3))
-    return initialisation.initial_networks(
-        windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3)
-    )
+    return initial_networks(windows, nominal, replace(NETWORKS, output_gain=1.0), np.random.default_rng(3))
 
 
 @pytest.mark.parametrize("make", [our_model, published_model])
@@ -54,7 +53,7 @@ def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
 
 
 def test_the_roll_outs_agree_for_one_member(windows: Windows):
-    model = initialisation.initial_networks(
+    model = initial_networks(
         windows, Nominal(A1_BODY, (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
     )
     batch = torch_rollout.Batch.of(windows, torch.device("cpu"))

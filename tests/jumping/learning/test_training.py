@@ -14,7 +14,6 @@ from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import (
     evaluation,
-    initialisation,
     model_grid,
     recipe,
     store,
@@ -22,14 +21,16 @@ from leapgap.jumping.learning import (
     training,
     window_extraction,
 )
-from leapgap.jumping.learning.constant_velocity import ConstantVelocity
-from leapgap.jumping.learning.experiment import TrainConfig
-from leapgap.jumping.learning.initialisation import Fitting, NetworksConfig, PublishedRecipeConfig
-from leapgap.jumping.learning.kernel import KernelConfig
+from leapgap.jumping.learning.experiment import MODELS, TrainConfig
 from leapgap.jumping.learning.model import Nominal, squared_errors
-from leapgap.jumping.learning.nominal import NominalModel, fit_gains
-from leapgap.jumping.learning.playback import Playback
-from leapgap.jumping.learning.registry import RECIPES
+from leapgap.jumping.learning.models.constant_velocity import ConstantVelocity
+from leapgap.jumping.learning.models.kernel import KernelConfig
+from leapgap.jumping.learning.models.nominal import NominalModel, fit_gains
+from leapgap.jumping.learning.models.playback import Playback
+from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig
+from leapgap.jumping.learning.models.residual_networks import NetworksConfig, initial_networks
+from leapgap.jumping.learning.recipe import Fitting
+from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
 from stages.params import compose_params
@@ -38,6 +39,7 @@ from tests.conftest import A1_BODY
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
 QUIET = {"enable_progress_bar": False}
 NETWORKS = NetworksConfig(inputs=INPUTS, hidden=[16], seeds=2, fitting=Fitting(steps=12, learning_rate=0.02))
+KERNEL = KernelConfig(inputs=INPUTS)
 SHORT = replace(NETWORKS, fitting=replace(NETWORKS.fitting, steps=3))
 
 
@@ -55,11 +57,9 @@ def config(**changes) -> TrainConfig:
             pitch_inertia_kgm2=A1_BODY.pitch_inertia_kgm2,
             curvature=0.0,  # as the jumps were made
             processes=1,
-            models=list(RECIPES),
+            models=list(MODELS),
             folds=2,
-            kernel=KernelConfig(inputs=INPUTS),
-            networks=SHORT,
-            published_recipe=small,
+            model_settings={"kernel": KERNEL, "networks": SHORT, "published_recipe": small},
             steps_an_epoch=4,
             threads=1,
             trainer=dict(QUIET),
@@ -69,7 +69,7 @@ def config(**changes) -> TrainConfig:
 
 
 def fit(train: Windows, validation: Windows | None, scratch: Path, fitting: Fitting = NETWORKS.fitting, seed: int = 0):
-    start = initialisation.initial_networks(train, Nominal(A1_BODY), NETWORKS, np.random.default_rng(seed))
+    start = initial_networks(train, Nominal(A1_BODY), NETWORKS, np.random.default_rng(seed))
     return training.fit(start, train, validation, fitting, recipe.TrainingRun(seed, 1, QUIET, scratch, "test", 4))
 
 
@@ -138,7 +138,7 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
     resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
     assert same(resumed, model) and resumed_curve == curve
 
-    start = initialisation.initial_networks(windows, Nominal(A1_BODY), NETWORKS, np.random.default_rng(0))
+    start = initial_networks(windows, Nominal(A1_BODY), NETWORKS, np.random.default_rng(0))
     last_two = windows.of_jumps(windows.jumps[-2:])
     learner = training.Learner(torch_rollout.ResidualModule(model, 0.0), windows, {}, fitting, 0)
     learner.batches = {"stopping": torch_rollout.Batch.of(last_two, torch.device("cpu"))}
@@ -161,7 +161,7 @@ def test_nothing_of_a_held_out_jump_reaches_training(windows: Windows, tmp_path)
     small = config()
     model_grid.train(windows, small, tmp_path / "clean")
     model_grid.train(corrupt_jump(windows, "jump_02"), small, tmp_path / "corrupt")
-    for name in RECIPES:
+    for name in recipes():
         clean, corrupt = (store.load(tmp_path / kind / "fold_0", name) for kind in ("clean", "corrupt"))
         assert "jump_02" not in clean.trained_on and same(clean.model, corrupt.model), name
         assert clean.model.settings() == corrupt.model.settings(), name
@@ -185,12 +185,13 @@ def test_finished_models_are_kept_and_unknown_ones_removed(windows: Windows, tmp
     (tmp_path / "fold_1" / "playback.json").unlink()
     assert sorted(model_grid.train(windows, small, tmp_path)) == ["fold_0/kernel", "fold_1/playback"]
     assert {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()} == before
-    warmer = config(models=small.models, kernel=replace(small.kernel, ridge_contact=0.5))
+    settings = {**small.model_settings, "kernel": replace(KERNEL, ridge_contact=0.5)}
+    warmer = config(models=small.models, model_settings=settings)
     assert sorted(model_grid.train(windows, warmer, tmp_path)) == ["all/kernel", "fold_0/kernel", "fold_1/kernel"]
 
 
 def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
-    models = [name for name in RECIPES if not name.startswith(("networks", "published", "blend"))]
+    models = [name for name in recipes() if not name.startswith(("networks", "published", "blend"))]
     groups = [["jump_0[012]"], ["jump_0[345]"]]
     model_grid.train(windows, config(models=models, sessions=groups, not_in_sessions=["kernel"]), tmp_path / "models")
     quarters, halves = (
@@ -257,7 +258,7 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))
-    start = initialisation.initial_networks(train, fit_gains(train, A1_BODY), ours, np.random.default_rng(0))
+    start = initial_networks(train, fit_gains(train, A1_BODY), ours, np.random.default_rng(0))
     run = recipe.TrainingRun(0, 1, QUIET, tmp_path / "scratch", "test", 25)
     networks, _ = training.fit(start, train, None, replace(ours.fitting, steps=50), run)
     found = {
@@ -273,7 +274,7 @@ def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_
 
 
 def test_an_unknown_model_is_named(windows: Windows, tmp_path):
-    with pytest.raises(InputError, match=r"train.models: found oracle; expected some of nominal, nominal_published"):
+    with pytest.raises(InputError, match=r"train.models: found oracle; expected some of blend, blend_no_phase"):
         model_grid.train(windows, config(models=["oracle"]), tmp_path)
 
 

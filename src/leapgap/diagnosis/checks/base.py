@@ -41,7 +41,8 @@ class Check(ABC):
 
     @abstractmethod
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Check all logs, cut to the rows that are judged; None where one of them lacks the columns.
+        """Check all logs, cut to the rows that are judged; None where one of them lacks the columns,
+        or where no log can answer.
 
         ``robot`` is None only where ``needs_robot`` is False and nobody named a robot.
         """

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
-from leapgap.diagnosis.checks.clocks import clock_scale, judge_clocks
+from leapgap.diagnosis.checks.clocks import clock_scale, judge_clocks, longest_period
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -27,8 +27,11 @@ class BaseClock(Check):
             return None
         scales = {
             log.name: clock_scale(
-                log.stack([p for p, _ in PAIRS]), log.stack([v for _, v in PAIRS]), log.info.sample_period_s
+                log.stack([p for p, _ in PAIRS]),
+                log.stack([v for _, v in PAIRS]),
+                log.info.sample_period_s,
+                log.row_lengths,
             )
             for log in logs
         }
-        return judge_clocks(self.name, "the base", scales, threshold)
+        return judge_clocks(self.name, "the base", scales, threshold, longest_period(logs))

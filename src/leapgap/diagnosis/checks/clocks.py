@@ -1,29 +1,51 @@
 """True over claimed sample period, from positions that must be the integral of velocities."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
+CLAIMED = (1.0,)
+"""The clock of a log that is too short or too still to have one of its own: that which it claims."""
+RESOLVED_S = 0.002
+"""Up to this period velocities between rows are taken as straight lines, at longer ones as splines. At longer ones the
+threshold of a clock grows with the period: commands that are held for a row move a joint between the instants at which
+its velocity is logged."""
 SPAN_S = 0.02
 """Increments of position are compared with summed velocities over this time."""
 
 
-def clock_scale(position: np.ndarray, velocity: np.ndarray, period_s: float) -> float:
+def clock_scale(
+    position: np.ndarray, velocity: np.ndarray, period_s: float, lengths: np.ndarray | None = None
+) -> float | None:
     """True over claimed period, from positions that must be the integral of velocities; both (rows, channels).
 
+    ``lengths`` of the rows in periods, (rows,), where they are uneven (``row_lengths``).
+
     Sensors measure velocity in true time, while positions advance by v · (true period) a row: the regression of
-    position increments on claimed-time integrals of velocity has that ratio as slope.
+    position increments on claimed-time integrals of velocity has that ratio as slope. None where there is none: in less
+    than ``SPAN_S``, or where nothing moves.
     """
     span = max(1, round(SPAN_S / period_s))
     moved = position[span:] - position[:-span]
-    middle = (velocity[1:] + velocity[:-1]) / 2
-    summed = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(middle, axis=0) * period_s])
+    summed = integrated(velocity, period_s, lengths)
     integral = summed[span:] - summed[:-span]
-    return float((moved * integral).sum() / (integral**2).sum())
+    square = float((integral**2).sum())
+    return float((moved * integral).sum()) / square if square > 0 else None
+
+
+def integrated(velocity: np.ndarray, period_s: float, lengths: np.ndarray | None) -> np.ndarray:
+    """Integral of velocities (rows, channels) from the first row to each; ``lengths`` of the rows in periods."""
+    if period_s > RESOLVED_S and len(velocity) > 3:
+        rows = np.ones(len(velocity)) if lengths is None else lengths
+        time = np.concatenate([[0.0], np.cumsum(rows[:-1])]) * period_s
+        return np.asarray(CubicSpline(time, velocity).antiderivative()(time))
+    middle = (velocity[1:] + velocity[:-1]) / 2 * (1.0 if lengths is None else lengths[:-1, None])
+    return np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(middle, axis=0) * period_s])
 
 
 LOCAL_S = 0.02
@@ -32,17 +54,27 @@ LOCAL_PRIOR = 0.05
 """Weight of the log's mean clock in a local one, as a share of what a window says on average."""
 
 
-def local_clock(position: np.ndarray, velocity: np.ndarray, period_s: float, every: int) -> np.ndarray:
+def local_clock(
+    position: np.ndarray, velocity: np.ndarray, period_s: float, every: int, lengths: np.ndarray | None = None
+) -> np.ndarray | None:
     """The same ratio as it changes within a log, one value every so many rows, (values,).
 
     The regression of ``clock_scale`` in a window that slides along; where little moves, the whole log's ratio.
+    None, and ``lengths``, as in ``clock_scale``.
     """
-    moved = np.diff(position, axis=0)
-    integral = (velocity[1:] + velocity[:-1]) / 2 * period_s
     span = max(1, round(SPAN_S / period_s))
+    if len(position) <= span:
+        return None
+    moved = np.diff(position, axis=0)
+    if period_s > RESOLVED_S:
+        integral = np.diff(integrated(velocity, period_s, lengths), axis=0)
+    else:
+        integral = (velocity[1:] + velocity[:-1]) / 2 * period_s * (1.0 if lengths is None else lengths[:-1, None])
     box = np.ones(span)
     moved, integral = (np.apply_along_axis(np.convolve, 0, x, box, "same") for x in (moved, integral))
     product, square = (moved * integral).sum(axis=1), (integral**2).sum(axis=1)
+    if not square.any():
+        return None
     rows = np.arange(len(moved)) + 0.5
     at = np.linspace(0, len(position) - 1, max(2, len(position) // every))
     window = np.exp(-0.5 * ((at[:, None] - rows) * period_s / LOCAL_S) ** 2)
@@ -55,24 +87,44 @@ LOCAL_EVERY_S = 0.02
 
 
 def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, np.ndarray] | None:
-    """The joints' clock as it changes within each log, by the log's name; None where a log lacks the columns."""
+    """The joints' clock as it changes within each log, by the log's name.
+
+    A log that is too short or in which no joint moves is left out; None where a log lacks the columns or none is left.
+    """
     joints = joints_of(logs, robot)
     if not have_joints(logs, joints):
         return None
-    return {
+    clocks = {
         log.name: local_clock(
             log.per_joint("joint_pos", joints),
             log.per_joint("joint_vel", joints),
             log.info.sample_period_s,
             log.info.rows(LOCAL_EVERY_S),
+            log.row_lengths,
         )
         for log in logs
     }
+    return {name: clock for name, clock in clocks.items() if clock is not None} or None
 
 
-def judge_clocks(name: str, what: str, scales: dict[str, float], threshold: float) -> CheckResult:
-    """Judge the scales of all logs, by the log's name, by their median; ``what`` says whose positions they are of."""
-    statistic = float(np.median(list(scales.values()))) - 1
+def longest_period(logs: Sequence[Log]) -> float:
+    """The longest sample period of some logs, s."""
+    return max(log.info.sample_period_s for log in logs)
+
+
+def judge_clocks(
+    name: str, what: str, clocks: Mapping[str, float | None], threshold: float, period_s: float = 0.0
+) -> CheckResult | None:
+    """Judge the clocks of all logs, by the log's name, by their median; ``what`` says whose positions they are of.
+
+    ``period_s`` is the longest sample period of the logs.
+
+    Logs without a clock are left out; None where no log has one.
+    """
+    scales = {log: clock for log, clock in clocks.items() if clock is not None}
+    if not scales:
+        return None
+    statistic, threshold = float(np.median(list(scales.values()))) - 1, threshold * max(1.0, period_s / RESOLVED_S)
     passed = abs(statistic) <= threshold
     low, high = min(scales.values()), max(scales.values())
     says = (

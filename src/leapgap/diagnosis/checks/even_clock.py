@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
-from leapgap.diagnosis.checks.clocks import local_clocks
+from leapgap.diagnosis.checks.clocks import CLAIMED, local_clocks
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -31,5 +31,5 @@ class EvenClock(Check):
         says = f"the true period of a row changes by {100 * statistic:.1f} % within a log (standard deviation)" + (
             "" if passed else f", from {low:.2f} to {high:.2f} times the claimed one"
         )
-        of_logs = {name: tuple(clock.tolist()) for name, clock in clocks.items()}
+        of_logs = {log.name: tuple(clocks[log.name].tolist()) if log.name in clocks else CLAIMED for log in logs}
         return CheckResult(self.name, passed, statistic, threshold, says, spread, of_logs)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
-from leapgap.diagnosis.checks.clocks import clock_scale, judge_clocks
+from leapgap.diagnosis.checks.clocks import CLAIMED, clock_scale, judge_clocks, longest_period
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -25,9 +25,13 @@ class JointClock(Check):
             return None
         scales = {
             log.name: clock_scale(
-                log.per_joint("joint_pos", joints), log.per_joint("joint_vel", joints), log.info.sample_period_s
+                log.per_joint("joint_pos", joints),
+                log.per_joint("joint_vel", joints),
+                log.info.sample_period_s,
+                log.row_lengths,
             )
             for log in logs
         }
-        result = judge_clocks(self.name, "the joints", scales, threshold)
-        return replace(result, clocks={name: (scale,) for name, scale in scales.items()})
+        result = judge_clocks(self.name, "the joints", scales, threshold, longest_period(logs))
+        clocks = {name: CLAIMED if scale is None else (scale,) for name, scale in scales.items()}
+        return result and replace(result, clocks=clocks)

@@ -34,7 +34,7 @@ class ForceLimits:
     smallest_n: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.friction > 0 and 0 <= self.smallest_n < self.largest_n):
+        if not (0 < self.friction < np.inf and 0 <= self.smallest_n < self.largest_n < np.inf):
             raise ValueError(f"{self}: friction above 0 and 0 <= smallest_n < largest_n")
 
 

@@ -17,8 +17,8 @@ class JointGains:
     kd_nms_per_rad: float = 3.0
 
     def __post_init__(self) -> None:
-        if min(self.kp_nm_per_rad, self.kd_nms_per_rad) < 0:
-            raise ValueError("gains not below 0")
+        if not all(0 <= gain < np.inf for gain in (self.kp_nm_per_rad, self.kd_nms_per_rad)):
+            raise ValueError("gains finite and not below 0")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,13 @@ class SolutionRequirements:
     relative_dual_tolerance: float = 1e-4
     """Largest dual residual, relative to the problem's gradient; a badly conditioned problem fails here."""
 
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing."""
+        if not (self.deadline_s is None or self.deadline_s >= 0):
+            raise ValueError("deadline_s not below 0, or none")
+        if not (self.primal_tolerance_n > 0 and self.relative_dual_tolerance > 0):
+            raise ValueError("primal_tolerance_n and relative_dual_tolerance above 0")
+
 
 @dataclass(frozen=True)
 class GuardedSolution:

@@ -10,13 +10,14 @@ where a part is a perceptron (an ensemble of one hidden layer is one wide one) o
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import read_json
-from leapgap.errors import InputError
-from leapgap.jumping.learning.windows import Purpose, read_npz
+from leapgap.jumping.learning.model_files import read_model
+from leapgap.jumping.learning.windows import Purpose
 from leapgap.jumping.models.affine_model import KNOWN_FOOT, AffineModel, PredictionModel, Situation, rows
 
 FORMAT_VERSION = 2
@@ -109,22 +110,15 @@ class ExportedModel(PredictionModel):
 
 def load(folder: Path, name: str, needed: Purpose) -> ExportedModel:
     """Read ``<name>.json`` and ``<name>.npz``; a model for another grid, schedule or robot is an ``InputError``."""
-    path = folder / f"{name}.json"
-    about = read_json(path)
-    if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(
-            path, f"format_version {about.get('format_version')}", str(FORMAT_VERSION), "run stages.train anew"
-        )
-    arrays = read_npz(folder / f"{name}.npz")
-    try:
-        purpose = Purpose.from_json(about)
-        curvature = float(about["curvature"])
-        contact, flight = (read_phase(arrays_below(arrays, phase), about["parts"][phase]) for phase in PHASES)
-    except (KeyError, TypeError) as error:
-        raise InputError(
-            path, f"a model that does not fit ({error!r})", "a model of this version", "run stages.train anew"
-        ) from None
-    purpose.require(needed, path)
+    model = read_model(folder, name, FORMAT_VERSION, partial(exported_model, name))
+    model.purpose.require(needed, folder / f"{name}.json")
+    return model
+
+
+def exported_model(name: str, about: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> ExportedModel:
+    """A model from the content of its files."""
+    contact, flight = (read_phase(arrays_below(arrays, phase), about["parts"][phase]) for phase in PHASES)
+    purpose, curvature = Purpose.from_json(about), float(about["curvature"])
     return ExportedModel(name, purpose, contact, flight, curvature, arrays.get("deviation"))
 
 

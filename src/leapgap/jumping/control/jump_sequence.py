@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.gains import JointGains
 from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.landing import LandingConfig, LandingMpc, stand, standing_force
+from leapgap.jumping.control.landing import LandingConfig, LandingMpc, limited, stand, standing_force
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.reference import StartFrame
 from leapgap.jumping.control.tracking import JumpController
@@ -37,6 +38,12 @@ class SequenceConfig:
     """Time from the end of the landing to the next jump, in which the legs move to its first pose and stand."""
     settle_gains: JointGains = field(default_factory=lambda: JointGains(100.0, 3.0))
 
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing."""
+        times = (self.earliest_touch_s, self.latest_touch_s, self.confirm_s)
+        if not (all(0 <= one < np.inf for one in times) and 0 < self.settle_s < np.inf):
+            raise ValueError("earliest_touch_s, latest_touch_s, confirm_s finite and not below 0, settle_s above 0")
+
 
 class JumpSequence(Controller):
     """Makes the given jumps in their order and lands after each; stands after the last.
@@ -51,6 +58,8 @@ class JumpSequence(Controller):
             raise InputError("continuous jumps", "no jump", "one or more", "name their references")
         self.jumps, self.robot, self.config, self.body = list(jumps), robot, config, body
         self.legs = LegKinematics(robot)
+        self.border = Border(robot)
+        self._own_fallbacks: Counter[str] = Counter()
         self.phase: Phase = "jump"
         self.number = 0
         self.jump_starts_s: list[float] = []
@@ -66,10 +75,23 @@ class JumpSequence(Controller):
     def fallbacks(self) -> Counter[str]:
         """Count of fallback commands by reason, of all jumps and landings so far."""
         of_jumps = sum((jump.fallbacks for jump in self.jumps), Counter[str]())
-        return of_jumps + self._fallbacks_before + (self.landing.fallbacks if self.landing else Counter())
+        return (
+            of_jumps
+            + self._own_fallbacks
+            + self._fallbacks_before
+            + (self.landing.fallbacks if self.landing else Counter())
+        )
 
     def command(self, estimate: StateEstimate) -> Command:
-        """See ``Controller``: the command of the present phase."""
+        """See ``Controller``: the command of the present phase, a safe one where a tick has no usable time."""
+        judged = self.border.judged(estimate)
+        if judged is None:
+            self._own_fallbacks[TIME_NOT_USABLE] += 1
+            return self.border.safe_command()
+        return self.border.sent(self._of_phase(judged))
+
+    def _of_phase(self, estimate: StateEstimate) -> Command:
+        """The command of the present phase for a judged estimate."""
         self._notice_touch(estimate)
         self._switch(estimate)
         if self.phase == "jump":
@@ -128,4 +150,5 @@ class JumpSequence(Controller):
         pose = self._settle_from + smooth * (self._next_pose() - self._settle_from)
         force = standing_force(self.body) * np.isfinite(self._both_since_s)
         frame = StartFrame.of(estimate)
-        return stand(self.robot, self.legs, estimate, frame, force, pose, self.config.settle_gains)
+        command = stand(self.robot, self.legs, estimate, frame, force, pose, self.config.settle_gains)
+        return limited(command, self.border, self._own_fallbacks)

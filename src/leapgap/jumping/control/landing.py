@@ -3,10 +3,11 @@
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from leapgap.jumping.control.border import TIME_NOT_USABLE, TORQUE_LIMIT, Border
 from leapgap.jumping.control.condensed_qp import ForceLimits, prepare_qp
 from leapgap.jumping.control.gains import JointGains
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
@@ -43,6 +44,12 @@ class LandingConfig:
     qp: QpConfig = field(default_factory=QpConfig)
     demands: SolutionRequirements = field(default_factory=SolutionRequirements)
 
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing."""
+        lengths = (self.step_s, self.duration_s, self.height_m, self.force_weight)
+        if self.steps < 1 or not all(0 < one < np.inf for one in lengths):
+            raise ValueError("steps of 1 or more, and step_s, duration_s, height_m, force_weight finite and above 0")
+
 
 class LandingMpc(Controller):
     """Plans forces of all feet towards rest: level, midway between the feet, at a height over them.
@@ -61,6 +68,7 @@ class LandingMpc(Controller):
         self.robot, self.pose, self.config, self.clock = robot, pose, config, clock
         self.model = RigidBodyModel(body)
         self.legs = LegKinematics(robot)
+        self.border = Border(robot)
         self.solver = solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self.force = standing_force(self.model.body)
@@ -68,11 +76,16 @@ class LandingMpc(Controller):
 
     def command(self, estimate: StateEstimate) -> Command:
         """See ``Controller``: the first force of the latest plan, with a soft joint PD."""
-        if estimate.time_s > self._next_update_s - ROUNDING_S:
-            self._next_update_s = estimate.time_s + self.config.step_s
-            self.force = self._plan(estimate)
-        frame = StartFrame.of(estimate)  # only the heading matters here: a force has no origin
-        return stand(self.robot, self.legs, estimate, frame, self.force, self.pose, self.config.gains)
+        judged = self.border.judged(estimate)
+        if judged is None:
+            self.fallbacks[TIME_NOT_USABLE] += 1
+            return self.border.safe_command()
+        if judged.time_s > self._next_update_s - ROUNDING_S:
+            self._next_update_s = judged.time_s + self.config.step_s
+            self.force = self._plan(judged)
+        frame = StartFrame.of(judged)  # only the heading matters here: a force has no origin
+        command = stand(self.robot, self.legs, judged, frame, self.force, self.pose, self.config.gains)
+        return self.border.sent(limited(command, self.border, self.fallbacks))
 
     def _plan(self, estimate: StateEstimate) -> np.ndarray:
         """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
@@ -103,6 +116,15 @@ class LandingMpc(Controller):
         force = np.tile(standing_force(self.model.body), (config.steps, 1))
         prepared = prepare_qp(steps, later, targets, force, config.weights.diagonal, config.force_weight, config.limits)
         return prepared.qp(state, first)
+
+
+def limited(command: Command, border: Border, fallbacks: Counter[str]) -> Command:
+    """A command whose torques the motors can deliver; counts where it had to be changed."""
+    torque, force, changed = border.within_limits(command.torque, command.planned_force)
+    if not changed:
+        return command
+    fallbacks[TORQUE_LIMIT] += 1
+    return replace(command, torque=torque, planned_force=force)
 
 
 def standing_force(body: RigidBody) -> np.ndarray:

@@ -51,8 +51,12 @@ class MpcConfig:
     """An update without a solution uses the last plan if it is no older than this, else the reference."""
 
     def __post_init__(self) -> None:
-        if self.period_s <= 0 or self.force_weight <= 0 or self.weights.diagonal.min() < 0:
-            raise ValueError("period_s and force_weight above 0, weights not below 0")
+        positive = (self.period_s, self.force_weight)
+        weights = self.weights.diagonal
+        if not (all(0 < one < np.inf for one in positive) and (weights >= 0).all() and np.isfinite(weights).all()):
+            raise ValueError("period_s and force_weight finite and above 0, weights finite and not below 0")
+        if not 0 <= self.plan_valid_s < np.inf:
+            raise ValueError("plan_valid_s finite and not below 0")
 
 
 @dataclass(frozen=True)

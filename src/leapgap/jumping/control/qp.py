@@ -37,6 +37,18 @@ class Qp:
     row_upper: np.ndarray
     """(m,)."""
 
+    def defect(self) -> str | None:
+        """Status of a problem that no solver may be given (``FAILED``, ``INFEASIBLE``), or None."""
+        n, m = len(self.gradient), len(self.row_upper)
+        if self.hessian.shape != (n, n) or self.rows.shape != (m, n) or {self.lower.shape, self.upper.shape} != {(n,)}:
+            return FAILED
+        if not all(np.isfinite(part).all() for part in (self.hessian, self.gradient, self.rows)):
+            return FAILED
+        if any(np.isnan(part).any() for part in (self.lower, self.upper, self.row_upper)):
+            return FAILED
+        impossible = (self.lower > self.upper).any() or (self.lower == np.inf).any() or (self.upper == -np.inf).any()
+        return INFEASIBLE if impossible or (self.row_upper == -np.inf).any() else None
+
     def cost(self, x: np.ndarray) -> float:
         """½ xᵀ H x + fᵀ x."""
         return float(x @ (0.5 * (self.hessian @ x) + self.gradient))
@@ -123,6 +135,9 @@ class Daqp(QpSolver):
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
         """Solve a problem with this method; see ``QpSolver``."""
         start = time.perf_counter()
+        defect = qp.defect()
+        if defect is not None:
+            return failed_solution(qp, defect, start)
         upper = np.concatenate([qp.upper, qp.row_upper])
         lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -1e30)])
         x, _, flag, info = daqp.solve(
@@ -153,12 +168,22 @@ class Osqp(QpSolver):
     def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
         """Solve a problem with this method; see ``QpSolver``."""
         start = time.perf_counter()
-        if not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all()):
-            return failed_solution(qp, FAILED, start)
+        defect = qp.defect()
+        if defect is not None:
+            return failed_solution(qp, defect, start)
         try:
             to_x = np.linalg.inv(np.linalg.cholesky(qp.hessian)).T
         except np.linalg.LinAlgError:
             return failed_solution(qp, FAILED, start)
+        if not all(np.isfinite(part).all() for part in (to_x, to_x.T @ qp.gradient, qp.rows @ to_x)):
+            return failed_solution(qp, FAILED, start)  # so badly scaled that its coordinates overflow
+        try:
+            return self._split(qp, to_x, time_limit_s, start)
+        except (osqp.OSQPException, ValueError):  # what its own checks refuse
+            return failed_solution(qp, FAILED, start)
+
+    def _split(self, qp: Qp, to_x: np.ndarray, time_limit_s: float | None, start: float) -> QpSolution:
+        """Solve in the coordinates y, x = to_x · y."""
         bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
         splitting = osqp.OSQP()
         splitting.setup(

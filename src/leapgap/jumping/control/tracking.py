@@ -5,6 +5,7 @@ from collections import Counter
 
 import numpy as np
 
+from leapgap.jumping.control.border import TIME_NOT_USABLE, TORQUE_LIMIT, Border
 from leapgap.jumping.control.gains import JointTargets, PhaseGains
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.reference import Reference, StartFrame
@@ -27,19 +28,41 @@ class JumpController(Controller):
         self.targets = JointTargets.of(reference, gains, robot)
         self.level_m = level_m
         self.legs = LegKinematics(robot)
+        self.border = Border(robot)
         self.fallbacks: Counter[str] = Counter()
         self.substituted: list[tuple[float, str]] = []
         self.start_s: float | None = None
         self.frame: StartFrame | None = None
+        self._jump_time_s = 0.0
 
     def command(self, estimate: StateEstimate) -> Command:
-        """See ``Controller``: joint PD at the reference's row of this moment, with ``feed_forward``."""
+        """See ``Controller``: joint PD at the reference's row of this moment, with ``feed_forward``.
+
+        A tick without a usable time gets a safe command (``Border``), and torques stay within those of the motors.
+        """
+        judged = self.border.judged(estimate)
+        if judged is None:
+            self.count_fallback(TIME_NOT_USABLE)
+            return self.border.safe_command()
+        return self.border.sent(self._tracking(judged))
+
+    def count_fallback(self, reason: str) -> None:
+        """Count a fallback command at the present time."""
+        self.fallbacks[reason] += 1
+        self.substituted.append((self._jump_time_s, reason))
+
+    def _tracking(self, estimate: StateEstimate) -> Command:
+        """The command for a judged estimate."""
         if self.start_s is None:
             self.start_s = estimate.time_s
         if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
             self.frame = self._start_frame(estimate)
         time_s = estimate.time_s - self.start_s
+        self._jump_time_s = time_s
         torque, force = self.feed_forward(time_s, estimate, self.frame or StartFrame(0.0, 0.0, 0.0))
+        torque, force, limited = self.border.within_limits(torque, force)
+        if limited:
+            self.count_fallback(TORQUE_LIMIT)
         row, targets = self.reference.row(time_s), self.targets
         moving = time_s <= self.reference.schedule.landing_s
         return Command(

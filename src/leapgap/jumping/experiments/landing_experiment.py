@@ -45,7 +45,7 @@ class LandingExperiment:
     methods: Mapping[str, MethodSettings]
     """Settings in ``land.method_settings``, by name."""
     variants: Mapping[str, Mapping[str, Any]]
-    """Section ``collect.variants``."""
+    """Simulated hardware by name, each with the effects it has: the section ``collect.variants``."""
     tasks: Sequence[JumpTask]
     repeats: Mapping[str, int]
     """Number of runs of each task, by its name."""

@@ -104,7 +104,7 @@ class Rig:
 
     settings: LandSettings
     known: Mapping[str, MethodSettings]
-    """Methods by name."""
+    """Settings of every method that can be prepared on this robot, by the method's name."""
     bench: Bench
     tasks: Sequence[JumpTask]
     body: RigidBody

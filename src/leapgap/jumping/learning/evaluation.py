@@ -13,9 +13,9 @@ from scipy.stats import norm
 from leapgap.atomic_io import read_json, whole_file
 from leapgap.errors import InputError
 from leapgap.jumping.learning import uncertainty
-from leapgap.jumping.learning.kernel import KernelModel
 from leapgap.jumping.learning.model import Model, squared_errors
-from leapgap.jumping.learning.registry import RECIPES, find_recipe
+from leapgap.jumping.learning.models.kernel import KernelModel
+from leapgap.jumping.learning.registry import find_recipe, recipes
 from leapgap.jumping.learning.store import load
 from leapgap.jumping.learning.uncertainty import LEVELS, PredictionUncertainty
 from leapgap.jumping.learning.windows import Purpose, Windows
@@ -87,7 +87,7 @@ def predict_held_out(windows: Windows, folder: Path, prefix: str) -> HeldOutPred
 
 def read_uncertainty(folder: Path, model: str) -> PredictionUncertainty | None:
     """The expected errors of a model, learned from the kernel that its recipe names; ``None`` where there are none."""
-    source = RECIPES.get(RECIPES[model].uncertainty_from or "")
+    source = recipes().get(recipes()[model].uncertainty_from or "")
     if source is None or not (folder / f"{source.uncertainty_file}.npz").is_file():
         return None
     kernel = load(folder, source.name).model
@@ -130,10 +130,10 @@ def metrics(
     found: dict[str, object] = {"jumps": len(windows.jumps), "windows": len(windows)}
     if folds is not None:
         errors = {model: folds.error_by_jump(model) for model in folds.states}
-        shown = {model: error for model, error in errors.items() if not RECIPES[model].is_forecast}
+        shown = {model: error for model, error in errors.items() if not recipes()[model].is_forecast}
         found["cv_mse"] = {model: round_figure(error.mean()) for model, error in shown.items()}
         found["cv_mse_se"] = {model: round_figure(standard_error(error)) for model, error in shown.items()}
-        blind = {name: error for model, error in errors.items() if (name := RECIPES[model].forecast_name)}
+        blind = {name: error for model, error in errors.items() if (name := recipes()[model].forecast_name)}
         found["coverage"] = coverage(folds)
         found["forecast_cv_mse"] = {model: round_figure(error.mean()) for model, error in blind.items()}
         found["forecast_cv_mse_se"] = {model: round_figure(standard_error(error)) for model, error in blind.items()}
@@ -141,7 +141,7 @@ def metrics(
         found["cv_mse_sessions"] = {
             model: round_figure(sessions.error_by_jump(model).mean())
             for model in sessions.states
-            if not RECIPES[model].is_forecast
+            if not recipes()[model].is_forecast
         }
     return found
 

@@ -6,11 +6,10 @@ from typing import Any
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning import uncertainty
-from leapgap.jumping.learning.initialisation import NetworksConfig, PublishedRecipeConfig
-from leapgap.jumping.learning.kernel import KernelConfig, KernelModel
 from leapgap.jumping.learning.model import Model
-from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, TrainingRun
-from leapgap.jumping.learning.registry import RECIPES
+from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
+from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, Settings, TrainingRun, settings_in
+from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import Split
 from leapgap.jumping.learning.store import is_stored, load
 from leapgap.jumping.learning.windows import Windows
@@ -29,7 +28,10 @@ TRAINER = {"accelerator": "cpu", "devices": 1, "enable_progress_bar": True}
 
 @dataclass
 class TrainConfig:
-    """The section ``train`` of the configuration: data, splits, models and their settings."""
+    """The section ``train`` of the configuration: data, splits and models.
+
+    Settings of a model are a dataclass beside it, and a section ``train.<section>`` of their own.
+    """
 
     windows: str
     sessions: list[list[str]] | None
@@ -47,9 +49,8 @@ class TrainConfig:
     seed: int = 0
     curvature: float = 0.5
     """Curvature of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
-    kernel: KernelConfig = field(default_factory=KernelConfig)
-    networks: NetworksConfig = field(default_factory=NetworksConfig)
-    published_recipe: PublishedRecipeConfig = field(default_factory=PublishedRecipeConfig)
+    model_settings: dict[str, ModelSettings] = field(default_factory=dict)
+    """Settings of models by their section, where they are not the defaults."""
     steps_an_epoch: int = 25
     threads: int = 1
     """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
@@ -62,7 +63,11 @@ class TrainConfig:
         """Names of the models that are fitted on a split."""
         skipped = self.not_in_sessions if split.name.startswith("session") else []
         judged = bool(split.held_out)  # forecasts are judged, never used
-        return [name for name in self.models if name not in skipped and (judged or not RECIPES[name].is_forecast)]
+        return [name for name in self.models if name not in skipped and (judged or not recipes()[name].is_forecast)]
+
+    def settings(self, kind: type[Settings]) -> Settings:
+        """The settings of one kind of models."""
+        return settings_in(self.model_settings, kind)
 
     @property
     def body(self) -> RigidBody:
@@ -83,8 +88,7 @@ def fit_task(
     run = TrainingRun(
         config.seed, config.threads, config.trainer, scratch, f"{split.name} {name}", config.steps_an_epoch
     )
-    sections = (config.kernel, config.networks, config.published_recipe)
-    return FitTask(train, held_out, config.body, config.curvature, sections, run, member)
+    return FitTask(train, held_out, config.body, config.curvature, config.model_settings, run, member)
 
 
 def fit_uncertainty(windows: Windows, config: TrainConfig, recipe: ModelRecipe, path: Path) -> None:
@@ -97,4 +101,4 @@ def fit_uncertainty(windows: Windows, config: TrainConfig, recipe: ModelRecipe, 
         assert isinstance(model, KernelModel)
         return model
 
-    uncertainty.save(uncertainty.fit(windows, fit_kernel, config.kernel), path)
+    uncertainty.save(uncertainty.fit(windows, fit_kernel, config.settings(KernelConfig)), path)

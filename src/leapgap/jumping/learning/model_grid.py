@@ -15,11 +15,12 @@ from leapgap.cache import ResultCache, result_key
 from leapgap.errors import InputError
 from leapgap.jumping.learning import export
 from leapgap.jumping.learning.experiment import TrainConfig, fit_task, fit_uncertainty
-from leapgap.jumping.learning.recipe import ModelRecipe
-from leapgap.jumping.learning.registry import RECIPES
+from leapgap.jumping.learning.recipe import ModelRecipe, ModelSettings
+from leapgap.jumping.learning.registry import find_recipe, recipes
 from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
 from leapgap.jumping.learning.store import StoredModel, load, save
 from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows, read_npz
+from leapgap.processes import starting_workers
 
 EXPORTED = "exported"
 """Folder of the models fitted on all jumps as others read them: ``jumping.control.inference``, ONNX."""
@@ -34,9 +35,9 @@ def train(
     A model whose data, settings and code are unchanged is kept; models nobody asked for are removed. Beside them:
     ``splits.json``, and ``curves.csv`` of those that were trained in steps.
     """
-    unknown = [name for name in config.models if name not in RECIPES]
+    unknown = [name for name in config.models if name not in recipes()]
     if unknown:
-        raise InputError("train.models", ", ".join(unknown), f"some of {', '.join(RECIPES)}", "correct conf/train")
+        raise InputError("train.models", ", ".join(unknown), f"some of {', '.join(recipes())}", "correct conf/train")
     out.mkdir(parents=True, exist_ok=True)
     cache = ResultCache(out)
     if not len(windows):
@@ -79,7 +80,7 @@ class SplitJob:
     config: TrainConfig
     split: Split
     keys: dict[str, str]
-    """By model."""
+    """Cache key of each model that is fitted on this split, by the model's name."""
     cache: ResultCache
 
     @property
@@ -105,7 +106,7 @@ class SplitJob:
                 with self.cache.store(place, key) as folder:
                     of_split, scratch = self.cache.folder / self.split.name, self.cache.scratch(place, key)
                     task = fit_task(self.config, self.split, name, train_on, held_out, of_split, scratch)
-                    model, curve = RECIPES[name].fit(task)
+                    model, curve = recipes()[name].fit(task)
                     write_json(folder / f"{name}.curve.json", {"rows": curve})
                     save(StoredModel(model, Purpose.of(self.windows), self.split.train, key), folder, name)
                 fitted.append(place)
@@ -113,7 +114,7 @@ class SplitJob:
             place = uncertainty_place(self.split, name)
             if self.cache.get(place, key) is None:
                 with self.cache.store(place, key) as folder:
-                    fit_uncertainty(train_on, self.config, RECIPES[name], folder / f"{Path(place).name}.npz")
+                    fit_uncertainty(train_on, self.config, recipes()[name], folder / f"{Path(place).name}.npz")
         return fitted
 
 
@@ -122,8 +123,14 @@ def run_jobs(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
     if min(processes, len(jobs)) <= 1:
         yield from map(SplitJob.run, jobs)
         return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(SplitJob.run, jobs)
+    spawn = get_context("spawn")
+    with starting_workers() as (initializer, arguments):
+        pool = ProcessPoolExecutor(processes, mp_context=spawn, initializer=initializer, initargs=arguments)
+        results = pool.map(SplitJob.run, jobs)
+    try:
+        yield from results
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def exports(job: SplitJob) -> list[tuple[str, str]]:
@@ -132,7 +139,7 @@ def exports(job: SplitJob) -> list[tuple[str, str]]:
     return [
         (f"{EXPORTED}/{name}", result_key(export.write, (name, key, uncertainties)))
         for name, key in job.keys.items()
-        if RECIPES[name].can_be_exported
+        if recipes()[name].can_be_exported
     ]
 
 
@@ -154,18 +161,18 @@ def uncertainty_recipes(config: TrainConfig, split: Split) -> list[ModelRecipe]:
     if split.name.startswith("session") or len(split.train) < 2:
         return []
     names = config.models_of(split)
-    return [recipe for recipe in RECIPES.values() if recipe.uncertainty_file and recipe.name in names]
+    return [recipe for recipe in recipes().values() if recipe.uncertainty_file and recipe.name in names]
 
 
 def uncertainty_place(split: Split, name: str) -> str:
     """Where the learned errors of a model are kept: ``<split>/spread``."""
-    return f"{split.name}/{RECIPES[name].uncertainty_file}"
+    return f"{split.name}/{recipes()[name].uncertainty_file}"
 
 
 def deviation_of(out: Path, split: Split, name: str) -> np.ndarray | None:
     """Expected errors of a model in familiar situations, (starts, K, 6), where they were learned."""
-    source = RECIPES[name].uncertainty_from
-    path = out / f"{uncertainty_place(split, source)}.npz" if source in RECIPES else None
+    source = recipes()[name].uncertainty_from
+    path = out / f"{uncertainty_place(split, source)}.npz" if source in recipes() else None
     return np.sqrt(read_npz(path)["variance"]) if path and path.is_file() else None
 
 
@@ -178,8 +185,8 @@ def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> st
     """Hash of a model's windows, settings and code; its held-out windows only shape its curve."""
     jumps = windows.of_jumps(split.train + split.held_out)
     inputs = {
-        "model": {key: value for key, value in vars(RECIPES[name]).items() if key != "colour"},
-        "settings": settings_of(name, config),
+        "models": with_members(name),
+        "settings": shared_settings(config) | {"model_settings": own_settings(name, config)},
         "train": split.train,
         "held_out": split.held_out,
         "windows": {array: getattr(jumps, array) for array in ARRAYS},
@@ -188,14 +195,24 @@ def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> st
     return result_key(fit_task, inputs)
 
 
-def settings_of(name: str, config: TrainConfig) -> dict[str, Any]:
-    """The part of the settings that one model depends on."""
+def with_members(name: str) -> list[ModelRecipe]:
+    """The recipe of a model, and those of the models that its fit reads."""
+    recipe = find_recipe(name, "train.models")
+    return [recipe, *(one for member in recipe.members for one in with_members(member))]
+
+
+def own_settings(name: str, config: TrainConfig) -> dict[str, ModelSettings]:
+    """The settings of their own that a model and its members depend on, by section."""
+    kinds = [recipe.settings for recipe in with_members(name) if recipe.settings]
+    return {kind.section: config.settings(kind) for kind in kinds}
+
+
+def shared_settings(config: TrainConfig) -> dict[str, Any]:
+    """The settings that every model depends on."""
     settings = asdict(config)
-    for place in ("windows", "out", "models", "not_in_sessions", "folds", "sessions", "processes"):
-        settings.pop(place)
-    for section in ("kernel", "networks", "published_recipe"):
-        if not isinstance(getattr(config, section), RECIPES[name].settings):
-            settings.pop(section)
+    others = ("windows", "out", "models", "not_in_sessions", "folds", "sessions", "processes", "model_settings")
+    for name in others:
+        settings.pop(name)
     settings["trainer"].pop("enable_progress_bar", None)
     return settings
 

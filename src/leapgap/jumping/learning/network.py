@@ -1,7 +1,7 @@
 """Residual networks read without torch: h1, G1 in contact and h2 in flight, in NumPy, ensembles in one batch."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from leapgap.jumping.learning.flat_model import OUTPUTS, Part
 from leapgap.jumping.learning.model import Nominal, ResidualModel
-from leapgap.jumping.learning.windows import RolloutInputs
+from leapgap.jumping.learning.windows import RolloutInputs, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, columns, selection
 
 NETWORKS = ("contact/h", "contact/G", "flight/h")
@@ -128,7 +128,7 @@ class NetworkForecast(NetworkModel):
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
         """Roll out without forces."""
-        return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
+        return super().predict(drop_forces(inputs))
 
 
 def flatten_networks(model: NetworkModel, phase: str, scaling: Scaling) -> tuple[Part, ...]:

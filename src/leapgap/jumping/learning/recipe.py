@@ -1,11 +1,11 @@
 """What the pipeline asks of every named model: the base class of recipes, and the task that a recipe fits.
 
-A recipe says how a ``Model`` is fitted, judged, exported and shown. Each kind is a class in a file of its own; its
-variants are instances, listed in ``registry``. Names are keys of files and metrics and are never read for a meaning.
+A recipe says how a ``Model`` is fitted, judged, exported and shown. Each is a class in a file of the package
+``models``; variants are subclasses there. Names are keys of files and metrics and are never read for a meaning.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -16,7 +16,49 @@ from leapgap.jumping.models.rigid_body import RigidBody
 
 LearningCurve = list[list[float | None]]
 """Rows of step, training loss and held-out loss; empty for what is fitted at once."""
-Settings = TypeVar("Settings")
+
+
+@dataclass
+class ModelSettings:
+    """Settings of a kind of models. Subclasses are dataclasses whose fields all have defaults.
+
+    The section ``train.<section>`` of the configuration departs from the defaults; it need not exist.
+    """
+
+    section: ClassVar[str]
+
+
+Settings = TypeVar("Settings", bound=ModelSettings)
+
+
+def settings_in(departures: Mapping[str, ModelSettings], kind: type[Settings]) -> Settings:
+    """The settings of a kind in a mapping by section, or its defaults where the mapping has none."""
+    settings = departures.get(kind.section, kind())
+    assert isinstance(settings, kind)
+    return settings
+
+
+@dataclass
+class Fitting:
+    """How the optimiser moves the weights."""
+
+    steps: int = 120
+    """Full-batch steps of the optimiser."""
+    learning_rate: float = 0.02
+    cosine_decay: bool = True
+    """Whether the learning rate falls to zero along a cosine."""
+    weight_decay: float = 0.1
+    dropout: float = 0.0
+    clip_norm: float = 1.0
+    """Longest gradient; 0: any."""
+    output_penalty: float = 1e-3
+    """Weight of the mean absolute outputs of h and G (paper, loss)."""
+    loss: str = "mean"
+    """Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published."""
+    patience: int = 0
+    """Points of the curve without a smaller error on the stopping jumps until training ends; 0: all steps."""
+    stopping_jumps: int = 0
+    """How many of the training jumps, the last ones, are kept for that; the held-out ones are never asked."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +88,15 @@ class FitTask:
     """The nominal body that residuals correct."""
     curvature: float
     """Curvature of the steps' positions, as in ``rigid_body.advance``."""
-    sections: tuple[object, ...]
-    """The settings of all kinds of models; ``settings`` finds those of one kind."""
+    model_settings: Mapping[str, ModelSettings]
+    """Settings of models by their section, where they are not the defaults; ``settings`` finds those of one kind."""
     run: TrainingRun
     member: Callable[[str], Model]
     """The model of another recipe fitted on the same split before, by name; ``InputError`` where there is none."""
 
     def settings(self, kind: type[Settings]) -> Settings:
-        """The settings that are instances of a dataclass."""
-        return next(section for section in self.sections if isinstance(section, kind))
+        """The settings of one kind of models."""
+        return settings_in(self.model_settings, kind)
 
 
 def configured_inputs(inputs: dict[str, float], uses_phase: bool, uses_feet: bool = True) -> dict[str, float]:
@@ -66,33 +108,36 @@ def configured_inputs(inputs: dict[str, float], uses_phase: bool, uses_feet: boo
     }
 
 
-@dataclass(frozen=True, kw_only=True)
 class ModelRecipe(ABC):
-    """A named model: how it is fitted, judged, exported and shown."""
+    """A named model: how it is fitted, judged, exported and shown.
 
+    To add a model, add a subclass in a file of the package ``models``. A subclass of a concrete recipe is a variant.
+    """
+
+    name: ClassVar[str]
+    """Key of its files and of its figures in the metrics."""
     model: ClassVar[type[Model]]
     """The class of the fitted model, which saves and loads itself."""
-    settings: ClassVar[tuple[type, ...]] = ()
-    """Dataclasses of the settings that its fit reads; other settings do not change it."""
+    settings: ClassVar[type[ModelSettings] | None] = None
+    """Settings of its own that its fit reads; other models' settings do not change it."""
+    members: ClassVar[tuple[str, ...]] = ()
+    """Names of the recipes whose models, fitted on the same split before, its fit reads."""
     is_forecast: ClassVar[bool] = False
     """Whether it is given no feet and forces measured after the first step. Forecasts are judged on held-out jumps
     and never used, so none is fitted on all jumps."""
     can_be_exported: ClassVar[bool] = True
     """Whether it says how forces move the base, which is what a controller asks of an exported model."""
+    colour: ClassVar[str] = "#555555"
+    """In figures, as #rrggbb."""
     label_is_plural: ClassVar[bool] = False
     """Whether sentences about it take a plural verb."""
     shown_by_step: ClassVar[bool] = True
     """Whether the figure of errors by step shows it; large errors would spoil the figure's scale."""
-
-    name: str
-    """Key of its files and of its figures in the metrics."""
-    colour: str = "#555555"
-    """In figures, as #rrggbb."""
-    forecast_name: str | None = None
+    forecast_name: ClassVar[str | None] = None
     """Key of its figures among the forecasts, where its predictions use nothing measured after the first step."""
-    uncertainty_from: str | None = None
+    uncertainty_from: ClassVar[str | None] = None
     """Name of the recipe whose errors on left-out training jumps are expected of this model too."""
-    uncertainty_file: str | None = None
+    uncertainty_file: ClassVar[str | None] = None
     """Stem of the file of those errors, where this recipe is the one whose errors are learned."""
 
     @property

@@ -1,32 +1,44 @@
-"""All named models. A new one is a ``ModelRecipe`` in a file of its own, and its file in the list below."""
+"""All named models: the recipes in the files of the package ``models``, and those that other packages offer."""
 
+from functools import cache
 from pathlib import Path
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import (
-    constant_velocity,
-    ensemble,
-    kernel,
-    nominal,
-    playback,
-    published_recipe,
-    residual_networks,
-)
+from leapgap.jumping.learning import models
 from leapgap.jumping.learning.model import Model
-from leapgap.jumping.learning.recipe import ModelRecipe
+from leapgap.jumping.learning.recipe import ModelRecipe, ModelSettings
+from leapgap.registry import classes_by_name
 
-FILES = (nominal, constant_velocity, playback, kernel, residual_networks, ensemble, published_recipe)
-RECIPES: dict[str, ModelRecipe] = {recipe.name: recipe for file in FILES for recipe in file.RECIPES}
-"""Every model, by the key of its figures."""
+ENTRY_POINTS = "leapgap.learned_models"
+"""Entry-point group under which other packages provide recipes."""
+
+
+@cache
+def recipes() -> dict[str, ModelRecipe]:
+    """The recipe of every model by the model's name, in alphabetical order."""
+    kinds = classes_by_name(models, ModelRecipe, ENTRY_POINTS)  # type: ignore[type-abstract]
+    return {name: kind() for name, kind in kinds.items()}
 
 
 def find_recipe(name: str, where: Path | str) -> ModelRecipe:
     """The recipe of a model's name; ``InputError`` where there is none."""
-    if name not in RECIPES:
-        raise InputError(where, f"a model named {name}", f"some of {', '.join(RECIPES)}", "run stages.train anew")
-    return RECIPES[name]
+    if name not in recipes():
+        raise InputError(where, f"a model named {name}", f"some of {', '.join(recipes())}", "run stages.train anew")
+    return recipes()[name]
+
+
+def settings_by_section() -> dict[str, type[ModelSettings]]:
+    """Classes of the models' settings by their section of the configuration, in alphabetical order."""
+    kinds = {recipe.settings for recipe in recipes().values() if recipe.settings}
+    sections: dict[str, type[ModelSettings]] = {}
+    for kind in sorted(kinds, key=lambda kind: (kind.section, kind.__module__)):
+        if kind.section in sections:
+            where = f"{kind.__module__}.{kind.__qualname__}"
+            raise InputError(where, f"the section {kind.section}", "a section of its own", "choose another")
+        sections[kind.section] = kind
+    return sections
 
 
 def model_class(kind: str) -> type[Model]:
     """The class of a stored model; ``KeyError`` where no recipe fits such models."""
-    return {recipe.model.kind: recipe.model for recipe in RECIPES.values()}[kind]
+    return {recipe.model.kind: recipe.model for recipe in recipes().values()}[kind]

@@ -1,14 +1,17 @@
 """Trained models on disk: ``<model>.npz`` (arrays) beside ``<model>.json`` (settings, and what they were made for)."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import read_json, whole_file, write_json
-from leapgap.errors import InputError
+import numpy as np
+
+from leapgap.atomic_io import whole_file, write_json
 from leapgap.jumping.learning.model import Model
+from leapgap.jumping.learning.model_files import read_model
 from leapgap.jumping.learning.registry import model_class
-from leapgap.jumping.learning.windows import Purpose, read_npz, write_npz
+from leapgap.jumping.learning.windows import Purpose, write_npz
 
 FORMAT_VERSION = 1
 
@@ -44,25 +47,13 @@ def save(stored: StoredModel, folder: Path, name: str) -> None:
 
 def load(folder: Path, name: str) -> StoredModel:
     """Read a model; ``InputError`` where it is absent, broken or of another version."""
-    path = folder / f"{name}.json"
-    about = read_json(path)
-    if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(
-            path, f"format_version {about.get('format_version')}", str(FORMAT_VERSION), "run stages.train anew"
-        )
-    arrays = read_npz(folder / f"{name}.npz")
-    try:
-        settings: dict[str, Any] = about["settings"]
-        return StoredModel(
-            model_class(about["kind"]).from_parts(arrays, settings),
-            Purpose.from_json(about),
-            tuple(about["trained_on"]),
-            about["key"],
-        )
-    except (KeyError, TypeError) as error:
-        raise InputError(
-            path, f"a model that does not fit ({error!r})", "a model of this version", "run stages.train anew"
-        ) from None
+    return read_model(folder, name, FORMAT_VERSION, stored_model)
+
+
+def stored_model(about: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> StoredModel:
+    """The model and its record from the content of its files."""
+    model = model_class(about["kind"]).from_parts(arrays, about["settings"])
+    return StoredModel(model, Purpose.from_json(about), tuple(about["trained_on"]), about["key"])
 
 
 def is_stored(folder: Path, name: str) -> bool:

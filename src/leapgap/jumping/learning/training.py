@@ -17,9 +17,8 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning.initialisation import Fitting
 from leapgap.jumping.learning.network import NetworkModel
-from leapgap.jumping.learning.recipe import LearningCurve, TrainingRun
+from leapgap.jumping.learning.recipe import Fitting, LearningCurve, TrainingRun
 from leapgap.jumping.learning.torch_rollout import Batch, ResidualModule
 from leapgap.jumping.learning.windows import Windows
 

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import norm
 
 from leapgap.atomic_io import whole_file
-from leapgap.jumping.learning.kernel import KernelConfig, KernelModel, KernelPart, gauss
+from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel, KernelPart, gauss
 from leapgap.jumping.learning.splits import hold_out
 from leapgap.jumping.learning.windows import RolloutInputs, Windows, read_npz, write_npz
 from leapgap.jumping.models.affine_model import Situation, columns

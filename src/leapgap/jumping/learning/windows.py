@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -150,6 +150,14 @@ class Windows:
         arrays = {name: getattr(self, name)[mask] for name in ARRAYS}
         arrays["jump"] = np.array([number[int(j)] for j in arrays["jump"]], dtype=int)
         return replace(self, jumps=kept, **arrays)
+
+
+Motion = TypeVar("Motion", RolloutInputs, Windows)
+
+
+def drop_forces(motion: Motion) -> Motion:
+    """The same motion with forces and feet at zero, as a forecast sees it: what acts later is not known to it."""
+    return replace(motion, force=np.zeros_like(motion.force), foot=np.zeros_like(motion.foot))
 
 
 ARRAYS = tuple(field.name for field in fields(Windows) if field.type == np.ndarray)

@@ -188,17 +188,8 @@ class PlanarReader:
         )
 
     def torque_limit(self, joint: str) -> float:
-        """Largest torque of the joint's actuator, N·m; infinite where the model has no limit."""
-        model = self.model
-        actuator = self.robot.joint_actuators[self.robot.joints.index(joint)]
-        limits = [np.inf]
-        if model.actuator_forcelimited[actuator]:
-            limits.append(np.abs(model.actuator_forcerange[actuator] * model.actuator_gear[actuator, 0]).min())
-        drives_by_torque = model.actuator_biastype[actuator] == int(mujoco.mjtBias.mjBIAS_NONE)
-        if model.actuator_ctrllimited[actuator] and drives_by_torque:
-            gain = model.actuator_gainprm[actuator, 0] * model.actuator_gear[actuator, 0]
-            limits.append(np.abs(model.actuator_ctrlrange[actuator] * gain).min())
-        return float(min(limits))
+        """Largest torque of the joint's motor, N·m; infinite where the model has no limit."""
+        return float(self.robot.torque_limits[self.robot.joints.index(joint)])
 
     def joint_range(self, maps: Sequence[JointMap], which: int) -> tuple[float, float]:
         """Range that all thigh (0) or calf (1) joints can reach, in the planner's sign, rad."""

@@ -156,27 +156,18 @@ def sizes(figures: Mapping[str, Any], hardware: str, methods: Sequence[str], tas
 
 def signed_errors(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
     """Error of every jump, one panel for each task."""
-    figure = panels(tasks)
-    for panel, task in enumerate(tasks):
-        for method in reversed(methods):
-            errors = [row["error_cm"] for row in rows if row["task"] == task and row["method"] == method]
-            marker = {"color": colour(method), "size": 8, "opacity": 0.75}
-            add_points(figure, panel, x=errors, y=[label(method)] * len(errors), marker=marker, mode="markers")
-        figure.add_vline(0, row=panel // 4 + 1, col=panel % 4 + 1, line={"color": "#111827", "width": 1})
+    figure = every_jump(rows, methods, tasks, "error_cm")
+    for panel in range(len(tasks)):
+        add_line(figure, panel, 0, {"color": "#111827", "width": 1})
     return style_panels(figure, methods, "error of each jump, cm; positive: short of the target")
 
 
 def pitches(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
     """Pitch of every jump at the scheduled landing, one panel for each task."""
-    figure = panels(tasks)
-    for panel, task in enumerate(tasks):
-        for method in reversed(methods):
-            pitch = [row["pitch_deg"] for row in rows if row["task"] == task and row["method"] == method]
-            marker = {"color": colour(method), "size": 8, "opacity": 0.75}
-            add_points(figure, panel, x=pitch, y=[label(method)] * len(pitch), marker=marker, mode="markers")
+    figure = every_jump(rows, methods, tasks, "pitch_deg")
+    for panel in range(len(tasks)):
         for edge in (-LARGEST_PITCH_DEG, LARGEST_PITCH_DEG):
-            line = {"color": "#e2542f", "width": 1, "dash": "dot"}
-            figure.add_vline(edge, row=panel // 4 + 1, col=panel % 4 + 1, line=line)
+            add_line(figure, panel, edge, {"color": "#e2542f", "width": 1, "dash": "dot"})
     return style_panels(figure, methods, "pitch at the landing, degrees, nose-down")
 
 
@@ -221,6 +212,22 @@ def wrap_title(text: str, width: int = 26) -> str:
     for word in text.split():
         lines = [*lines, word] if len(lines[-1]) + len(word) > width else [*lines[:-1], f"{lines[-1]} {word}".strip()]
     return "<br>".join(lines)
+
+
+def every_jump(rows: Rows, methods: Sequence[str], tasks: Sequence[str], column: str) -> go.Figure:
+    """One value of every jump as a point, by method, one panel for each task."""
+    figure = panels(tasks)
+    for panel, task in enumerate(tasks):
+        for method in reversed(methods):
+            values = [row[column] for row in rows if row["task"] == task and row["method"] == method]
+            marker = {"color": colour(method), "size": 8, "opacity": 0.75}
+            add_points(figure, panel, x=values, y=[label(method)] * len(values), marker=marker, mode="markers")
+    return figure
+
+
+def add_line(figure: go.Figure, panel: int, x: float, line: Mapping[str, Any]) -> None:
+    """Add a vertical line to a panel."""
+    figure.add_vline(x, row=panel // 4 + 1, col=panel % 4 + 1, line=line)
 
 
 def add_points(figure: go.Figure, panel: int, **style: Any) -> None:

@@ -15,7 +15,7 @@ class PlanSource(Enum):
     """Which robot a method's jumps are planned for."""
 
     own = "own"
-    """The nominal robot."""
+    """The robot as its model file describes it, without any correction."""
     published = "published"
     """The planar robot of the published planner."""
     corrected = "corrected"

@@ -50,13 +50,13 @@ def fit_gains(windows: Windows, body: RigidBody, curvature: float = 0.0) -> Nomi
     return Nominal(body, (float(gains[0]), float(gains[1]), float(gains[2])), curvature)
 
 
-@dataclass(frozen=True, kw_only=True)
 class NominalRecipe(ModelRecipe):
     """The rigid body alone, with explicit Euler steps as in the paper."""
 
-    model: ClassVar[type[Model]] = NominalModel
-    shown_by_step: ClassVar[bool] = False
-    body: RigidBody | None = None
+    name = "nominal"
+    model = NominalModel
+    shown_by_step = False
+    body: ClassVar[RigidBody | None] = None
     """The body, where it is not the configured one."""
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
@@ -64,20 +64,21 @@ class NominalRecipe(ModelRecipe):
         return NominalModel(Nominal(self.body or task.body)), []
 
 
-@dataclass(frozen=True, kw_only=True)
+class NominalPublishedRecipe(NominalRecipe):
+    """The rigid body of the published planner."""
+
+    name = "nominal_published"
+    body = PUBLISHED
+
+
 class NominalFittedRecipe(ModelRecipe):
     """The configured body with fitted gains: what the residuals of the learned models are added to."""
 
-    model: ClassVar[type[Model]] = NominalModel
-    shown_by_step: ClassVar[bool] = False
+    name = "nominal_fitted"
+    model = NominalModel
+    colour = "#e2542f"
+    shown_by_step = False
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Fit three gains by least squares."""
         return NominalModel(fit_gains(task.train, task.body, task.curvature)), []
-
-
-RECIPES: tuple[ModelRecipe, ...] = (
-    NominalRecipe(name="nominal"),
-    NominalRecipe(name="nominal_published", body=PUBLISHED),
-    NominalFittedRecipe(name="nominal_fitted", colour="#e2542f"),
-)

@@ -42,16 +42,15 @@ class Playback(Model):
         return cls(arrays["increments"])
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlaybackRecipe(ModelRecipe):
     """Playback looks at nothing measured after the first step and cannot say how forces move the base."""
 
-    model: ClassVar[type[Model]] = Playback
-    can_be_exported: ClassVar[bool] = False
+    name = "playback"
+    model = Playback
+    colour = "#d19a1b"
+    can_be_exported = False
+    forecast_name = "playback"
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Average the training jumps."""
         return Playback.fit(task.train), []
-
-
-RECIPES: tuple[ModelRecipe, ...] = (PlaybackRecipe(name="playback", colour="#d19a1b", forecast_name="playback"),)

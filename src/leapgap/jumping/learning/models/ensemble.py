@@ -6,9 +6,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from leapgap.jumping.learning.flat_model import FlatPhase, average_flat_models
-from leapgap.jumping.learning.initialisation import NetworksConfig
-from leapgap.jumping.learning.kernel import KernelConfig, KernelModel
 from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
+from leapgap.jumping.learning.models.kernel import KernelModel
 from leapgap.jumping.learning.network import NetworkModel
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
 from leapgap.jumping.models.affine_model import AffineModel, Situation
@@ -60,14 +59,14 @@ class ModelEnsemble(ResidualModel):
         return cls(tuple(members))  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True, kw_only=True)
-class EnsembleRecipe(ModelRecipe):
+class BlendRecipe(ModelRecipe):
     """The mean of models that other recipes fitted on the same split before."""
 
-    model: ClassVar[type[Model]] = ModelEnsemble
-    settings: ClassVar[tuple[type, ...]] = (NetworksConfig, KernelConfig)
-    members: tuple[str, ...]
-    """Names of those recipes."""
+    name = "blend"
+    model = ModelEnsemble
+    members = ("networks", "kernel")
+    colour = "#7c3aed"
+    uncertainty_from = "kernel"
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Nothing is fitted anew: the members are read."""
@@ -79,12 +78,10 @@ class EnsembleRecipe(ModelRecipe):
         return ModelEnsemble(tuple(members)), []
 
 
-RECIPES: tuple[ModelRecipe, ...] = (
-    EnsembleRecipe(name="blend", members=("networks", "kernel"), colour="#7c3aed", uncertainty_from="kernel"),
-    EnsembleRecipe(
-        name="blend_no_phase",
-        members=("networks_no_phase", "kernel_no_phase"),
-        colour="#bb9bf3",
-        uncertainty_from="kernel_no_phase",
-    ),
-)
+class BlendWithoutPhaseRecipe(BlendRecipe):
+    """The same for any contact schedule."""
+
+    name = "blend_no_phase"
+    members = ("networks_no_phase", "kernel_no_phase")
+    colour = "#bb9bf3"
+    uncertainty_from = "kernel_no_phase"

@@ -30,19 +30,16 @@ class ConstantVelocity(Model):
         return cls()
 
 
-@dataclass(frozen=True, kw_only=True)
 class ConstantVelocityRecipe(ModelRecipe):
     """Constant velocity needs no training and looks at nothing measured after the first step."""
 
-    model: ClassVar[type[Model]] = ConstantVelocity
-    can_be_exported: ClassVar[bool] = False
-    shown_by_step: ClassVar[bool] = False
+    name = "constant_velocity"
+    model = ConstantVelocity
+    colour = "#8a93a3"
+    can_be_exported = False
+    shown_by_step = False
+    forecast_name = "constant_velocity"
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Return the model, which has nothing to fit."""
         return ConstantVelocity(), []
-
-
-RECIPES: tuple[ModelRecipe, ...] = (
-    ConstantVelocityRecipe(name="constant_velocity", colour="#8a93a3", forecast_name="constant_velocity"),
-)

@@ -7,10 +7,10 @@ import numpy as np
 
 from leapgap.jumping.learning.flat_model import Part
 from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
-from leapgap.jumping.learning.nominal import fit_gains
-from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, configured_inputs
+from leapgap.jumping.learning.models.nominal import fit_gains
+from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, ModelSettings, configured_inputs
 from leapgap.jumping.learning.transitions import Transitions, extract_transitions
-from leapgap.jumping.learning.windows import RolloutInputs, Windows
+from leapgap.jumping.learning.windows import RolloutInputs, Windows, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
 from leapgap.jumping.models.rigid_body import RigidBody
 
@@ -25,9 +25,10 @@ INPUTS = {
 
 
 @dataclass
-class KernelConfig:
+class KernelConfig(ModelSettings):
     """How smooth the kernel model is. Lengths are in weighted standard deviations of the training inputs."""
 
+    section: ClassVar[str] = "kernel"
     inputs: dict[str, float] = field(default_factory=lambda: dict(INPUTS))
     """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
     force_scale: float = 8.0
@@ -145,7 +146,7 @@ class KernelForecast(KernelModel):
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
         """Roll out without forces."""
-        return super().predict(replace(inputs, force=np.zeros_like(inputs.force), foot=np.zeros_like(inputs.foot)))
+        return super().predict(drop_forces(inputs))
 
 
 def fit_forecast(windows: Windows, config: KernelConfig, curvature: float = 0.0) -> KernelForecast:
@@ -185,13 +186,16 @@ def fit_part(steps: Transitions, nominal: Nominal, config: KernelConfig, pushing
     return KernelPart(input_mean, input_scale, force_mean, force_scale, inputs, forces, weights, mean)
 
 
-@dataclass(frozen=True, kw_only=True)
 class KernelRecipe(ModelRecipe):
     """Kernel ridge on the residual of the body with fitted gains."""
 
-    model: ClassVar[type[Model]] = KernelModel
-    settings: ClassVar[tuple[type, ...]] = (KernelConfig,)
-    uses_phase: bool = True
+    name = "kernel"
+    model = KernelModel
+    settings = KernelConfig
+    colour = "#14804a"
+    uncertainty_from = "kernel"
+    uncertainty_file = "spread"
+    uses_phase: ClassVar[bool] = True
     """Whether the phase of the jump stays among the configured inputs."""
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
@@ -201,34 +205,29 @@ class KernelRecipe(ModelRecipe):
         return fit(task.train, fit_gains(task.train, task.body, task.curvature), config), []
 
 
-@dataclass(frozen=True, kw_only=True)
+class KernelWithoutPhaseRecipe(KernelRecipe):
+    """The same for any contact schedule."""
+
+    name = "kernel_no_phase"
+    colour = "#7fc4a0"
+    uncertainty_from = "kernel_no_phase"
+    uncertainty_file = "spread_no_phase"
+    uses_phase = False
+
+
 class KernelForecastRecipe(ModelRecipe):
     """Kernel ridge from the first state and the phase; what acts later is not known to it."""
 
-    model: ClassVar[type[Model]] = KernelForecast
-    settings: ClassVar[tuple[type, ...]] = (KernelConfig,)
-    is_forecast: ClassVar[bool] = True
-    can_be_exported: ClassVar[bool] = False
+    name = "kernel_forecast"
+    model = KernelForecast
+    settings = KernelConfig
+    colour = "#b5dec7"
+    is_forecast = True
+    can_be_exported = False
+    forecast_name = "kernel"
+    uncertainty_from = "kernel_forecast"
+    uncertainty_file = "spread_forecast"
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Fit without feet and forces among the inputs."""
         return fit_forecast(task.train, task.settings(KernelConfig), task.curvature), []
-
-
-RECIPES: tuple[ModelRecipe, ...] = (
-    KernelRecipe(name="kernel", colour="#14804a", uncertainty_from="kernel", uncertainty_file="spread"),
-    KernelRecipe(
-        name="kernel_no_phase",
-        uses_phase=False,
-        colour="#7fc4a0",
-        uncertainty_from="kernel_no_phase",
-        uncertainty_file="spread_no_phase",
-    ),
-    KernelForecastRecipe(
-        name="kernel_forecast",
-        colour="#b5dec7",
-        forecast_name="kernel",
-        uncertainty_from="kernel_forecast",
-        uncertainty_file="spread_forecast",
-    ),
-)

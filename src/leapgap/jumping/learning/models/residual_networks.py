@@ -1,0 +1,133 @@
+"""Our residual networks: small, normalised, an ensemble, trained by gradient descent."""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from leapgap.jumping.learning.initialisation import fit_scaling
+from leapgap.jumping.learning.model import Model, Nominal
+from leapgap.jumping.learning.models.nominal import fit_gains
+from leapgap.jumping.learning.network import NetworkForecast, NetworkModel, random_mlp
+from leapgap.jumping.learning.recipe import (
+    FitTask,
+    Fitting,
+    LearningCurve,
+    ModelRecipe,
+    ModelSettings,
+    configured_inputs,
+)
+from leapgap.jumping.learning.transitions import extract_transitions
+from leapgap.jumping.learning.windows import Windows, drop_forces
+from leapgap.jumping.models.affine_model import check_names
+from leapgap.jumping.models.rigid_body import RigidBody
+
+INPUTS = {
+    **{"z": 0.15, "pitch": 0.15, "vx": 0.15, "vz": 0.15, "pitch_rate": 1.0},
+    **{"front_foot_x": 0.5, "front_foot_z": 0.5, "rear_foot_x": 0.5, "rear_foot_z": 0.5, "phase": 8.0},
+}
+"""Of the networks, chosen by cross-validation over jumps of one contact schedule."""
+
+
+@dataclass
+class NetworksConfig(ModelSettings):
+    """Small normalised networks with better inputs; an ensemble."""
+
+    section: ClassVar[str] = "networks"
+
+    inputs: dict[str, float] = field(default_factory=lambda: dict(INPUTS))
+    """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
+    hidden: list[int] = field(default_factory=lambda: [128])
+    """Units of each hidden layer of h1, G1 and h2."""
+    seeds: int = 3
+    """Members of the ensemble."""
+    force_scale: float = 5.0
+    """Standard deviations of a force that count like one of an input."""
+    output_gain: float = 0.1
+    bias_spread: float = 2.5
+    fitting: Fitting = field(default_factory=Fitting)
+
+
+def initial_networks(
+    windows: Windows, nominal: Nominal, config: NetworksConfig, random: np.random.Generator
+) -> NetworkModel:
+    """Our networks before training: inputs and outputs scaled by the spread of the training steps."""
+    names = tuple(config.inputs)
+    check_names(names, "train.networks.inputs")
+    steps = extract_transitions(windows)
+    weight = np.array(list(config.inputs.values()))
+    contact = fit_scaling(steps.at(steps.contact), names, weight, nominal, config.force_scale)
+    flight = fit_scaling(steps.at(~steps.contact), names, weight, nominal, config.force_scale)
+    outputs = {"contact/h": 3, "contact/G": 12, "flight/h": 3}
+    found = {
+        name: random_mlp(
+            [len(names), *config.hidden, size], config.seeds, config.output_gain, config.bias_spread, random
+        )
+        for name, size in outputs.items()
+    }
+    return NetworkModel(nominal, names, contact, flight, found)
+
+
+class NetworksRecipe(ModelRecipe):
+    """Networks for the residual of the body with fitted gains."""
+
+    name = "networks"
+    model = NetworkModel
+    settings = NetworksConfig
+    colour = "#2563c9"
+    label_is_plural = True
+    uncertainty_from = "kernel"
+    uses_phase: ClassVar[bool] = True
+    """Whether the phase of the jump stays among the configured inputs."""
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Train from random weights."""
+        config = task.settings(NetworksConfig)
+        config = replace(config, inputs=configured_inputs(config.inputs, self.uses_phase))
+        nominal = fit_gains(task.train, task.body, task.curvature)
+        start = initial_networks(task.train, nominal, config, np.random.default_rng(task.run.seed))
+        return train_networks(start, task, config.fitting)
+
+
+class NetworksWithoutPhaseRecipe(NetworksRecipe):
+    """The same for any contact schedule."""
+
+    name = "networks_no_phase"
+    colour = "#7ba7ea"
+    uncertainty_from = "kernel_no_phase"
+    uses_phase = False
+
+
+class NetworksForecastRecipe(ModelRecipe):
+    """Networks for whole accelerations from state and phase, with no nominal body under them.
+
+    What acts later is not known to a forecast, so feet are no inputs and forces are zero.
+    """
+
+    name = "networks_forecast"
+    model = NetworkForecast
+    settings = NetworksConfig
+    colour = "#b3cdf3"
+    label_is_plural = True
+    is_forecast = True
+    can_be_exported = False
+    forecast_name = "networks"
+    uncertainty_from = "kernel_forecast"
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Train on the same motion as if nothing pushed."""
+        config = task.settings(NetworksConfig)
+        config = replace(config, inputs=configured_inputs(config.inputs, uses_phase=True, uses_feet=False))
+        blind = replace(task, train=drop_forces(task.train), held_out=drop_forces(task.held_out))
+        nothing = Nominal(RigidBody(mass_kg=np.inf, pitch_inertia_kgm2=np.inf), curvature=task.curvature)
+        start = initial_networks(blind.train, nothing, config, np.random.default_rng(task.run.seed))
+        model, curve = train_networks(start, blind, config.fitting)
+        return NetworkForecast(**vars(model)), curve
+
+
+def train_networks(start: NetworkModel, task: FitTask, fitting: Fitting) -> tuple[NetworkModel, LearningCurve]:
+    """Move the weights of ``start``; torch and Lightning take seconds to import, so they are imported here."""
+    from leapgap.jumping.learning import training
+
+    held_out = task.held_out if len(task.held_out) else None
+    return training.fit(start, task.train, held_out, fitting, task.run)

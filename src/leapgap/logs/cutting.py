@@ -1,0 +1,41 @@
+"""One long log cut into several, so that a cause can be judged on parts that it was not fitted on."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from leapgap.logs.log import Log
+from leapgap.logs.segments import Segment
+
+PARTS = 8
+"""Number of parts that a single log is cut into."""
+SHORTEST_S = 0.5
+"""A log is cut into fewer parts if they would be shorter than this."""
+
+
+def at_least_two(logs: Sequence[Log]) -> list[Log]:
+    """The logs; a single one is cut into parts, if it is long enough for two."""
+    if len(logs) != 1:
+        return list(logs)
+    (log,) = logs
+    parts = min(PARTS, int(float(log.time[-1]) / SHORTEST_S))
+    return cut(log, parts) if parts >= 2 else [log]
+
+
+def cut(log: Log, parts: int) -> list[Log]:
+    """Equal parts of a log, each with a time that begins at 0; named by the log and a number."""
+    rows = len(log) // parts
+    found = []
+    for k in range(parts):
+        begin, end = k * rows, (k + 1) * rows if k < parts - 1 else len(log)
+        columns = {name: values[begin:end] for name, values in log.columns.items()}
+        start, stop = float(log.time[begin]), float(log.time[end - 1])
+        columns["time"] = columns["time"] - start
+        segments = tuple(within(segment, start, stop) for segment in log.info.stated_segments)
+        info = replace(log.info, stated_segments=tuple(one for one in segments if one.end_s > one.begin_s))
+        found.append(Log(f"{log.name}_{k + 1}", columns, info))
+    return found
+
+
+def within(segment: Segment, start_s: float, stop_s: float) -> Segment:
+    """What of a segment lies between two times, by the time since the first of them."""
+    return Segment(segment.name, max(segment.begin_s, start_s) - start_s, min(segment.end_s, stop_s) - start_s)

@@ -1,0 +1,371 @@
+"""Output folders: which may be written into, who is writing, and what of them may be removed.
+
+A folder is taken only if it does not exist, is empty, or carries our marker: the file ``.leapgap.json``, which names
+the command that wrote the folder and every file that it wrote. Only files on that list are ever removed. The marker
+holds no time and no name of a machine, so that the same input gives the same bytes.
+"""
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from leapgap.atomic_io import TEMPORARY, is_partial, partial, write_json
+from leapgap.errors import InputError
+
+try:
+    import fcntl
+except ImportError:  # Windows: two runs into one folder are not kept apart there
+    fcntl = None  # type: ignore[assignment]
+
+MARKER = ".leapgap.json"
+MARKED = "leapgap_output"
+"""Key of a marker by which it is recognised."""
+FORMAT_VERSION = 1
+REPLACED = ".replaced.partial"
+"""End of the name of an earlier output while it is being replaced."""
+NAMES_SHOWN = 5
+AS_IT_WAS = "is as it was"
+ABSENT_EMPTY_OR_OURS = "a folder that does not exist, is empty, or was written by the same command"
+
+
+@dataclass(frozen=True)
+class Marker:
+    """What the marker of a folder says."""
+
+    by: str
+    """Command that wrote the folder, such as ``stages.chunk``."""
+    files: tuple[str, ...]
+    """Every file that it wrote, relative to the folder, with ``/``; without the marker itself."""
+
+    @staticmethod
+    def read(folder: Path) -> "Marker | None":
+        """The marker of a folder; None where there is none that we wrote."""
+        path = folder / MARKER
+        if path.is_symlink() or not path.is_file():
+            return None
+        try:
+            value = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        if not isinstance(value, Mapping) or value.get(MARKED) != FORMAT_VERSION:
+            return None
+        by, files = value.get("by"), value.get("files")
+        if not isinstance(by, str) or not isinstance(files, list) or not all(is_inside(name) for name in files):
+            return None
+        return Marker(by, tuple(files))
+
+    def write(self, folder: Path) -> None:
+        """Write the marker into a folder."""
+        write_json(
+            folder / MARKER,
+            {MARKED: FORMAT_VERSION, "by": self.by, "version": package_version(), "files": list(self.files)},
+        )
+
+
+def is_inside(name: Any) -> bool:
+    """Whether a value is a relative path that does not lead out of its folder."""
+    return isinstance(name, str) and name != "" and not Path(name).is_absolute() and ".." not in Path(name).parts
+
+
+def package_version() -> str:
+    """Version of the installed package."""
+    try:
+        return version("leapgap")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def files_in(folder: Path) -> list[str]:
+    """All files below a folder but its marker, relative to it, and its empty folders, with a final ``/``.
+
+    Links are files and are not followed.
+    """
+    found = []
+    for top, folders, names in os.walk(folder):
+        place = Path(top).relative_to(folder)
+        links = [name for name in folders if (Path(top) / name).is_symlink()]
+        found += [(place / name).as_posix() for name in [*names, *links]]
+        if not folders and not names and Path(top) != folder:
+            found.append(f"{place.as_posix()}/")
+    return sorted(name for name in found if name != MARKER)
+
+
+def check_output(folder: Path, by: str, inputs: Iterable[Path | str | None] = (), kept: bool = False) -> Path:
+    """The absolute path of an output folder that may be written; ``InputError`` for any other.
+
+    ``inputs`` are what the command reads, None where it does not. ``kept``: the command adds to the folder and keeps
+    foreign files in it; otherwise it replaces the whole folder, and foreign files in it are refused.
+    """
+    path = real_path(folder)
+    for one in inputs:
+        if one is not None:
+            check_apart(path, Path(one))
+    if not os.path.lexists(path):
+        check_parents(path)
+        return path
+    if not path.is_dir():
+        raise refusal(path, "no folder", "choose another output folder")
+    check_contents(path, by, kept)
+    return path
+
+
+def real_path(folder: Path) -> Path:
+    """The absolute path of an output folder; one that is itself a link is an ``InputError``."""
+    if folder.is_symlink():
+        raise refusal(folder, f"a link to {folder.readlink()}", "name the folder itself, or another one")
+    return folder.resolve()
+
+
+def check_parents(path: Path) -> None:
+    """Refuse a folder that would lie in a file."""
+    parent = next(one for one in path.parents if os.path.lexists(one))
+    if not parent.is_dir():
+        raise refusal(path, f"{parent}, which is no folder, above it", "choose another output folder")
+
+
+def check_apart(output: Path, source: Path) -> None:
+    """Refuse an output that is an input, lies in one, or has one in it."""
+    out, read = output.resolve(), source.resolve()
+    do = "choose an output folder that lies apart from what is read"
+    if out == read or out in read.parents:
+        raise InputError(output, f"the input {source} in it", "an output apart from all inputs", do)
+    if read in out.parents:
+        raise InputError(output, f"an output inside the input {source}", "an output apart from all inputs", do)
+
+
+def check_contents(path: Path, by: str, kept: bool) -> None:
+    """Refuse a folder with files that the command did not write."""
+    names = sorted(entry.name for entry in path.iterdir())
+    if all(is_partial(name) for name in names):
+        return
+    marker = Marker.read(path)
+    if marker is None:
+        if kept and "DVC_STAGE" in os.environ:
+            return  # a declared output that DVC keeps, of a version without markers: the cache knows its own files
+        do = "choose another output folder; if an older leapgap wrote this one, remove it yourself"
+        raise refusal(path, f"{shown(names)} in it, which leapgap did not write there", do)
+    if marker.by != by:
+        do = "choose another output folder, or remove this one yourself"
+        raise refusal(path, f"a folder that {marker.by} wrote", do)
+    foreign = [] if kept else foreign_files(path, marker)
+    if foreign:
+        do = "move them elsewhere, or choose another output folder"
+        raise refusal(path, f"{shown(foreign)} in it, which leapgap did not write there", do)
+
+
+def foreign_files(path: Path, marker: Marker) -> list[str]:
+    """Files below a folder that its marker does not list, without those of killed runs."""
+    known = set(marker.files)
+    return [name for name in files_in(path) if name not in known and not is_partial(Path(name).name)]
+
+
+def refusal(path: Path, found: str, do: str) -> InputError:
+    """The refusal of an output folder."""
+    return InputError(path, found, ABSENT_EMPTY_OR_OURS, do)
+
+
+def shown(names: list[str]) -> str:
+    """The first of some names, and how many more there are."""
+    more = len(names) - NAMES_SHOWN
+    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+@contextmanager
+def whole_folder(folder: Path, by: str) -> Iterator[Path]:
+    """Yield an empty folder that takes the place of ``folder`` when the block ends without an error.
+
+    The folder is checked before the block and again before it is replaced; until then it stays as it was.
+    """
+    path = check_output(folder, by)
+    STATES.setdefault(path, AS_IT_WAS)
+    with folder_lock(path), staging_folder(path, by) as beside:
+        yield beside
+        Marker(by, tuple(files_in(beside))).write(beside)
+        if os.path.lexists(path):
+            check_output(path, by)
+            replace_folder(path, beside)
+        else:
+            beside.rename(path)
+        STATES[path] = "is complete"
+
+
+@contextmanager
+def staging_folder(path: Path, by: str) -> Iterator[Path]:
+    """Yield a new marked folder beside a locked one, which is removed at the end if it is still there."""
+    restore(path)
+    beside = partial(path)
+    TEMPORARY.add(beside)
+    try:
+        beside.mkdir()
+        Marker(by, ()).write(beside)
+        yield beside
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+        TEMPORARY.discard(beside)
+
+
+def replace_folder(path: Path, new: Path) -> None:
+    """Put a folder in the place of an earlier output, and remove the files that its marker lists."""
+    old = path.with_name(new.name.removesuffix(".partial") + REPLACED)
+    path.rename(old)
+    new.rename(path)
+    remove_listed(old)
+
+
+def remove_listed(folder: Path) -> None:
+    """Remove the files that the marker of a folder lists, files of killed runs, and what is empty then."""
+    marker = Marker.read(folder)
+    listed = () if marker is None else marker.files
+    partials = [name for name in files_in(folder) if is_partial(Path(name).name)]
+    for name in (*listed, *partials, MARKER):
+        if not name.endswith("/"):
+            (folder / name).unlink(missing_ok=True)
+    for top in sorted((Path(top) for top, _, _ in os.walk(folder)), reverse=True):
+        if not any(top.iterdir()):
+            top.rmdir()
+
+
+def restore(path: Path) -> None:
+    """Clear what a killed run left beside a locked folder, and put an earlier output back that it had moved away."""
+    if not path.parent.is_dir():
+        return
+    left = [one for one in path.parent.iterdir() if is_partial(one.name, path.name) and one.is_dir()]
+    for one in left:
+        if Marker.read(one) is None:
+            continue
+        if not one.name.endswith(REPLACED):
+            shutil.rmtree(one)
+        elif not os.path.lexists(path):
+            one.rename(path)
+        else:
+            remove_listed(one)
+
+
+@contextmanager
+def merged_folder(folder: Path, by: str) -> Iterator[Path]:
+    """Yield an empty folder whose files are moved into ``folder`` when the block ends without an error.
+
+    Foreign files in ``folder`` stay. One that has the name of a file to be written is an ``InputError``, and nothing is
+    moved then.
+    """
+    path = real_path(folder)
+    check_parents(path)
+    with folder_lock(path), staging_folder(path, by) as beside:
+        yield beside
+        marker = Marker.read(path)
+        if marker is not None and marker.by != by:
+            raise refusal(path, f"a folder that {marker.by} wrote", "choose another output folder")
+        new, known = files_in(beside), set() if marker is None else set(marker.files)
+        foreign = [name for name in new if name not in known and os.path.lexists(path / name)]
+        if foreign:
+            found = f"{shown(foreign)} in it, which leapgap did not write there"
+            raise refusal(path, found, "move them elsewhere, or choose another output folder")
+        path.mkdir(exist_ok=True)
+        Marker(by, tuple(sorted({*known, *new}))).write(path)
+        for name in new:
+            (path / name).parent.mkdir(parents=True, exist_ok=True)
+            (beside / name).replace(path / name)
+
+
+def claim_folder(folder: Path, by: str) -> Path:
+    """Take a folder that a command adds to, and mark it; what earlier runs finished in it stays.
+
+    The marker lists nothing: the records of the cache in it do (``cache.ResultCache``). The folder must be locked.
+    """
+    path = check_output(folder, by, kept=True)
+    path.mkdir(parents=True, exist_ok=True)
+    for name in files_in(path):
+        if is_partial(Path(name).name):
+            (path / name).unlink()
+    if Marker.read(path) is None:
+        Marker(by, ()).write(path)
+    STATES[path] = "keeps what is finished: run again to go on"
+    return path
+
+
+STATES: dict[Path, str] = {}
+"""What became of each output folder of this run, in words, for a message when it ends early."""
+
+
+def what_is_kept() -> str:
+    """The states of all output folders of this run, as one text."""
+    return "; ".join(f"{path} {state}" for path, state in STATES.items()) or "nothing was written"
+
+
+def system_error(error: OSError) -> InputError:
+    """An error of the operating system (disk full, folder not writable) as a message that says what was kept."""
+    reason = error.strerror or " ".join(str(error).split())
+    places = ", ".join(str(path) for path in STATES) or "the command"
+    where = error.filename if isinstance(error.filename, str | Path) else places
+    do = f"free space, or choose a folder that you may write to; {what_is_kept()}"
+    return InputError(where, reason, "files that can be read and written", do)
+
+
+LOCKS: dict[Path, int] = {}
+"""How many blocks of this process hold the lock of a folder."""
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Hold a folder for this process; ``InputError`` says who holds it where another one does.
+
+    The lock is one of the file ``.<name>.lock`` beside the folder, which the operating system frees when its process
+    ends. Blocks of one process may hold the same folder inside each other.
+    """
+    path = real_path(folder)
+    if path in LOCKS:
+        LOCKS[path] += 1
+        try:
+            yield
+        finally:
+            LOCKS[path] -= 1
+        return
+    beside = path.with_name(f".{path.name}.lock")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = locked_file(beside, path)
+    except OSError as error:
+        found = f"a place where nothing can be written ({error.strerror})"
+        raise refusal(folder, found, "choose another output folder") from None
+    LOCKS[path] = 1
+    TEMPORARY.add(beside)
+    try:
+        yield
+    finally:
+        del LOCKS[path]
+        TEMPORARY.discard(beside)
+        beside.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def locked_file(beside: Path, path: Path) -> int:
+    """Descriptor of a lock file that is locked by this process."""
+    while True:
+        descriptor = os.open(beside, os.O_RDWR | os.O_CREAT, 0o644)
+        if fcntl is not None:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                holder = os.read(descriptor, 1000).decode(errors="replace").strip()
+                os.close(descriptor)
+                raise InputError(
+                    path,
+                    f"another run that writes here: {holder or 'it did not say which'}",
+                    "one run at a time",
+                    "wait for it, or choose another output folder",
+                ) from None
+        if beside.exists() and os.path.samestat(os.fstat(descriptor), beside.stat()):
+            break
+        os.close(descriptor)  # the run that held it has just ended and removed it
+    now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S")
+    os.ftruncate(descriptor, 0)
+    os.pwrite(descriptor, f"process {os.getpid()} ({Path(sys.argv[0]).name}), since {now} UTC\n".encode(), 0)
+    return descriptor

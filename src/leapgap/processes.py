@@ -1,0 +1,126 @@
+"""Processes that end in time: workers together with the process that started them, and a command on Ctrl-C."""
+
+import contextlib
+import ctypes
+import os
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from leapgap.atomic_io import TEMPORARY
+
+POLL_S = 1.0
+"""Time between two looks of a worker at its parent."""
+WAIT_S = 0.5
+"""Time that the main thread has after Ctrl-C to end its process itself."""
+STOPPED = 130
+"""Exit code of a command that Ctrl-C ended."""
+TRACKER_ADVICE = "ignore:resource_tracker"
+"""Filter of the warning with which Python's own helper clears semaphores of workers that were ended."""
+SET_DEATH_SIGNAL = 1
+"""``PR_SET_PDEATHSIG`` of ``prctl``."""
+
+
+@contextmanager
+def starting_workers() -> Iterator[tuple[Callable[..., None], tuple[int, bool]]]:
+    """Start worker processes in this block, with the initialiser and its arguments that it yields.
+
+    Workers inherit that Ctrl-C is blocked, so that they print nothing before their initialiser has run.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    filters = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (filters, TRACKER_ADVICE)))
+    try:
+        yield end_with_parent, (os.getpid(), is_main)
+    finally:
+        if filters is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = filters
+        if blocked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+def end_with_parent(parent: int, by_main_thread: bool = True) -> None:
+    """Initialise a worker: it ends when its parent does, and leaves Ctrl-C to it.
+
+    On Linux the kernel kills it when the thread ends that started it, so only one that lives as long as its process may
+    (``by_main_thread``). Everywhere a thread of the worker looks at its parent once a second.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux" and by_main_thread:
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(SET_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(STOPPED)
+    threading.Thread(target=watch_parent, args=(parent,), daemon=True).start()
+
+
+def watch_parent(parent: int) -> None:
+    """End this process when its parent is another one than at its start."""
+    while os.getppid() == parent:
+        time.sleep(POLL_S)
+    os._exit(STOPPED)
+
+
+def end_workers() -> None:
+    """End the processes that this one has started, where they can be listed; the tracker of shared memory stays."""
+    for listed in Path("/proc/self/task").glob("*/children"):
+        for pid in map(int, listed.read_text().split()):
+            with contextlib.suppress(OSError):
+                if b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    os.kill(pid, signal.SIGKILL)
+
+
+class InterruptGuard:
+    """Ends this process on Ctrl-C, with its workers, and says so in one line.
+
+    No exception is raised: libraries catch ``KeyboardInterrupt`` for reasons of their own, print tracebacks or wait for
+    their workers. What is temporary is removed here instead. A thread does this where the main one is in a computation.
+    """
+
+    def __init__(self, line: Callable[[], str]) -> None:
+        """``line`` returns what is printed."""
+        self.line = line
+        self._ended = threading.Lock()
+
+    def install(self) -> None:
+        """Handle Ctrl-C from now on, unless this process ignores it (as one in the background of a script does)."""
+        if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+            return
+        heard, told = os.pipe()
+        os.set_blocking(told, False)
+        signal.set_wakeup_fd(told, warn_on_full_buffer=False)
+        signal.signal(signal.SIGINT, lambda *_: self.end())
+        threading.Thread(target=self._watch, args=(heard,), daemon=True).start()
+
+    def end(self) -> None:
+        """End the workers, remove what is temporary, print the line, and end this process."""
+        if not self._ended.acquire(blocking=False):
+            return  # another thread is at it
+        line = self.line()
+        end_workers()
+        with contextlib.suppress(OSError, ValueError, RuntimeError):  # of one who prints at this moment
+            sys.stdout.flush()
+        for path in list(TEMPORARY):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                with contextlib.suppress(OSError):
+                    path.unlink()
+        with contextlib.suppress(OSError):
+            os.write(2, f"{line}\n".encode())
+        os._exit(STOPPED)
+
+    def _watch(self, heard: int) -> None:
+        """Wait for Ctrl-C, which the interpreter tells here even where its main thread is in a computation."""
+        while signal.SIGINT not in os.read(heard, 64):
+            pass
+        time.sleep(WAIT_S)
+        self.end()

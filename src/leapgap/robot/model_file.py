@@ -1,0 +1,141 @@
+"""Reading a robot's model file, MJCF or URDF, into MuJoCo's specification, which is then edited and compiled."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.robot.urdf import is_urdf, readable_urdf
+
+FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+POSE, TWIST = 7, 6
+"""Numbers of a free joint in ``qpos`` and in ``qvel``."""
+
+
+def read_spec(path: Path, fix_base: bool | None) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+    """Specification of a model file, and notes on what of the file is left out; ``InputError`` where it is invalid.
+
+    ``fix_base`` holds a floating robot at the pose of its model file. False gives a robot of a URDF a free base; None
+    leaves the base as the file has it.
+    """
+    if not path.is_file():
+        raise InputError(path, "no such file", "a MuJoCo model (XML) or a URDF", "name the robot's model file")
+    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        if is_urdf(text):
+            readable, notes = readable_urdf(text, path)
+            spec = mujoco.MjSpec.from_string(readable)
+        else:
+            spec, notes = mujoco.MjSpec.from_file(str(path)), ()
+    except ValueError as error:
+        raise invalid(path, error) from None
+    notes = (*notes, *drop_missing_meshes(spec, path))
+    if fix_base:
+        hold_base(spec)
+    elif fix_base is False and is_urdf(text):
+        free_base(spec)
+    return spec, notes
+
+
+def compile_spec(spec: mujoco.MjSpec, where: object) -> mujoco.MjModel:
+    """The compiled model; ``InputError`` where MuJoCo refuses it."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise invalid(where, error) from None
+
+
+def invalid(where: object, error: Exception) -> InputError:
+    """The refusal of a model file that MuJoCo cannot read or compile."""
+    said = " ".join(str(error).split())
+    return InputError(where, f"no valid MuJoCo model ({said})", "a model that compiles", "repair it")
+
+
+def asset_file(spec: mujoco.MjSpec, folder: str, file: str) -> Path:
+    """Path of an asset (``meshdir`` or ``texturedir`` as ``folder``) as MuJoCo looks it up."""
+    name = Path(file).name if spec.strippath else file
+    return Path(spec.modelfiledir or ".") / (folder or "") / name
+
+
+def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
+    """Remove visual geoms whose mesh files are not there, with a note.
+
+    ``InputError`` for a missing mesh that collides, or from which MuJoCo would compute the mass of a body.
+    """
+    missing = {
+        mesh.name: mesh.file
+        for mesh in spec.meshes
+        if mesh.file and not asset_file(spec, spec.meshdir, mesh.file).is_file()
+    }
+    if not missing:
+        return ()
+    for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
+        if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
+            body = geom.parent.name
+            found = f"no file {missing[geom.meshname]}, of a mesh that collides or gives the body {body} its mass"
+            raise InputError(where, found, "the files of such meshes", "put them beside the model file")
+        spec.delete(geom)
+    for mesh in [mesh for mesh in spec.meshes if mesh.name in missing]:
+        spec.delete(mesh)
+    return (f"{len(missing)} visual meshes are left out, since their files are missing: {listed(missing.values())}",)
+
+
+def listed(names: Iterable[str], most: int = 3) -> str:
+    """The first few of some names, and how many more there are."""
+    every = list(names)
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return ", ".join(every[:most]) + more
+
+
+def hold_base(spec: mujoco.MjSpec) -> None:
+    """Remove the free joint, so that the base is held at the pose of the model file; keyframes lose its numbers."""
+    joints = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    if not joints:
+        return
+    before = sum(size(joint)[0] for joint in spec.joints[: index(spec, joints[0])])
+    speeds = sum(size(joint)[1] for joint in spec.joints[: index(spec, joints[0])])
+    for key in spec.keys:
+        if len(key.qpos):
+            key.qpos = np.delete(np.array(key.qpos), slice(before, before + POSE))
+        if len(key.qvel):
+            key.qvel = np.delete(np.array(key.qvel), slice(speeds, speeds + TWIST))
+    base = joints[0].parent
+    spec.delete(joints[0])
+    exclude_neighbours(spec, base)
+
+
+def exclude_neighbours(spec: mujoco.MjSpec, base: mujoco.MjsBody) -> None:
+    """Forbid contacts of a held base with the links at it.
+
+    MuJoCo forbids those of a body with its parent, unless the parent does not move: links may touch the world.
+    """
+    held, links = [base], list[mujoco.MjsBody]()
+    for body in held:  # grows: bodies without a joint are held with the base
+        for child in body.bodies:
+            (links if child.joints else held).append(child)
+    for number, body in enumerate([*held, *links]):
+        body.name = body.name or f"held_{number}"
+    for body in held:
+        for link in links:
+            spec.add_exclude(bodyname1=body.name, bodyname2=link.name)
+
+
+def index(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> int:
+    """Number of a joint in a specification."""
+    return next(i for i, other in enumerate(spec.joints) if other is joint or other.id == joint.id)
+
+
+def size(joint: mujoco.MjsJoint) -> tuple[int, int]:
+    """Numbers of a joint in ``qpos`` and in ``qvel``."""
+    if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+        return POSE, TWIST
+    return (4, 3) if joint.type == mujoco.mjtJoint.mjJNT_BALL else (1, 1)
+
+
+def free_base(spec: mujoco.MjSpec) -> None:
+    """Give the one root body that has joints below it, and none of its own, a free joint."""
+    roots = [body for body in spec.worldbody.bodies if not body.joints]
+    if len(roots) == 1:
+        roots[0].add_freejoint()

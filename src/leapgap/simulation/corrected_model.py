@@ -1,0 +1,85 @@
+"""A corrected robot as one MuJoCo model with the actuators of its makers, for simulators that know no effects of ours.
+
+Masses, joints, contacts, geometry and motors are written into the model. What acts on the commands before they reach
+the model, on measurements or on the clock cannot be: those effects are named as left out.
+"""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect
+from leapgap.effects.drive import Drive, resistance_of
+from leapgap.robot import actuators
+from leapgap.robot.feet import name_contacts
+from leapgap.robot.model import Robot
+
+OUTSIDE = ("change_period", "change_rows", "change_commands", "change_measured", "true_start")
+"""Methods of an effect through which it acts outside the model."""
+ACTUATORS = ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange", "actuator_ctrlrange")
+"""Fields of a model that motors are changed by, which effects do through their drive."""
+
+
+def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.MjSpec, tuple[Effect, ...]]:
+    """The robot's model with the effects in it, and the effects that no model can hold."""
+    spec = robot.published_spec() if robot.states_actuators else robot.spec()
+    actuators.move_to_joints(spec, robot.actuators)
+    name_contacts(spec, robot.names.feet if robot.names else ())
+    left_out = []
+    for effect in correction:
+        changed = spec.copy()
+        held = apply(effect, changed, robot)
+        spec = changed if held else spec
+        if not held or acts_outside(effect):
+            left_out.append(effect)
+    drive = Drive.ideal(len(robot.joints))
+    for effect in correction:
+        drive = effect.change_drive(drive, robot)
+    put_drive(drive, spec, robot)
+    if spec.option.density > 0:
+        spec.option.integrator = mujoco.mjtIntegrator(robot.model.opt.integrator)  # they integrate drag differently
+    return spec, tuple(left_out)
+
+
+def acts_outside(effect: Effect) -> bool:
+    """Whether an effect changes commands, measurements or the clock."""
+    return any(getattr(type(effect), method) is not getattr(Effect, method) for method in OUTSIDE)
+
+
+def apply(effect: Effect, spec: mujoco.MjSpec, robot: Robot) -> bool:
+    """Put what an effect changes of the model, its motors aside, into the specification; False where it cannot hold it.
+
+    The effect changes a compiled model as in a replay, and MuJoCo writes the changed values back.
+    """
+    if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
+        effect.change_spec(spec, robot)
+    model = spec.compile()
+    makers = [getattr(model, name).copy() for name in ACTUATORS]
+    effect.change_model(model, robot)
+    if any(not np.array_equal(own, getattr(model, name)) for own, name in zip(makers, ACTUATORS, strict=True)):
+        return False  # it means our actuators, and these are the makers'
+    try:
+        spec.copy_back(model)
+    except ValueError:
+        return False
+    for geom in spec.geoms:  # MuJoCo does not write these back
+        geom.priority, geom.condim = int(model.geom_priority[geom.id]), int(model.geom_condim[geom.id])
+        if geom.fluid_ellipsoid:
+            geom.fluid_coefs = model.geom_fluid[geom.id, 1:6]
+    return True
+
+
+def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Put motors into the specification: a gain scales its actuators, a limit of voltage or a lag needs DC motors."""
+    resistance = resistance_of(robot)
+    voltage = np.where(np.isfinite(drive.voltage_v), drive.voltage_v, 0.0)
+    for i, motor in enumerate(robot.actuators):
+        if not motor.driven:
+            continue
+        gain = float(drive.gain[i])
+        if gain != 1:
+            actuators.scale_joint(spec, motor.joint, gain)
+        if drive.electric[i]:
+            winding = actuators.Winding(resistance, float(voltage[i]), float(drive.lag_s[i]))
+            actuators.replace_by_dc_motor(spec, motor, gain, winding)

@@ -1,0 +1,224 @@
+"""Kills: each stage that has workers is killed in the middle of its work, and run again.
+
+What is looked for afterwards: half-written outputs, processes that live on, and bytes that differ from those of a run
+that nobody killed.
+"""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from leapgap.logs import log as jump_log
+from leapgap.robot.model import Robot
+from tests.code import ROOT
+from tests.conftest import standing
+
+SOON_S = 3.0
+"""Time in which everything must have ended after Ctrl-C, and workers after the end of their parent."""
+
+
+@dataclass(frozen=True)
+class StageCall:
+    """A stage with workers at tiny size."""
+
+    name: str
+    arguments: tuple[str, ...]
+    """``{out}`` is the folder of its output, ``{inputs}`` that of its inputs."""
+    workers: int = 2
+    """Processes that it starts."""
+
+
+TINY = ("size=tiny", "executor=joblib", "executor.workers=2")
+LAND = ("land.methods=[joint_pd,nominal_variable]", "land.tasks.block_60.repeats=2", "land.tasks.jump_50.repeats=2")
+TRAIN = ("size=tiny", "train.models=[networks]", "train.sessions=null", "train.folds=2")
+WITHHOLD = ("withhold.references={inputs}/references", "withhold.real=null")
+REFERENCES = "references={inputs}/references"
+CALLS = (
+    StageCall("collect", (*TINY, "collect.jumps=8", f"collect.{REFERENCES}", "collect.out={out}")),
+    StageCall("land", (*TINY, *LAND, f"land.{REFERENCES}", "land.out={out}")),
+    StageCall(
+        "train",
+        (*TRAIN, "train.windows={inputs}/windows", "train.out={out}"),
+    ),
+    StageCall(
+        "withhold",
+        (*TINY, *WITHHOLD, "withhold.logs={out}/logs", "withhold.truth={out}/truth"),
+    ),
+    StageCall(
+        "diagnose_withheld",
+        (*TINY, "diagnose_withheld.logs={inputs}/withheld/logs", "diagnose_withheld.out={out}"),
+    ),
+)
+"""``revisit`` runs the jobs of ``diagnose_withheld`` in the same workers."""
+
+
+def command(call: StageCall, inputs: Path, out: Path) -> list[str]:
+    """The command line of a call."""
+    filled = [argument.format(inputs=inputs, out=out) for argument in call.arguments]
+    return [sys.executable, "-m", f"stages.{call.name}", *filled]
+
+
+def environment() -> dict[str, str]:
+    """Variables for a stage that is called by hand."""
+    return {k: v for k, v in os.environ.items() if not k.startswith("DVC_")} | {"PYTHONPATH": str(ROOT / "src")}
+
+
+def run(call: StageCall, inputs: Path, out: Path) -> None:
+    """Run a call to its end."""
+    done = subprocess.run(
+        command(call, inputs, out), cwd=ROOT, env=environment(), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+def prepare(inputs: Path, names: Sequence[str] = tuple(call.name for call in CALLS)) -> None:
+    """Make the inputs of the stages: plans, windows and withheld cases."""
+    references = inputs / "references"
+    targets = "optimize.targets=[[0.4,0.0],[0.45,0.0],[0.5,0.0]]"
+    run(StageCall("optimize", ("optimize.planar=own", targets, f"optimize.out={references}")), inputs, references)
+    if "train" in names:
+        robot = Robot.load()
+        for i in range(4):
+            log = standing(robot, 1300)
+            columns = dict(log.columns)
+            force = {
+                f"train_force/{pair}_{axis}": columns["time"] * (10 + i) for pair in ("front", "rear") for axis in "xz"
+            }
+            jump_log.write_log(
+                jump_log.Log(f"jump_{i}", columns | force, log.info), inputs / "jumps" / f"jump_{i}.parquet"
+            )
+        logs, windows = inputs / "jumps", inputs / "windows"
+        run(StageCall("chunk", (f"chunk.logs={logs}", f"chunk.out={windows}")), inputs, windows)
+    if "diagnose_withheld" in names:
+        (call,) = (one for one in CALLS if one.name == "withhold")
+        run(call, inputs, inputs / "withheld")
+
+
+class Running:
+    """A stage in a session of its own, with everything that it started."""
+
+    def __init__(self, call: StageCall, inputs: Path, out: Path) -> None:
+        self.process = subprocess.Popen(
+            command(call, inputs, out),
+            cwd=ROOT,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        )
+
+    def members(self) -> list[int]:
+        """Living processes of its session, helpers that only clean up left out."""
+        return [pid for pid in session_members(self.process.pid) if not is_helper(pid)]
+
+    def wait_for(self, count: int, timeout_s: float = 60.0) -> bool:
+        """Wait until it has that many workers at work; False where it ended before."""
+        end = time.monotonic() + timeout_s
+        while time.monotonic() < end and self.process.poll() is None:
+            if len([pid for pid in self.members() if pid != self.process.pid]) >= count:
+                return True
+            time.sleep(0.02)
+        return False
+
+    def kill_all(self) -> None:
+        """End whatever is left of it."""
+        for pid in session_members(self.process.pid):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+
+    def left_after(self, seconds: float) -> list[int]:
+        """Processes that still live after that time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and self.members():
+            time.sleep(0.02)
+        return self.members()
+
+
+def session_members(session: int) -> list[int]:
+    """Processes of a session that are no zombies."""
+    found = []
+    for path in Path("/proc").iterdir():
+        if path.name.isdigit():
+            with contextlib.suppress(OSError):
+                state, *rest = (path / "stat").read_text().rpartition(")")[2].split()
+                if int(rest[2]) == session and state not in "ZX":
+                    found.append(int(path.name))
+    return found
+
+
+def is_helper(pid: int) -> bool:
+    """Whether a process is one that only clears shared memory and ends by itself with the last of the others."""
+    with contextlib.suppress(OSError):
+        return "resource_tracker" in Path(f"/proc/{pid}/cmdline").read_text()
+    return True
+
+
+def files(out: Path) -> dict[str, bytes]:
+    """Every file below an output folder, with its bytes."""
+    return {p.relative_to(out).as_posix(): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
+
+
+@dataclass
+class KillTally:
+    """What many kills came to."""
+
+    kills: int = 0
+    partial_visible: int = 0
+    orphans: int = 0
+    bytes_differ: int = 0
+
+
+def kill_and_resume(
+    call: StageCall, inputs: Path, folder: Path, expected: dict[str, bytes], after_s: float
+) -> KillTally:
+    """Kill a stage some time after its workers began, look around, and run it again."""
+    out, tally = folder / "out", KillTally()
+    running = Running(call, inputs, out)
+    try:
+        if running.wait_for(call.workers):
+            time.sleep(after_s)
+        if running.process.poll() is None:
+            tally.kills = 1
+            running.process.kill()
+        running.process.wait()
+        tally.orphans = len(running.left_after(SOON_S))
+    finally:
+        running.kill_all()
+    tally.partial_visible = sum(1 for name, data in visible(out).items() if expected.get(name) != data)
+    run(call, inputs, out)
+    tally.bytes_differ = int(files(out) != expected)
+    shutil.rmtree(folder)
+    return tally
+
+
+def visible(out: Path) -> dict[str, bytes]:
+    """What a reader of an output would take for a result: files whose names are not hidden, in folders likewise."""
+    found = files(out) if out.is_dir() else {}
+    return {name: data for name, data in found.items() if not any(part.startswith(".") for part in name.split("/"))}
+
+
+def kill_everything(kills: int, folder: Path, progress: Callable[[str], None] = print) -> KillTally:
+    """Kill the stages in turn, at moments spread over their work."""
+    inputs, total = folder / "inputs", KillTally()
+    prepare(inputs)
+    expected = {}
+    for call in CALLS:
+        run(call, inputs, folder / call.name / "out")
+        expected[call.name] = files(folder / call.name / "out")
+    for number in range(kills):
+        call = CALLS[number % len(CALLS)]
+        after_s = 0.1 + 0.37 * (number // len(CALLS))
+        tally = kill_and_resume(call, inputs, folder / f"kill_{number}", expected[call.name], after_s % 6)
+        for name, value in vars(tally).items():
+            setattr(total, name, getattr(total, name) + value)
+        progress(f"kill {number + 1} of {kills}, {call.name}: {tally}")
+    return total

