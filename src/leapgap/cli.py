@@ -222,7 +222,7 @@ def run_import(chosen: argparse.Namespace) -> None:
     if chosen.guess:
         from leapgap.logs.map_proposal.report import propose_map
 
-        print(propose_map(chosen.source, api.load_robot(chosen.robot), chosen.format))
+        print(propose_map(chosen.source, robot_of(chosen), chosen.format))
         return
     if chosen.out is None:
         raise InputError("--out", "no folder", "a folder for the logs", "name it: --out DIR")

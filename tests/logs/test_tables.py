@@ -314,3 +314,20 @@ csv:
     assert read_log(tmp_path / "x" / "a.parquet")["cmd_kp/elbow"][0] == 25
     assert main([str(one) for one in (*command, tmp_path / "z", "--options", tmp_path / "map.json")]) == 2
     assert "found no format; expected the format of the logs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"joint_position/*": "q*"}, "found joint_position/shoulder; expected time, or one of base_pos, base_quat,"),
+        ({"joint_pos": "q1"}, "found joint_pos; expected time, or one of base_pos, base_quat,"),
+        ({"joint_pos/wrist": "q1"}, "found joint_pos/wrist; expected a joint of the robot: shoulder, elbow; correct"),
+    ],
+)
+def test_a_name_of_ours_that_means_nothing_is_refused(
+    arm: Robot, tmp_path: Path, columns: dict[str, str], message: str
+) -> None:
+    """A misspelt quantity would be imported under that name, and the log would lack it without a word."""
+    table = write_table(tmp_path / "a.csv", plain())
+    with pytest.raises(InputError, match=message):
+        read(table, arm, columns={"time": "t", **columns}, **NAMES)

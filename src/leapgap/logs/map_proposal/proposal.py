@@ -453,6 +453,7 @@ def fill_commands(evidence: Evidence, proposal: Proposal) -> None:
             for key in [key for key in proposal.options.get(part, {}) if key.startswith(("cmd_pos/", "cmd_vel/"))]:
                 del proposal.options[part][key]
         have -= {"cmd_pos", "cmd_vel"}
+        proposal.notes = [one for one in proposal.notes if not one[1].startswith(("cmd_pos is", "cmd_vel is"))]
         why = "the torque that was sent is the measured one: no joint PD acts beside it"
         zero(("cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd"), have | stated, proposal, why)
         return
