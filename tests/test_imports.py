@@ -30,6 +30,8 @@ ONLY_IN = {
     "casadi": {"jumping.planning", "jumping.control"},
     "daqp": {"jumping.control"},
     "osqp": {"jumping.control"},
+    "h5py": {"logs"},
+    "rosbags": {"logs"},
     "hydra": set(),
     "omegaconf": set(),
     "dvc": set(),

@@ -95,6 +95,9 @@ def parser() -> argparse.ArgumentParser:
     bring.add_argument("--format", help="csv, parquet, npz, hdf5, mat, pt, ros, lerobot, or what else is installed")
     bring.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs")
     bring.add_argument(
+        "--guess", action="store_true", help="print a map of columns for these logs, as YAML to check; import nothing"
+    )
+    bring.add_argument(
         "--options",
         type=Path,
         metavar="FILE",
@@ -233,11 +236,16 @@ def effect_entry(text: str) -> dict[str, Any]:
 
 
 def run_import(chosen: argparse.Namespace) -> None:
-    """Read all logs of the source, then write them."""
+    """Read all logs of the source, then write them; or print a map that would read them."""
     from leapgap import api
     from leapgap.logs.importers import log_format
     from leapgap.settings import from_mapping
 
+    if chosen.guess:
+        from leapgap.logs.map_proposal.report import propose_map
+
+        print(propose_map(chosen.source, robot_of(chosen), chosen.format))
+        return
     if chosen.out is None:
         raise InputError("--out", "no folder", "a folder for the logs", "name it: --out DIR")
     check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)

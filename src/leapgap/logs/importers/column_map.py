@@ -1,6 +1,6 @@
 """The map from the columns of a table to those of a log: names, sums, units, factors, offsets, constants."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.importers.units import unit_factor
-from leapgap.logs.schema import COMMANDS, quantity_of
+from leapgap.logs.schema import COMMANDS, QUANTITIES, quantity_of
 from leapgap.robot.model import Robot
 
 ANY_JOINT = "*"
@@ -44,6 +44,7 @@ def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[s
     """Columns of a log, as the map has them: time from 0, all else in SI. ``where`` names the map in messages."""
     expand = Expansion(options, robot, where)
     constants = expand.numbers("constants", options.constants)
+    check_ours({*expand.columns(), *constants}, robot, where)
     theirs = {ours: one for ours, one in expand.columns().items() if ours not in constants}
     for column in table.columns:
         if column not in constants and is_ours(column, robot):
@@ -63,6 +64,18 @@ def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[s
     for ours, value in constants.items():
         columns[ours] = np.full(rows or 0, value)
     return columns
+
+
+def check_ours(columns: Iterable[str], robot: Robot, where: str) -> None:
+    """Refuse names that mean nothing in a log, which would be imported and never looked at."""
+    for column in columns:
+        quantity, joint = quantity_of(column), column.partition("/")[2]
+        if quantity is None and column != "time":
+            expected = f"time, or one of {', '.join(QUANTITIES)}, with its joint, foot or axis (docs/formats.md)"
+            raise InputError(where, column, expected, "correct our name of the column")
+        if quantity is not None and quantity.per == "joint" and joint not in robot.joints:
+            expected = f"a joint of the robot: {', '.join(robot.joints)}"
+            raise InputError(where, column, expected, "correct the joint, or use joint_names")
 
 
 def imported(columns: Mapping[str, np.ndarray], ours: str, where: str) -> np.ndarray:

@@ -8,7 +8,9 @@ import pyarrow.csv
 
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
-from leapgap.logs.importers.tables import VALUE_BYTES, Arrays, Wanted, check_size
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+
+CHUNK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Csv(TableFormat):
 
     def read_table(self, path: Path, options: CsvOptions, wanted: Wanted) -> Arrays:
         """The columns of a CSV; those that are not wanted may hold any text."""
-        check_size(path, path.stat().st_size / VALUE_BYTES)
+        check_lines(path, options)
         read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
         try:
             table = pa.csv.read_csv(path, read, pa.csv.ParseOptions(delimiter=options.delimiter))
@@ -42,3 +44,14 @@ class Csv(TableFormat):
             ) from None
         names = table.column_names if options.header else [str(at) for at in range(table.num_columns)]
         return {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True) if wanted(name)}
+
+
+def check_lines(path: Path, options: CsvOptions) -> None:
+    """Check the size of a file by its lines and the cells of its widest one among the first, before it is read."""
+    with path.open("rb") as file:
+        head = file.read(CHUNK_BYTES)
+        cells = max(line.count(options.delimiter.encode()) + 1 for line in head.split(b"\n"))
+        lines = head.count(b"\n")
+        while chunk := file.read(CHUNK_BYTES):
+            lines += chunk.count(b"\n")
+    check_size(path, lines * cells, lines - options.skip_rows - options.header, options.most_rows)

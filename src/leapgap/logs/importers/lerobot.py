@@ -10,7 +10,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.importers.parquet import parquet_arrays
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -42,6 +42,13 @@ class LeRobot(TableFormat):
         if "time" not in options.columns:
             options = replace(options, columns={"time": TIME, **options.columns})
         return super().read_all(path, name, robot, options)
+
+    def first_log(self, table: Table) -> Table:
+        """The first episode: the time begins anew with each."""
+        episode = table.arrays.get(EPISODE)
+        if episode is None or not len(episode):
+            return table
+        return Table(table.path, {name: array[episode == episode[0]] for name, array in table.arrays.items()})
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """Columns of all files of the dataset; those of a vector are also there by the names in ``info.json``."""

@@ -59,17 +59,28 @@ class Pt(TableFormat):
         return {name: array for name, array in arrays.items() if wanted(name)}
 
 
-@dataclass(frozen=True, slots=True)
-class Storage:
-    """What the pickle calls a type of storage; nothing can be set on it."""
+class Fixed:
+    """What a pickle may name and not change: the opcode that sets the state of an object fails on it."""
 
+    __slots__ = ()
+
+    def __setstate__(self, state: object) -> None:
+        raise pickle.UnpicklingError("it sets the state of an object")
+
+
+@dataclass(frozen=True)
+class Storage(Fixed):
+    """What the pickle calls a type of storage."""
+
+    __slots__ = ("dtype",)
     dtype: str
 
 
-@dataclass(frozen=True, slots=True)
-class Call:
-    """A function that the pickle may call; nothing can be set on it."""
+@dataclass(frozen=True)
+class Call(Fixed):
+    """A function that the pickle may call."""
 
+    __slots__ = ("function",)
     function: Callable[..., Any]
 
     def __call__(self, *arguments: Any) -> Any:

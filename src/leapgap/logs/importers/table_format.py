@@ -112,6 +112,10 @@ class TableFormat(LogFormat):
             raise InputError(path, "no rows that are kept", f"{options.least_rows} or more", "correct how it is cut")
         return logs
 
+    def first_log(self, table: Table) -> Table:
+        """The rows of a table that are one run, to propose a map from; a format whose files hold several cuts them."""
+        return table
+
     def table(self, path: Path, options: Any, wanted: Wanted = lambda _: True) -> Table:
         """The table of one file, its size checked."""
         if not path.exists():
@@ -206,7 +210,12 @@ def finished_log(
         source.append(derived["time"])
     columns["time"] = columns["time"] - columns["time"][:1]
     info = LogInfo(
-        robot.name, mean_period(columns["time"]), "; ".join(source), (), tuple(options.segments), of_jump(options)
+        robot.name,
+        mean_period(columns["time"]),
+        "; ".join(source),
+        (),
+        tuple(options.segments),
+        of_jump(options, f"import_logs.{kind}"),
     )
     log = Log(name, columns, info)
     if options.period_s is not None:
@@ -222,11 +231,11 @@ def finished_log(
     return Log(name, ordered, replace(log.info, extra=extra))
 
 
-def of_jump(options: TableOptions) -> Mapping[str, Mapping[str, float]]:
+def of_jump(options: TableOptions, where: str) -> Mapping[str, Mapping[str, float]]:
     """The part of the metadata that only the log of a jump has."""
     if options.schedule is None:
         return {}
     if set(options.schedule) != set(PHASE_LENGTHS):
         expected = f"lengths in s of {', '.join(PHASE_LENGTHS)}"
-        raise InputError("import_logs.csv.schedule", ", ".join(options.schedule), expected, "state all three")
+        raise InputError(f"{where}.schedule", ", ".join(options.schedule), expected, "state all three")
     return {"schedule": dict(options.schedule), "target": {"x_m": options.target_x_m, "z_m": options.target_z_m}}

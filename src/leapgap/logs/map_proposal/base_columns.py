@@ -1,0 +1,75 @@
+"""Columns of the base of a robot: attitude, gyro, accelerometer, position, by name and by how they go together."""
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from leapgap.logs.derivatives import velocity_fit
+from leapgap.logs.importers.tables import Table
+from leapgap.logs.map_proposal.names import words
+from leapgap.logs.map_proposal.physics import CLEAR, correlations
+from leapgap.logs.missing_velocities import angular_velocity, continuous
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
+
+WORDS = {
+    "base_quat": {"quat", "quaternion", "orientation"},
+    "base_angvel": {"gyro", "gyroscope", "angvel", "angular"},
+    "imu_acc": {"acc", "accel", "accelerometer", "acceleration"},
+    "base_linvel": {"linvel", "linear"},
+    "base_pos": {"position", "pos"},
+}
+"""Words that name a quantity of the base, looked for in this order."""
+BODIES = {"base", "trunk", "body", "pelvis", "root", "torso", "odom", "imu", "pose"}
+"""Words one of which must stand beside a position or a velocity, for joints have those too."""
+LAST = re.compile(r"^(.*?)(?:\[(\d)\]|[._/]?([wxyzWXYZ]|\d))$")
+COLUMNS = {
+    "base_quat": BASE_QUATERNION,
+    "base_angvel": BASE_ANGULAR_VELOCITY,
+    "imu_acc": QUANTITIES["imu_acc"].columns,
+    "base_linvel": BASE_VELOCITY,
+    "base_pos": BASE_POSITION,
+}
+
+
+def base_columns(columns: Sequence[str]) -> dict[str, list[str]]:
+    """Quantity of the base → its columns: x y z, of an attitude four as the file has them, w x y z where it says so."""
+    groups: dict[str, dict[str, str]] = defaultdict(dict)
+    for column in columns:
+        found = LAST.match(column)
+        if found:
+            groups[found[1]][(found[2] or found[3]).lower()] = column
+    chosen: dict[str, list[str]] = {}
+    for head, parts in groups.items():
+        quantity = quantity_of_base(head)
+        keys = ("w", "x", "y", "z") if quantity == "base_quat" else ("x", "y", "z")
+        numbers = tuple(str(i) for i in range(len(keys)))
+        for names in (keys, numbers):
+            if quantity is not None and set(names) == set(parts):
+                chosen.setdefault(quantity, [parts[name] for name in names])
+    return chosen
+
+
+def quantity_of_base(name: str) -> str | None:
+    """The quantity of the base that the words of a name speak of."""
+    said = set(words(name))
+    found = next((quantity for quantity, known in WORDS.items() if said & known), None)
+    return None if found in ("base_linvel", "base_pos") and not said & BODIES else found
+
+
+def real_part_last(table: Table, attitude: Sequence[str], gyro: Sequence[str], time: np.ndarray) -> bool | None:
+    """Whether a quaternion is x y z w, by which order turns as the gyro says; None where neither does clearly."""
+    turn = np.stack([table.numbers(column) for column in attitude], axis=1)
+    rate = np.stack([table.numbers(column) for column in gyro], axis=1)
+    rows = np.flatnonzero(np.isfinite(np.concatenate([turn, rate], axis=1)).all(axis=1))
+    rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0])]
+    scores = []
+    for order in ((0, 1, 2, 3), (3, 0, 1, 2)):
+        quaternion = continuous(turn[np.ix_(rows, order)])
+        slope = velocity_fit(time[rows], quaternion, 10 * float(np.median(np.diff(time[rows])))).velocity
+        together = np.diag(correlations(angular_velocity(quaternion, slope), rate[rows]))
+        scores.append(float(np.nanmean(together)) if np.isfinite(together).any() else 0.0)
+    if max(scores) < CLEAR or abs(scores[0] - scores[1]) < 0.1:
+        return None
+    return scores[1] > scores[0]

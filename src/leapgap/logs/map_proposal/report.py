@@ -1,0 +1,60 @@
+"""A proposal as the text that is printed: YAML that an import takes, with what is known of it as comments."""
+
+from pathlib import Path
+
+import yaml
+
+from leapgap.errors import InputError
+from leapgap.logs.importers import formats, log_format
+from leapgap.logs.importers.table_format import TableFormat
+from leapgap.logs.importers.tables import Table
+from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Proposal, propose
+from leapgap.robot.model import Robot
+
+HEADINGS = ((SURE, "Sure:"), (GUESSED, "Guessed, check it:"), (MISSING, "Missing, nothing is assumed:"))
+PARTS = ("delimiter", "joint_names", "columns", "units", "factors", "constants", "repeated_times", "cut_by")
+DELIMITERS = (";", "\t", " ")
+
+
+def propose_map(source: Path, robot: Robot, format: str | None = None) -> str:
+    """The proposal for the first log below a folder, or for a file, as YAML; nothing is imported."""
+    layout, path = first_file(source, format)
+    table = layout.table(path, layout.Options())
+    delimiter = None
+    if layout.name == "csv" and len(table.columns) == 1:
+        delimiter = next((one for one in DELIMITERS if one in table.columns[0]), None)
+        table = layout.table(path, layout.Options(**({"delimiter": delimiter} if delimiter else {})))
+    proposal = propose(layout.first_log(table), robot)
+    if delimiter:
+        proposal.options["delimiter"] = delimiter
+    return as_text(proposal, table, layout.name, robot)
+
+
+def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
+    """The format of a source, and its first file; the formats are tried if none is stated."""
+    if not source.exists():
+        raise InputError(source, "no such file or folder", "logs", "name the folder of the logs, or one of them")
+    for name in [format] if format else formats():
+        layout = log_format(name)
+        if not isinstance(layout, TableFormat):
+            continue
+        paths = list(layout.find(source).values())
+        if paths and (format or source.is_dir() or source.suffix in layout.suffixes):
+            return layout, paths[0]
+    known = ", ".join(name for name, kind in formats().items() if issubclass(kind, TableFormat))
+    raise InputError(source, "no file of a known format", f"one of {known}", "state --format, or export the logs")
+
+
+def as_text(proposal: Proposal, table: Table, format: str, robot: Robot) -> str:
+    """The proposal as YAML with comments; what is missing is never filled in."""
+    lines = [
+        f"# Map proposed for {table.path.name}, robot {robot.name}. Nothing is imported. Check it, save it, then",
+        "#   leapgap import <logs> <robot> --options <this file> --out <folder>",
+    ]
+    for kind, heading in HEADINGS:
+        sentences = proposal.notes_of(kind)
+        if sentences:
+            lines += [f"# {heading}", *(f"#   {sentence}" for sentence in sentences)]
+    options = {part: proposal.options[part] for part in PARTS if part in proposal.options}
+    lines += ["", yaml.safe_dump({"format": format, format: options}, sort_keys=False, allow_unicode=True, width=110)]
+    return "\n".join(lines)
