@@ -13,9 +13,10 @@ from leapgap.jumping.control.tracking import JointPd, JumpController
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
-from leapgap.jumping.planning.problem import Aim, Grid, Limits, Problem
+from leapgap.jumping.planning.family import FamilyConfig, plan_family
+from leapgap.jumping.planning.problem import Grid, Limits
 from leapgap.jumping.planning.reference import Gains, to_jump
-from leapgap.jumping.planning.solve import Solution, solve
+from leapgap.jumping.planning.solve import Solution
 from leapgap.logs.segments import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
@@ -37,7 +38,7 @@ keep clear of floor and box.
 
 @dataclass(frozen=True)
 class JumpPlanner:
-    """Plans jumps of one robot with one contact schedule."""
+    """Plans jumps of one robot with one contact schedule; the plans form one smooth family."""
 
     robot: PlanarRobot
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
@@ -45,21 +46,14 @@ class JumpPlanner:
     fallback_robots: tuple[PlanarRobot, ...] = ()
     """Robots to plan for where ``robot`` itself cannot do a jump. The landing error is larger, but it repeats, so that
     a landing model can learn it."""
+    family: FamilyConfig = field(default_factory=FamilyConfig)
 
     def plan(
         self, target: Target, goal: np.ndarray, stance_pitch: float, robot: PlanarRobot | None = None
     ) -> Solution | None:
         """Plan a jump to a goal (x, z, pitch; m, m, rad); None where there is none within the limits."""
-        aim = Aim(*(float(v) for v in goal - target_pose(target)))
-        problem = Problem(
-            target,
-            Grid(self.schedule),
-            robot or self.robot,
-            limits=self.limits,
-            stance_pitch_rad=stance_pitch,
-            aim=aim,
-        )
-        solution = solve(problem)
+        family = plan_family(robot or self.robot, Grid(self.schedule), self.limits, self.family)
+        solution = family.plan(target, goal, stance_pitch)
         return solution if solution.solved else None
 
     def plan_nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
