@@ -1,6 +1,6 @@
 """A jump that is planned online, from the measured stance to a goal that a landing model chooses."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,6 +56,10 @@ class JumpPlanner:
         solution = family.plan(target, goal, stance_pitch)
         return solution if solution.solved else None
 
+    def reaches(self, goals: Sequence[np.ndarray]) -> bool:
+        """Whether there are plans from level ground to all goals (3,), on the floor ahead."""
+        return all(self.plan(Target(float(goal[0])), goal, 0.0) is not None for goal in goals)
+
     def plan_nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
         """A goal and its plan: ``goal``, else the nearest between it and the target, else for a fallback robot."""
         direct = self.plan(target, goal, stance_pitch)
@@ -99,7 +103,7 @@ class GoalDirectedJump(JumpController):
     ) -> None:
         super().__init__(first, robot, gains)
         self.target, self.planner, self.aim, self.gains, self.stand_s = target, planner, aim, gains, stand_s
-        self.tracker: JointPd | None = None
+        self.tracker: JumpController | None = None
         self.standing_height_m = float(first.state[0, Z])
         self.goal: np.ndarray | None = None
         self.stance_pitch = 0.0
@@ -122,9 +126,14 @@ class GoalDirectedJump(JumpController):
             if solution.problem.robot != self.planner.robot or not np.allclose(self.goal, chosen):
                 self._substitute(OTHER_PLAN)
             self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
-        self.tracker = JointPd(self.reference, self.robot, self.gains)
+        self.tracker = self.track(None if plan is None else plan[1])
         self.start_s = estimate.time_s
         return self.tracker.command(estimate)
+
+    def track(self, solution: Solution | None) -> JumpController:
+        """Controller that follows ``reference``, of the plan ``solution``; None: the plan from level ground."""
+        del solution
+        return JointPd(self.reference, self.robot, self.gains)
 
     def _substitute(self, reason: str) -> None:
         self.fallbacks[reason] += 1

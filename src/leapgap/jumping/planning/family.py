@@ -13,12 +13,15 @@ import numpy as np
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.boxes import terrain
 from leapgap.jumping.planning.problem import Aim, Grid, Limits, Problem, Weights
-from leapgap.jumping.planning.solve import Solution, planner_of
+from leapgap.jumping.planning.solve import Solution, landing_goal, planner_of
 from leapgap.logs.segments import Target
 from leapgap.robot.terrain import Box
 
 Index = tuple[int, ...]
 """Coordinates of a node of the lattice: x, z and pitch of the goal, and pitch of the stance, in spacings."""
+
+HALVINGS = 2
+"""A step that leads to no plan is halved so many times; each half may be halved again."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class PlanFamily:
         boxes = () if self.limits.swing_clearance_m is None else terrain(self.robot, target)
         at = np.append(goal, stance_pitch)
         node = self._node(boxes, tuple(int(n) for n in np.round((at - self._origin) / self._spacing)))
-        return planner_of(node.problem, boxes).continue_from(self._problem(target, at), node)
+        return self._continue(boxes, node, target, at)
 
     @property
     def _origin(self) -> np.ndarray:
@@ -75,13 +78,34 @@ class PlanFamily:
         return self._nodes[boxes, index]
 
     def _plan_node(self, boxes: tuple[Box, ...], index: Index) -> Solution:
-        problem = self._problem(Target(self.config.x_m), self._origin + self._spacing * index)
+        target, at = Target(self.config.x_m), self._origin + self._spacing * index
         if not boxes and not any(index):
+            problem = self._problem(target, at)
             return planner_of(problem).solve(problem)
         # Boxes are added at the node itself: on the way to it there are none.
         before = self._node((), index) if boxes else self._node((), toward_origin(index))
-        solution = planner_of(problem, boxes).continue_from(problem, before)
+        if not before.solved:
+            return before
+        solution = self._continue(boxes, before, target, at)
         return solution if solution.solved else before
+
+    def _continue(
+        self, boxes: tuple[Box, ...], start: Solution, target: Target, at: np.ndarray, halvings: int = HALVINGS
+    ) -> Solution:
+        """The plan at ``at`` (4,) from that of ``start``; where one step is too long, in two, and so on."""
+        problem = self._problem(target, at)
+        planner = planner_of(problem, boxes)
+        direct = planner.continue_from(problem, start)
+        if direct.solved or not halvings or not start.solved:
+            return direct
+        middle = (coordinates(start.problem) + at) / 2
+        half = self._continue(boxes, start, target, middle, halvings - 1)
+        return self._continue(boxes, half, target, at, halvings - 1) if half.solved else direct
+
+
+def coordinates(problem: Problem) -> np.ndarray:
+    """x, z and pitch of a plan's goal, and pitch of its stance, (4,), m, m, rad, rad."""
+    return np.append(landing_goal(problem), problem.stance_pitch_rad)
 
 
 def toward_origin(index: Index) -> Index:

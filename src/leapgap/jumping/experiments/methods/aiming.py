@@ -1,7 +1,7 @@
 """Plans from the measured stance to the goal that a landing model says will land on the target."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_model import LandingModel, best_goal
-from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.logs.segments import Target
 
@@ -24,6 +24,11 @@ class AimingMethod(Method):
     """By name of the task: mean landing − predicted landing of its jumps, (3,), m, m, rad."""
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Added to each goal for exploration, (3,), m, m, rad."""
+
+    def explore(self, offset: np.ndarray, references: References, rng: np.random.Generator) -> "AimingMethod":
+        """The method with an offset (3,) of its goals."""
+        del rng
+        return replace(self, goal_offset=offset, references=references)
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """A jump that is planned after the stance was measured."""
