@@ -52,12 +52,13 @@ class GoalShiftConfig:
     """Steps of the horizon, the last of which ends at the landing."""
     matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
     """Landing errors that cost alike."""
-    scale: tuple[float, float, float] = (0.1, 0.08, 0.2)
-    """Changes of the shift from step to step that cost ``change_weight`` each."""
-    change_weight: float = 1.0
+    scale: tuple[float, float, float] = (0.03, 0.025, 0.06)
+    """Changes of the shift from step to step that cost one each."""
+    authority_doubt: float = 0.3
+    """Standard deviation of G beyond what the model states, as a share of G."""
     largest: tuple[float, float, float] = (0.15, 0.1, 0.2)
     """Largest shift."""
-    largest_change: tuple[float, float, float] = (0.04, 0.03, 0.06)
+    largest_change: tuple[float, float, float] = (0.015, 0.012, 0.025)
     """Largest change of the shift at one update."""
     largest_pitch_rad: float = 0.15
     """Largest predicted pitch at the landing; at 15° (0.26 rad) a landing counts as a fall."""
@@ -133,9 +134,13 @@ class GoalShiftPlanner:
         steps = len(edges) - 1
         spans = [slice(first, last) for first, last in zip(edges[:-1], edges[1:], strict=True)]
         authority = np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
-        variance = [self.errors @ self.model.authority_variance[span].sum(axis=0) for span in spans]
+        doubt = config.authority_doubt**2 * authority.reshape(3, steps, GOAL_AXES).transpose(1, 0, 2) ** 2
+        variance = [
+            self.errors @ (self.model.authority_variance[span].sum(axis=0) + own)
+            for span, own in zip(spans, doubt, strict=True)
+        ]
         difference = np.kron(np.eye(steps) - np.eye(steps, k=-1), np.eye(GOAL_AXES))
-        change = np.tile(config.change_weight / np.array(config.scale) ** 2, steps)
+        change = np.tile(1 / np.array(config.scale) ** 2, steps)
         hessian = np.zeros((GOAL_AXES * steps + SLACKS,) * 2)
         hessian[:-SLACKS, :-SLACKS] = authority.T @ (self.errors[:, None] * authority) + np.diag(np.concatenate(variance))
         hessian[:-SLACKS, :-SLACKS] += difference.T @ (change[:, None] * difference)

@@ -100,9 +100,12 @@ class GoalDirectedJump(JumpController):
         robot: Robot,
         gains: PhaseGains,
         stand_s: float = 0.06,
+        stance_is_seen: bool = True,
     ) -> None:
+        """``stance_is_seen``: whether the stance is measured; else it is taken for level."""
         super().__init__(first, robot, gains)
         self.target, self.planner, self.aim, self.gains, self.stand_s = target, planner, aim, gains, stand_s
+        self.stance_is_seen = stance_is_seen
         self.tracker: JumpController | None = None
         self.standing_height_m = float(first.state[0, Z])
         self.goal: np.ndarray | None = None
@@ -116,7 +119,7 @@ class GoalDirectedJump(JumpController):
         if not self._stood or estimate.time_s - self._stood[0].time_s < self.stand_s - 1e-9:
             self._stood.append(estimate)
             return self._standing(estimate)
-        self.stance_pitch = stance_pitch(self._stood, self.legs)
+        self.stance_pitch = stance_pitch(self._stood, self.legs) if self.stance_is_seen else 0.0
         chosen = self.aim(self.target, self.stance_pitch)
         plan = self.planner.plan_nearest(self.target, chosen, self.stance_pitch)
         if plan is None:

@@ -50,8 +50,9 @@ class GoalShiftJump(GoalDirectedJump):
         robot: Robot,
         gains: PhaseGains,
         settings: ShiftSettings,
+        stance_is_seen: bool = True,
     ) -> None:
-        super().__init__(target, first, planner, aim, robot, gains)
+        super().__init__(target, first, planner, aim, robot, gains, stance_is_seen=stance_is_seen)
         self.settings = settings
         self.shift_tracker: ShiftTracker | None = None
 

@@ -32,13 +32,13 @@ class FeedbackConfig:
     """How the model of a robot is learned."""
 
     landing: AimConfig = field(default_factory=AimConfig)
-    noise: float = 1.0
+    noise: float = 1.2
     """Standard deviation of a landing, in units of ``landing.matters``."""
     bias: float = 1.0
     """Standard deviation of the change of the constant from the prior model, in units of ``landing.matters``."""
-    change: float = 0.5
+    change: float = 0.2
     """The same for the other weights, per typical change of their input."""
-    prior_change: float = 30.0
+    prior_change: float = 10.0
     """The same for a robot without a prior model."""
     authority_change: float = 0.1
     """Standard deviation of the change of G, summed over a jump, from the prior model, 1."""
@@ -161,7 +161,7 @@ def learn_feedback(
     constant = jumps.landing - np.einsum("tij,ntj->ni", authority, jumps.shift)
     own = jumps.undisturbed
     samples = LandingSamples(jumps.goal[own], jumps.stance_pitch[own], constant[own])
-    landing = LandingModel(samples, config.landing)
+    landing = LandingModel(samples, config.landing, None if prior is None else prior.landing)
     at_goal = predictions(landing, jumps.goal, jumps.stance_pitch)
     left_out, trusted = constant - at_goal, np.ones(len(jumps))
     left_out[own] = landing.dual / np.diag(landing.inverse)[:, None]

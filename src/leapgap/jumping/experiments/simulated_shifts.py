@@ -57,13 +57,13 @@ class ShiftDraws:
 class SimulatedShiftsConfig:
     """How many jumps are simulated, and what is drawn for them."""
 
-    goals: int = 32
+    goals: int = 48
     """Number of goals that are planned."""
-    jumps: int = 12
+    jumps: int = 8
     """Jumps to each goal; every second one is kicked."""
     x_m: tuple[float, float] = (0.25, 0.85)
-    z_m: tuple[float, float] = (0.0, 0.15)
-    pitch_rad: tuple[float, float] = (-0.12, 0.05)
+    z_m: tuple[float, float] = (-0.04, 0.15)
+    pitch_rad: tuple[float, float] = (-0.15, 0.15)
     """Ranges of goals; z from the height of a robot that stands on level ground."""
     block_m: tuple[float, float] = (0.0, 0.07)
     """Height of a block under the front feet in every second goal."""

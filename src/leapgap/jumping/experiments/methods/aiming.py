@@ -38,4 +38,12 @@ class AimingMethod(Method):
         def aim(target: Target, stance_pitch: float) -> np.ndarray:
             return best_goal(self.landing, target, stance_pitch, offset) + self.goal_offset
 
-        return GoalDirectedJump(task.target, reference, self.planner, aim, self.robot, self.gains)
+        return GoalDirectedJump(
+            task.target,
+            reference,
+            self.planner,
+            aim,
+            self.robot,
+            self.gains,
+            stance_is_seen=task.stance_is_seen,
+        )

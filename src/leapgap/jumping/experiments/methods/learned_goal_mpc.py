@@ -64,7 +64,9 @@ class GoalShiftMethod(Method):
             return best_goal(landing, target, stance_pitch) + self.goal_offset
 
         settings = ShiftSettings(self.config, self.feedback, self.exploration)
-        return GoalShiftJump(task.target, reference, self.planner, aim, self.robot, self.gains, settings)
+        return GoalShiftJump(
+            task.target, reference, self.planner, aim, self.robot, self.gains, settings, task.stance_is_seen
+        )
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,9 @@ class LearnedGoalMpcSettings(MethodSettings):
     mpc: GoalShiftConfig = field(default_factory=GoalShiftConfig)
     model: FeedbackConfig = field(default_factory=FeedbackConfig)
     simulated: SimulatedShiftsConfig = field(default_factory=SimulatedShiftsConfig)
-    first_shifts: ShiftDraws = field(default_factory=ShiftDraws)
+    first_shifts: ShiftDraws = field(default_factory=lambda: ShiftDraws((0.02, 0.015, 0.03)))
     """Random shifts of the first jumps."""
-    later_shifts: ShiftDraws = field(default_factory=lambda: ShiftDraws((0.015, 0.01, 0.03)))
+    later_shifts: ShiftDraws = field(default_factory=lambda: ShiftDraws((0.008, 0.006, 0.015)))
     """Random shifts in addition to those of the MPC, in later jumps."""
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
