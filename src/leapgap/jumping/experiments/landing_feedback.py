@@ -31,15 +31,17 @@ DEVIATIONS = 10
 class FeedbackConfig:
     """How the model of a robot is learned."""
 
-    landing: AimConfig = field(default_factory=AimConfig)
+    landing: AimConfig = field(default_factory=lambda: AimConfig(noise=0.5))
     noise: float = 1.2
     """Standard deviation of a landing, in units of ``landing.matters``."""
     bias: float = 1.0
     """Standard deviation of the change of the constant from the prior model, in units of ``landing.matters``."""
-    change: float = 0.2
+    change: float = 1.0
     """The same for the other weights, per typical change of their input."""
-    prior_change: float = 10.0
+    first_change: float = 3.0
     """The same for a robot without a prior model."""
+    free_change: float = 30.0
+    """The same for a robot without a prior model, of what is not to be held back: G, and the polynomial beside it."""
     authority_change: float = 0.1
     """Standard deviation of the change of G, summed over a jump, from the prior model, 1."""
     knots_s: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
@@ -179,9 +181,9 @@ def learn_feedback(
         weight = trusted * usable
         phi = features(goal, jumps.stance_pitch, np.nan_to_num(jumps.deviation[:, update]), config.landing)
         mean = np.zeros((phi.shape[1], 3)) if prior is None else prior.weights[update]
-        change = config.prior_change if prior is None else config.change
+        change = config.first_change if prior is None else config.change
         deviation = np.full(phi.shape[1], change)
-        deviation[0] = config.prior_change if prior is None else config.bias
+        deviation[0] = config.free_change if prior is None else config.bias
         fit = Ridge(phi, residual - phi @ mean, weight, deviation, config.noise)
         weights.append(mean + fit.weights)
         covariance.append(fit.covariance + (0 if prior is None else prior.covariance[update]))
@@ -225,10 +227,10 @@ def learn_authority(
     outputs = (jumps.landing - jumps.goal) / matters
     if prior is not None:
         outputs = outputs - np.einsum("tij,ntj->ni", prior.authority, jumps.shift) / matters
-    free, change = shifted.shape[1], config.prior_change if prior is None else config.authority_change
+    free, change = shifted.shape[1], config.free_change if prior is None else config.authority_change
     # A change of G that lasts for the whole jump moves the landing by ``change`` times the shift.
     size = np.tile(scale[:3] / matters * change / times_s[-1], basis.shape[1])
-    deviation = np.concatenate([size, np.full(polynomial.shape[1], config.prior_change)])
+    deviation = np.concatenate([size, np.full(polynomial.shape[1], config.free_change)])
     fit = Ridge(np.hstack([shifted, polynomial]), outputs, used.astype(float), deviation, config.authority_noise)
     found = (fit.weights[:free].reshape(basis.shape[1], 3, 3) / scale[:3, None]) * matters
     authority = np.einsum("tk,kji->tij", basis, found)
