@@ -68,6 +68,8 @@ class GoalShiftConfig:
     """Limits of the ground forces of the shifted plan, of a pair."""
     torque_nm: float = 33.5
     """Limit of the joint torques of the shifted plan."""
+    soft_landing: tuple[float, float] = (0.1, 0.03)
+    """Violations of the limits of pitch, rad, and of height, m, that cost ``slack_weight`` each."""
     soft_effort: tuple[float, float] = (10.0, 2.0)
     """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a limit
     already, and a linear shift of them then breaks it a little."""
@@ -126,7 +128,9 @@ class GoalShiftPlanner:
             config.largest_pitch_rad + expected[PITCH_AXIS],
             config.below_target_m + expected[HEIGHT_AXIS] - self.target[HEIGHT_AXIS],
         ]
-        row_upper = np.concatenate([landing, ready.effort - ready.effort_by_shift @ before])
+        # Where the plan as shifted so far is at a limit or beyond it, a further shift must not add to that.
+        room = np.maximum(ready.effort - ready.effort_by_shift @ before, 0.0)
+        row_upper = np.concatenate([landing, room])
         return Qp(ready.hessian, gradient, lower, upper, ready.rows, row_upper)
 
     def _prepare(self, update: int) -> PreparedUpdate:
@@ -148,8 +152,7 @@ class GoalShiftPlanner:
         landing = np.zeros((3, len(hessian)))
         landing[0, :-SLACKS], landing[1, :-SLACKS] = authority[PITCH_AXIS], -authority[PITCH_AXIS]
         landing[2, :-SLACKS] = -authority[HEIGHT_AXIS]
-        landing[:2, PITCH - SLACKS] = -config.matters[PITCH_AXIS]
-        landing[2, HEIGHT - SLACKS] = -config.matters[HEIGHT_AXIS]
+        landing[:2, PITCH - SLACKS], landing[2, HEIGHT - SLACKS] = (-soft for soft in config.soft_landing)
         blocks, efforts, slopes = [], [], []
         for step, span in enumerate(spans):
             effort, slope, soft = self._efforts(span)
