@@ -52,13 +52,13 @@ class GoalShiftConfig:
     """Steps of the horizon, the last of which ends at the landing."""
     matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
     """Landing errors that cost alike."""
-    scale: tuple[float, float, float] = (0.03, 0.025, 0.06)
+    scale: tuple[float, float, float] = (0.05, 0.04, 0.08)
     """Changes of the shift from step to step that cost one each."""
     authority_doubt: float = 0.3
     """Standard deviation of G beyond what the model states, as a share of G."""
     largest: tuple[float, float, float] = (0.15, 0.1, 0.2)
     """Largest shift."""
-    largest_change: tuple[float, float, float] = (0.015, 0.012, 0.025)
+    largest_change: tuple[float, float, float] = (0.025, 0.02, 0.04)
     """Largest change of the shift at one update."""
     largest_pitch_rad: float = 0.15
     """Largest predicted pitch at the landing; at 15° (0.26 rad) a landing counts as a fall."""

@@ -64,7 +64,10 @@ class ShiftedJumps:
     """Shift of the goal from each update on, (n, T, 3), m, m, rad."""
     deviation: np.ndarray
     """Deviation from the shifted plan at each update, (n, T, 10); not finite where the jump is not to be learned from:
-    before it was disturbed."""
+    before it is disturbed."""
+    disturbed: np.ndarray
+    """1 where something happened that the plan did not reckon with, else 0, (n,); only from the others it is learned what
+    shifts do, and where constant goals lead."""
 
     def __len__(self) -> int:
         return len(self.goal)
@@ -85,8 +88,8 @@ class ShiftedJumps:
 
     @property
     def undisturbed(self) -> np.ndarray:
-        """Whether a jump may be learned from at all of its updates, bool, (n,)."""
-        return np.isfinite(self.deviation).all(axis=(1, 2))
+        """Whether nothing unexpected happened, bool, (n,)."""
+        return self.disturbed == 0
 
     def goal_at(self, update: int) -> np.ndarray:
         """Goals just before an update, (n, 3)."""

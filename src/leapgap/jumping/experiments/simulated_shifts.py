@@ -16,6 +16,7 @@ from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
 from leapgap.jumping.experiments.landing_feedback import DEVIATIONS, ShiftedJumps
+from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.logs.log import Log
@@ -40,7 +41,7 @@ LEAVES_WITHIN_S = 0.05
 class ShiftDraws:
     """Ranges of random shifts: every ``hold_s`` one is drawn, and reached linearly."""
 
-    largest: tuple[float, float, float] = (0.04, 0.03, 0.06)
+    largest: tuple[float, float, float] = (0.08, 0.06, 0.12)
     """x, z, pitch; m, m, rad."""
     hold_s: float = 0.15
 
@@ -55,22 +56,33 @@ class ShiftDraws:
 
 @dataclass(frozen=True)
 class SimulatedShiftsConfig:
-    """How many jumps are simulated, and what is drawn for them."""
+    """How many jumps are simulated, and what is drawn for them.
 
-    goals: int = 48
+    Of the jumps to each goal, every second one starts from ground and crouch that its plan does not know, and two of
+    every four are kicked.
+    """
+
+    goals: int = 44
     """Number of goals that are planned."""
-    jumps: int = 8
-    """Jumps to each goal; every second one is kicked."""
+    jumps: int = 12
+    """Jumps to each goal."""
     x_m: tuple[float, float] = (0.25, 0.85)
     z_m: tuple[float, float] = (-0.04, 0.15)
     pitch_rad: tuple[float, float] = (-0.15, 0.15)
     """Ranges of goals; z from the height of a robot that stands on level ground."""
     block_m: tuple[float, float] = (0.0, 0.07)
-    """Height of a block under the front feet in every second goal."""
+    """Height of a block under the front feet in every second goal, which the plan reckons with."""
     shifts: ShiftDraws = field(default_factory=ShiftDraws)
-    kick: tuple[float, float, float] = (0.25, 0.15, 1.2)
+    smallest_share: float = 0.2
+    """Shifts of a jump are drawn from ``shifts``, scaled by a share between this and one."""
+    kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
     """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
     kick_between_s: tuple[float, float] = (0.05, 0.7)
+    unseen_front_m: tuple[float, float] = (0.0, 0.06)
+    unseen_rear_m: tuple[float, float] = (0.0, 0.04)
+    """Heights of blocks under the feet that the plan does not know."""
+    crouch_error_rad: float = 0.1
+    """Largest error of the joints at the start that the plan does not know."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +99,8 @@ class SimulatedJump:
     """Row at which the robot is kicked; 0: it is not."""
     kick: np.ndarray
     """Change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
+    unseen: bool
+    """Whether the plan does not know the ground and the crouch it starts from."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +121,7 @@ class ShiftSimulator:
 
     def run(self, config: SimulatedShiftsConfig, rng: np.random.Generator) -> ShiftedJumps:
         """Plan goals, simulate jumps to them, and read what a controller could have measured."""
-        replayer = Replayer(self.robot, terrain_slots=1, threads=1)
+        replayer = Replayer(self.robot, terrain_slots=2, threads=1)
         jumps = [jump for number in range(config.goals) for jump in self._draw(number, replayer, config, rng)]
         landings, deviations = [], []
         for jump in jumps:
@@ -120,6 +134,7 @@ class ShiftSimulator:
             landing=np.array(landings),
             shift=np.array([jump.shift for jump in jumps]),
             deviation=np.array(deviations),
+            disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in jumps]),
         )
 
     def _draw(
@@ -128,8 +143,16 @@ class ShiftSimulator:
         """The jumps to one random goal; none where it has no plan."""
         goal = rng.uniform(*np.transpose([config.x_m, config.z_m, config.pitch_rad]))
         block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
-        (start,) = prepare([MotionPlan(f"goal_{number}", self.level, block_m)], replayer, self.effects, Course())
-        stance = ground_pitch(start.start, self.robot)
+        unseen_m = [round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)]
+        wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
+        name = f"goal_{number}"
+        starts = prepare(
+            [MotionPlan(name, self.level, block_m), MotionPlan(name, self.level, *unseen_m, wrong)],
+            replayer,
+            self.effects,
+            Course(),
+        )
+        stance = ground_pitch(starts[0].start, self.robot)
         target = Target(round(float(goal[0]), 3))
         solution = self.planner.plan(target, goal, stance)
         if solution is None:
@@ -140,11 +163,12 @@ class ShiftSimulator:
             return []
         jumps = []
         for jump in range(config.jumps):
-            shift = config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
-            kick_row = round(float(rng.uniform(*config.kick_between_s)) / reference.period_s) if jump % 2 else 0
-            jumps.append(
-                SimulatedJump(start, plan, goal, stance, shift, kick_row, rng.uniform(-1, 1, 3) * config.kick)
-            )
+            share = rng.uniform(config.smallest_share, 1.0)
+            shift = share * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
+            kick_row = round(float(rng.uniform(*config.kick_between_s)) / reference.period_s) if jump % 4 > 1 else 0
+            kick = rng.uniform(-1, 1, 3) * config.kick
+            unseen = bool(jump % 2)
+            jumps.append(SimulatedJump(starts[unseen], plan, goal, stance, shift, kick_row, kick, unseen))
         return jumps
 
     def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:

@@ -135,7 +135,8 @@ def shifted_jumps(outcome: TrialOutcome) -> ShiftedJumps | None:
     ]
     if not rows:
         return None
-    return ShiftedJumps(*(np.array(column) for column in zip(*rows, strict=True)))
+    goal, stance, landing, shift, deviation = (np.array(column) for column in zip(*rows, strict=True))
+    return ShiftedJumps(goal, stance, landing, shift, deviation, disturbed=np.zeros(len(rows)))
 
 
 def upright_jumps(outcome: TrialOutcome) -> Iterator[tuple[GoalDirectedJump, np.ndarray]]:
