@@ -68,9 +68,7 @@ def test_times_count_from_the_start_of_the_jump_and_nothing_acts_before_it(robot
     def run(start_s: float | None, *actions: Disturbance) -> np.ndarray:
         controller = Playback(ready.commanded, robot)
         rng = np.random.default_rng(0)
-        found = run_closed_loop(
-            ready, controller, replayer, (), Sensing(noise=SILENT), rng, actions, lambda: start_s
-        )
+        found = run_closed_loop(ready, controller, replayer, (), Sensing(noise=SILENT), rng, actions, lambda: start_s)
         return found.truth.base_velocity
 
     plain, kick = run(0.0), Disturbance(0.2, velocity=(0.2, 0.0, 0.0))

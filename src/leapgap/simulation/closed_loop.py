@@ -161,8 +161,8 @@ def run_closed_loop(
 ) -> ClosedLoopRun:
     """Run a controller for as many rows as the prepared commands have.
 
-    ``disturbed_from`` gives the time from which the times of ``disturbances`` count, s since the first row; None: it is not
-    known yet.
+    ``disturbed_from`` gives the time from which the times of ``disturbances`` count, s since the first row; None: it is
+    not known yet.
     """
     robot, rows, period = replayer.robot, len(ready.commanded), ready.commanded.info.sample_period_s
     errors = NoiseRows.draw(sensing.noise, rows, len(robot.joints), rng)

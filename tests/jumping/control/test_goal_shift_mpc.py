@@ -1,5 +1,6 @@
 """Goal-shift MPC: its QP against the written-out problem in scipy, its limits, and what a shifted plan sends."""
 
+import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -48,7 +49,8 @@ def plan(robot: Robot, reference: Log) -> ShiftedPlan:
     rng, slopes = np.random.default_rng(0), {}
     for name in QUANTITIES:
         rows, columns = getattr(planned, name).shape
-        waves = np.sin(np.outer(np.linspace(0, 9, rows), rng.uniform(0.5, 1, 3 * columns)) + rng.uniform(0, 6, 3 * columns))
+        rate, phase = rng.uniform(0.5, 1, 3 * columns), rng.uniform(0, 6, 3 * columns)
+        waves = np.sin(np.outer(np.linspace(0, 9, rows), rate) + phase)
         slopes[name] = waves.reshape(rows, 3, columns).transpose(1, 0, 2)
     slopes["force"] = 100 * slopes["force"]
     return ShiftedPlan(planned, slopes)
@@ -57,7 +59,7 @@ def plan(robot: Robot, reference: Log) -> ShiftedPlan:
 def best_shifts(plan: ShiftedPlan, config: GoalShiftConfig, update: int, predicted: np.ndarray) -> np.ndarray:
     """First shift (3,) of the problem as it stands in the module's docstring, without limits, by scipy."""
     law, edges = Law(), ShiftGrid(plan.reference.schedule, config.period_s, config.steps).horizon(update)
-    spans = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    spans = [slice(a, b) for a, b in itertools.pairwise(edges)]
     gains = [law.authority[span].sum(axis=0) for span in spans]
     variances = [law.authority_variance[span].sum(axis=0) for span in spans]
     matters, scale = np.array(config.matters), np.array(config.scale)
@@ -88,7 +90,7 @@ def solve(plan: ShiftedPlan, config: GoalShiftConfig, update: int, predicted: np
 @pytest.mark.parametrize("update", [0, 9, 25, 30, 31])
 def test_the_shift_minimises_what_is_written_above_the_problem(plan: ShiftedPlan, update: int) -> None:
     roomy = replace(FREE, limits=replace(FREE.limits, friction=50.0, largest_n=1e5))
-    predicted = TARGET + [0.03, -0.02, 0.08]
+    predicted = TARGET + np.array([0.03, -0.02, 0.08])
     found = solve(plan, roomy, update, predicted)[:3]
     np.testing.assert_allclose(found, best_shifts(plan, roomy, update, predicted), atol=1e-4)
 
@@ -99,7 +101,7 @@ def test_on_the_target_nothing_is_shifted(plan: ShiftedPlan) -> None:
 
 
 def test_what_is_not_trusted_is_not_corrected(plan: ShiftedPlan) -> None:
-    predicted = TARGET + [0.05, 0, 0]
+    predicted = TARGET + np.array([0.05, 0, 0])
     full, half, none = (solve(plan, FREE, 5, predicted, trust=trust)[0] for trust in (1.0, 0.5, 0.0))
     assert full < -0.01
     assert half == pytest.approx(full / 2, rel=0.05)
@@ -109,30 +111,28 @@ def test_what_is_not_trusted_is_not_corrected(plan: ShiftedPlan) -> None:
 def test_pitch_is_a_limit_before_distance(plan: ShiftedPlan) -> None:
     """Landing far too short, and nose-down at the limit: going farther would pitch it further."""
     tight = replace(FREE, largest_pitch_rad=0.15, matters=(0.01, 0.03, 10.0))
-    predicted = TARGET + [-0.1, 0.0, 0.14]
+    predicted = TARGET + np.array([-0.1, 0.0, 0.14])
     steps = ShiftGrid(plan.reference.schedule).horizon(4)
-    gains = np.concatenate([law_of_shifts()[a:b].sum(axis=0) for a, b in zip(steps[:-1], steps[1:], strict=True)], axis=1)
-    pitch = {config: (predicted + gains @ solve(plan, config, 4, predicted)[:-3])[2] for config in (FREE_PITCH, tight)}
-    assert pitch[FREE_PITCH] > 0.16
-    assert pitch[tight] < 0.155
-
-
-FREE_PITCH = replace(FREE, matters=(0.01, 0.03, 10.0))
+    gains = np.concatenate([law_of_shifts()[a:b].sum(axis=0) for a, b in itertools.pairwise(steps)], axis=1)
+    loose = replace(tight, largest_pitch_rad=9.0)
+    pitch, pitch_loose = ((predicted + gains @ solve(plan, c, 4, predicted)[:-3])[2] for c in (tight, loose))
+    assert pitch_loose > 0.16
+    assert pitch < 0.155
 
 
 def test_shifts_stay_in_their_box_and_change_slowly(plan: ShiftedPlan) -> None:
     config = replace(FREE, largest=(0.05, 0.05, 0.1), largest_change=(0.01, 0.02, 0.03))
     before = np.array([-0.045, 0.0, 0.0])
-    found = solve(plan, config, 3, TARGET + [0.3, 0.0, 0.0], before=before)[:-3].reshape(-1, 3)
+    found = solve(plan, config, 3, TARGET + np.array([0.3, 0.0, 0.0]), before=before)[:-3].reshape(-1, 3)
     assert (np.abs(found + before) <= np.array([0.05, 0.05, 0.1]) + 1e-6).all()
-    far = solve(plan, config, 3, TARGET + [0.3, 0.0, 0.0])[:3]
+    far = solve(plan, config, 3, TARGET + np.array([0.3, 0.0, 0.0]))[:3]
     assert (np.abs(far) <= np.array([0.01, 0.02, 0.03]) + 1e-6).all()
     assert far[0] == pytest.approx(-0.01, abs=1e-6)
 
 
 def test_forces_of_the_shifted_plan_stay_in_the_cone(plan: ShiftedPlan) -> None:
     """A limit just above the friction of the plan itself leaves room for a small shift alone."""
-    predicted = TARGET + [0.1, 0.0, 0.0]
+    predicted = TARGET + np.array([0.1, 0.0, 0.0])
     rows = plan.reference.rows(np.array([0.3, 0.3125, 0.323]))
 
     def friction(shift: np.ndarray) -> float:

@@ -66,7 +66,7 @@ def test_of_a_similar_robot_few_jumps_are_enough(learned: LandingFeedback) -> No
     own = law(np.random.default_rng(1), 6, short_m=0.02)
     goal, deviation = np.array([0.5, 0.05, 0.05]), np.zeros(10)
     deviation[3] = 0.15
-    expected = goal + [0.4 * 0.15 - 0.02, 0, 0]
+    expected = goal + np.array([0.4 * 0.15 - 0.02, 0, 0])
     informed, alone = (learn_feedback(own, TIMES_S, FeedbackConfig(), prior) for prior in (learned, None))
     off, off_alone = (np.abs(m.predict(8, goal, -0.05, deviation) - expected).max() for m in (informed, alone))
     assert off < 0.006

@@ -4,11 +4,12 @@ At each update the landing is predicted from the measured state, and a QP choose
 
     min ‖p + Σ_k G_k (δ_k − δ_before) − target‖²_M + Σ_k ‖δ_k − δ_{k−1}‖²_R + Σ_k ‖δ_k − δ_before‖²_V
 
-subject to limits of pitch and height at the landing, of the ground forces, the friction and the torques of the shifted
-plan, and of the shifts. V is what the variance of G adds to the expected error, so that uncertain shifts stay small. The
-first shift is applied until the next update.
+subject to limits of pitch and height at the landing, of the ground forces, the friction and the torques of the
+shifted plan, and of the shifts. V is what the variance of G adds to the expected error, so that uncertain shifts stay
+small. The first shift is applied until the next update.
 """
 
+import itertools
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -30,10 +31,13 @@ HEIGHT_AXIS, PITCH_AXIS = 1, 2
 class LandingPredictor(Protocol):
     """What the MPC asks of a model of the landing."""
 
-    authority: np.ndarray
-    """Change of the landing by a shift during each update, (updates, 3 of the landing, 3 of the shift)."""
-    authority_variance: np.ndarray
-    """Variance of its entries, (updates, 3, 3)."""
+    @property
+    def authority(self) -> np.ndarray:
+        """Change of the landing by a shift during each update, (updates, 3 of the landing, 3 of the shift)."""
+
+    @property
+    def authority_variance(self) -> np.ndarray:
+        """Variance of its entries, (updates, 3, 3)."""
 
     def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
         """Landing, (3,), if the goal stays ``goal`` (3,) from this update on."""
@@ -71,8 +75,8 @@ class GoalShiftConfig:
     soft_landing: tuple[float, float] = (0.1, 0.03)
     """Violations of the limits of pitch, rad, and of height, m, that cost ``slack_weight`` each."""
     soft_effort: tuple[float, float] = (10.0, 2.0)
-    """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a limit
-    already, and a linear shift of them then breaks it a little."""
+    """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a
+    limit already, and a linear shift of them then breaks it a little."""
     slack_weight: float = 100.0
     trusted: float = 4.0
     """Doubt about the prediction, in ``matters``, at which the MPC corrects half of the predicted error."""
@@ -136,7 +140,7 @@ class GoalShiftPlanner:
     def _prepare(self, update: int) -> PreparedUpdate:
         config, edges = self.config, self.grid.horizon(update)
         steps = len(edges) - 1
-        spans = [slice(first, last) for first, last in zip(edges[:-1], edges[1:], strict=True)]
+        spans = [slice(first, last) for first, last in itertools.pairwise(edges)]
         authority = np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
         doubt = config.authority_doubt**2 * authority.reshape(3, steps, GOAL_AXES).transpose(1, 0, 2) ** 2
         variance = [
@@ -146,8 +150,8 @@ class GoalShiftPlanner:
         difference = np.kron(np.eye(steps) - np.eye(steps, k=-1), np.eye(GOAL_AXES))
         change = np.tile(1 / np.array(config.scale) ** 2, steps)
         hessian = np.zeros((GOAL_AXES * steps + SLACKS,) * 2)
-        hessian[:-SLACKS, :-SLACKS] = authority.T @ (self.errors[:, None] * authority) + np.diag(np.concatenate(variance))
-        hessian[:-SLACKS, :-SLACKS] += difference.T @ (change[:, None] * difference)
+        of_shifts = authority.T @ (self.errors[:, None] * authority) + difference.T @ (change[:, None] * difference)
+        hessian[:-SLACKS, :-SLACKS] = of_shifts + np.diag(np.concatenate(variance))
         hessian[-SLACKS:, -SLACKS:] = np.diag([config.slack_weight] * SLACKS)
         landing = np.zeros((3, len(hessian)))
         landing[0, :-SLACKS], landing[1, :-SLACKS] = authority[PITCH_AXIS], -authority[PITCH_AXIS]

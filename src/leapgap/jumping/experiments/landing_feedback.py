@@ -1,13 +1,13 @@
 """Predicts the landing while the robot still pushes: from the goal, from what the robot does, and from shifts to come.
 
-At update j the goal is γ: the planned one plus the shift δ_{j−1} so far. The landing is learned directly, not composed of
-short steps, so that no error grows on the way to it:
+At update j the goal is γ: the planned one plus the shift δ_{j−1} so far. The landing is learned directly, not composed
+of short steps, so that no error grows on the way to it:
 
     landing = L(γ, stance) + W_jᵀ φ_j(γ, stance, deviation) + Σ_{i ≥ j} G_i (δ_i − δ_{j−1})
 
-``L`` is the landing model of jumps with one constant goal, ``G_i`` what a shift during update i does to the landing, and
-φ_j holds a one, goal, stance, and how far trunk and feet are from the shifted plan. ``W`` is a ridge regression towards
-the same model of another robot: the identified one, which was simulated.
+``L`` is the landing model of jumps with one constant goal, ``G_i`` what a shift during update i does to the landing,
+and φ_j holds a one, goal, stance, and how far trunk and feet are from the shifted plan. ``W`` is a ridge regression
+towards the same model of another robot: the identified one, which was simulated.
 """
 
 from collections.abc import Mapping, Sequence
@@ -66,8 +66,8 @@ class ShiftedJumps:
     """Deviation from the shifted plan at each update, (n, T, 10); not finite where the jump is not to be learned from:
     before it is disturbed."""
     disturbed: np.ndarray
-    """1 where something happened that the plan did not reckon with, else 0, (n,); only from the others it is learned what
-    shifts do, and where constant goals lead."""
+    """1 where something happened that the plan did not reckon with, else 0, (n,). Only the others teach what shifts do,
+    and where constant goals lead."""
 
     def __len__(self) -> int:
         return len(self.goal)
@@ -75,7 +75,8 @@ class ShiftedJumps:
     @staticmethod
     def join(parts: Sequence["ShiftedJumps"]) -> "ShiftedJumps":
         """All jumps of some parts, in their order."""
-        return ShiftedJumps(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(ShiftedJumps)))
+        names = [one.name for one in fields(ShiftedJumps)]
+        return ShiftedJumps(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def to_json(self) -> dict[str, Any]:
         """The arrays as lists; what is not finite becomes null."""
@@ -102,7 +103,9 @@ class ShiftedJumps:
 
 def null_where_not_finite(values: np.ndarray) -> Any:
     """Nested lists of the values, with None for those that are not finite."""
-    return np.where(np.isfinite(values), values.astype(object), None).tolist()
+    found = values.astype(object)
+    found[~np.isfinite(values)] = None
+    return found.tolist()
 
 
 def features(goal: np.ndarray, stance_pitch: np.ndarray, deviation: np.ndarray, config: AimConfig) -> np.ndarray:
@@ -171,7 +174,7 @@ def learn_feedback(
     left_out, trusted = constant - at_goal, np.ones(len(jumps))
     left_out[own] = landing.dual / np.diag(landing.inverse)[:, None]
     trusted[own] = landing.sample_weights
-    weights, covariance, scatter = [], [], []
+    fits = []
     for update in range(len(times_s)):
         goal, before = jumps.goal_at(update), jumps.shift_before(update)
         later = np.einsum("tij,ntj->ni", authority[:update], jumps.shift[:, :update])
@@ -188,10 +191,10 @@ def learn_feedback(
         deviation = np.full(phi.shape[1], change)
         deviation[0] = config.free_change if prior is None else config.bias
         fit = Ridge(phi, residual - phi @ mean, weight, deviation, config.noise)
-        weights.append(mean + fit.weights)
-        covariance.append(fit.covariance + (0 if prior is None else prior.covariance[update]))
-        scatter.append(fit.scatter)
-    return LandingFeedback(config, landing, authority, variance, np.array(weights), np.array(covariance), np.array(scatter))
+        uncertain = fit.covariance if prior is None else fit.covariance + prior.covariance[update]
+        fits.append((mean + fit.weights, uncertain, fit.scatter))
+    weights, covariance, scatter = (np.array(part) for part in zip(*fits, strict=True))
+    return LandingFeedback(config, landing, authority, variance, weights, covariance, scatter)
 
 
 class Ridge:

@@ -1,7 +1,7 @@
 """Jumps of the identified robot in simulation, many at once: shifted at random, and some of them kicked.
 
-They give the prior of the landing's model: what a robot does is nominal physics plus what its own jumps teach. Commands are
-known beforehand, so whole jumps roll out without a Python loop.
+They give the prior of the landing's model: what a robot does is nominal physics plus what its own jumps teach. Commands
+are known beforehand, so whole jumps roll out without a Python loop.
 """
 
 from dataclasses import dataclass, field, replace
@@ -143,11 +143,13 @@ class ShiftSimulator:
         """The jumps to one random goal; none where it has no plan."""
         goal = rng.uniform(*np.transpose([config.x_m, config.z_m, config.pitch_rad]))
         block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
-        unseen_m = [round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)]
+        front_m, rear_m = (
+            round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)
+        )
         wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
         name = f"goal_{number}"
         starts = prepare(
-            [MotionPlan(name, self.level, block_m), MotionPlan(name, self.level, *unseen_m, wrong)],
+            [MotionPlan(name, self.level, block_m), MotionPlan(name, self.level, front_m, rear_m, wrong)],
             replayer,
             self.effects,
             Course(),
@@ -228,7 +230,7 @@ class ShiftSimulator:
                 continue
             rows = np.arange(max(0, row - self.average_rows + 1), row + 1)
             base = state[np.maximum(rows - self.late_rows, 0)]
-            trunk = (base - np.array([jump.plan.at("state", r, shifts[r]) for r in rows])).mean(axis=0)
+            trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
             feet = pair_feet(self.robot, motion.qpos[row : row + 1])[0] - jump.plan.at("foot", row, shifts[row])
             found[update] = np.concatenate([trunk + spread * rng.standard_normal(6), feet])
         return found

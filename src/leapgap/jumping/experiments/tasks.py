@@ -38,7 +38,7 @@ class JumpTask:
     stance_is_seen: bool = True
     """Whether a robot can measure the ground it stands on before it jumps; else all methods take it for level."""
     crouch_error_rad: float = 0.0
-    """Largest error of the joints in the crouch before the jump, drawn evenly for the thighs and calves of each pair."""
+    """Largest error of the joints in the crouch before the jump, drawn evenly for thighs and calves of each pair."""
     kick_m_s: float = 0.0
     """Sudden change of the forward velocity, forward or back, once in the jump."""
     kick_rad_s: float = 0.0
@@ -64,7 +64,7 @@ class JumpTask:
         return round(float(rng.uniform(*self.rear_block_m)), 4) if self.rear_block_m[1] > 0 else 0.0
 
     def crouch_error(self, robot: Robot, rng: np.random.Generator) -> tuple[float, ...]:
-        """Draw the error of each joint in the crouch, (joints,), rad, equal left and right; empty where there is none."""
+        """Draw the error of each joint in the crouch, (joints,), rad, equal left and right; empty without an error."""
         if self.crouch_error_rad == 0:
             return ()
         error = np.zeros(len(robot.joints))
@@ -75,7 +75,7 @@ class JumpTask:
         return tuple(float(value) for value in error)
 
     def disturbances(self, rng: np.random.Generator) -> tuple[Disturbance, ...]:
-        """Draw one of the kinds of disturbance that the task has, its time and its direction; none where it has none."""
+        """Draw one of the kinds of disturbance that the task has, its time and its direction."""
         kinds = [kind for kind in ("kick_m_s", "kick_rad_s") if getattr(self, kind) > 0]
         kinds += ["push_n"] if self.push_n[1] > 0 else []
         if not kinds:

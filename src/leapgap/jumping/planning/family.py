@@ -1,8 +1,8 @@
 """A smooth family of plans: all jumps of one robot, continued from one canonical plan.
 
-A jump often has several locally optimal plans, for example with a deep and with a shallow crouch. From a cold start, two
-goals that are a centimetre apart can end in different ones, and the robot then lands centimetres apart. Here every plan
-follows from the canonical one in steps that are small enough to stay on its branch.
+A jump often has several locally optimal plans, for example with a deep and with a shallow crouch. From a cold start,
+two goals that are a centimetre apart can end in different ones, and the robot then lands centimetres apart. Here every
+plan follows from the canonical one in steps that are small enough to stay on its branch.
 """
 
 from dataclasses import dataclass, field

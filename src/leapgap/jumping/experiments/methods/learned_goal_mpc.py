@@ -71,7 +71,7 @@ class GoalShiftMethod(Method):
 
 @dataclass(frozen=True)
 class LearnedGoalMpcSettings(MethodSettings):
-    """Simulates jumps of the identified robot, then makes the training jumps of ``land.practice`` with random shifts."""
+    """Simulates jumps of the identified robot, then makes the training jumps of ``land.practice``, randomly shifted."""
 
     name = "learned_goal_mpc"
 
