@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.experiments.landing_feedback import (
+    Authority,
     FeedbackConfig,
     LandingFeedback,
     ShiftedJumps,
-    hats,
     learn_feedback,
 )
 
 UPDATES = 16
-TIMES_S = 0.05 * np.arange(UPDATES)
 AUTHORITY = 2 * (1 - np.arange(UPDATES) / UPDATES) / (UPDATES + 1)
 """Share of a shift that each update adds to the landing; 1 in all, as of a shift from the start on."""
+SHIFTS = Authority(AUTHORITY[:, None, None] * np.eye(3), np.zeros((UPDATES, 3, 3)))
 GAIN_S = 0.4
 """Landing per forward velocity, m/(m/s): the time of the flight."""
 
@@ -43,13 +43,20 @@ def law(rng: np.random.Generator, jumps: int, short_m: float = 0.0, gain_s: floa
 
 @pytest.fixture(scope="module")
 def learned() -> LandingFeedback:
-    return learn_feedback(law(np.random.default_rng(0), 160), TIMES_S, FeedbackConfig())
+    return learn_feedback(law(np.random.default_rng(0), 160), SHIFTS, FeedbackConfig())
 
 
-def test_what_a_shift_does_from_each_update_on(learned: LandingFeedback) -> None:
-    for update in range(0, UPDATES, 3):
-        expected = np.eye(3) * AUTHORITY[update:].sum()
-        np.testing.assert_allclose(learned.authority[update:].sum(axis=0), expected, atol=0.05)
+@pytest.mark.parametrize("update", [0, 5, 15])
+def test_what_earlier_shifts_have_not_done_yet_is_seen(learned: LandingFeedback, update: int) -> None:
+    """Jumps that were never seen: goal, measured deviation and shifts to come give the landing to a few millimetres."""
+    fresh = law(np.random.default_rng(9), 40)
+    errors = []
+    for jump in np.flatnonzero(fresh.undisturbed):
+        before = fresh.shift_before(update)[jump]
+        later = np.einsum("t,tj->j", AUTHORITY[update:], fresh.shift[jump, update:] - before)
+        now = fresh.goal_at(update)[jump], fresh.stance_pitch[jump], fresh.deviation[jump, update]
+        errors.append(fresh.landing[jump] - learned.predict(update, *now) - later)
+    assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx(np.zeros(3), abs=0.006)
 
 
 @pytest.mark.parametrize("update", [2, 8, 15])
@@ -67,7 +74,7 @@ def test_of_a_similar_robot_few_jumps_are_enough(learned: LandingFeedback) -> No
     goal, deviation = np.array([0.5, 0.05, 0.05]), np.zeros(10)
     deviation[3] = 0.15
     expected = goal + np.array([0.4 * 0.15 - 0.02, 0, 0])
-    informed, alone = (learn_feedback(own, TIMES_S, FeedbackConfig(), prior) for prior in (learned, None))
+    informed, alone = (learn_feedback(own, SHIFTS, FeedbackConfig(), prior) for prior in (learned, None))
     off, off_alone = (np.abs(m.predict(8, goal, -0.05, deviation) - expected).max() for m in (informed, alone))
     assert off < 0.006
     assert off < 0.5 * off_alone
@@ -75,8 +82,8 @@ def test_of_a_similar_robot_few_jumps_are_enough(learned: LandingFeedback) -> No
 
 def test_data_correct_a_wrong_prior() -> None:
     rng = np.random.default_rng(2)
-    wrong = learn_feedback(law(rng, 160, gain_s=0.2), TIMES_S, FeedbackConfig())
-    right = learn_feedback(law(rng, 80), TIMES_S, FeedbackConfig(), wrong)
+    wrong = learn_feedback(law(rng, 160, gain_s=0.2), SHIFTS, FeedbackConfig())
+    right = learn_feedback(law(rng, 80), SHIFTS, FeedbackConfig(), wrong)
     deviation = np.zeros(10)
     deviation[3] = 0.15
     goal = np.array([0.55, 0.05, 0.0])
@@ -101,8 +108,3 @@ def test_jumps_survive_a_json_file_with_what_is_not_known_of_them() -> None:
     assert jumps.undisturbed.tolist() == [True, False, True, False]
     twice = ShiftedJumps.join([jumps, again])
     assert len(twice) == 8
-
-
-def test_hats_interpolate() -> None:
-    weights = hats(np.array([0.0, 0.5, 1.0]), np.array([0.0, 0.25, 0.9]))
-    np.testing.assert_allclose(weights, [[1, 0, 0], [0.5, 0.5, 0], [0, 0.2, 0.8]])

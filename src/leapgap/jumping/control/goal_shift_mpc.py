@@ -78,7 +78,7 @@ class GoalShiftConfig:
     """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a
     limit already, and a linear shift of them then breaks it a little."""
     slack_weight: float = 100.0
-    trusted: float = 4.0
+    trusted: float = 8.0
     """Doubt about the prediction, in ``matters``, at which the MPC corrects half of the predicted error."""
     average_s: float = 0.01
     """Time over which the measured deviation from the plan is averaged."""

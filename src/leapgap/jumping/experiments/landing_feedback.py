@@ -40,14 +40,18 @@ class FeedbackConfig:
     """The same for the other weights, per typical change of their input."""
     first_change: float = 3.0
     """The same for a robot without a prior model."""
-    free_change: float = 30.0
-    """The same for a robot without a prior model, of what is not to be held back: G, and the polynomial beside it."""
-    authority_change: float = 0.1
-    """Standard deviation of the change of G, summed over a jump, from the prior model, 1."""
-    knots_s: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-    """Between these times since the start, G of 1 s is linear in time, s."""
-    authority_noise: float = 1.5
-    """Standard deviation of what the fit of G leaves, in units of ``landing.matters``."""
+    free_bias: float = 30.0
+    """The same for the constant of a robot without a prior model."""
+
+
+@dataclass(frozen=True)
+class Authority:
+    """What a shift does to the landing."""
+
+    mean: np.ndarray
+    """G of each update, (T, 3 of the landing, 3 of the shift)."""
+    variance: np.ndarray
+    """Variance of its entries, (T, 3, 3)."""
 
 
 @dataclass(frozen=True)
@@ -122,27 +126,29 @@ def features(goal: np.ndarray, stance_pitch: np.ndarray, deviation: np.ndarray, 
     return np.concatenate(parts, axis=1)
 
 
-def hats(knots_s: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-    """Weights of linear interpolation between knots, (times, knots)."""
-    return np.stack([np.interp(times_s, knots_s, row) for row in np.eye(len(knots_s))], axis=1)
-
-
 @dataclass(frozen=True)
 class LandingFeedback:
     """The learned model of one robot; see the module."""
 
     config: FeedbackConfig
     landing: LandingModel
-    authority: np.ndarray
-    """G of each update, (T, 3 of the landing, 3 of the shift)."""
-    authority_variance: np.ndarray
-    """Variance of its entries, (T, 3, 3)."""
+    shifts: Authority
     weights: np.ndarray
     """W of each update, (T, 15, 3), in units of ``matters``."""
     covariance: np.ndarray
     """Posterior covariance of a column of W, (T, 15, 15), in squared units of ``matters``."""
     scatter: np.ndarray
     """Standard deviation of held-out landings at each update, (T, 3), in units of ``matters``."""
+
+    @property
+    def authority(self) -> np.ndarray:
+        """G of each update, (T, 3, 3)."""
+        return self.shifts.mean
+
+    @property
+    def authority_variance(self) -> np.ndarray:
+        """Variance of the entries of G, (T, 3, 3)."""
+        return self.shifts.variance
 
     @cached_property
     def matters(self) -> np.ndarray:
@@ -161,11 +167,10 @@ class LandingFeedback:
 
 
 def learn_feedback(
-    jumps: ShiftedJumps, times_s: np.ndarray, config: FeedbackConfig, prior: LandingFeedback | None = None
+    jumps: ShiftedJumps, shifts: Authority, config: FeedbackConfig, prior: LandingFeedback | None = None
 ) -> LandingFeedback:
-    """Fit the model to jumps whose updates are at ``times_s`` (T,), with a model of a similar robot as prior."""
-    matters = np.array(config.landing.matters)
-    authority, variance = learn_authority(jumps, times_s, config, prior)
+    """Fit the model to jumps, with a model of a similar robot as prior; what shifts do is known from simulation."""
+    matters, authority = np.array(config.landing.matters), shifts.mean
     constant = jumps.landing - np.einsum("tij,ntj->ni", authority, jumps.shift)
     own = jumps.undisturbed
     samples = LandingSamples(jumps.goal[own], jumps.stance_pitch[own], constant[own])
@@ -175,7 +180,7 @@ def learn_feedback(
     left_out[own] = landing.dual / np.diag(landing.inverse)[:, None]
     trusted[own] = landing.sample_weights
     fits = []
-    for update in range(len(times_s)):
+    for update in range(len(authority)):
         goal, before = jumps.goal_at(update), jumps.shift_before(update)
         later = np.einsum("tij,ntj->ni", authority[:update], jumps.shift[:, :update])
         later -= np.einsum("tij,nj->ni", authority[:update], before)
@@ -189,12 +194,12 @@ def learn_feedback(
         mean = np.zeros((phi.shape[1], 3)) if prior is None else prior.weights[update]
         change = config.first_change if prior is None else config.change
         deviation = np.full(phi.shape[1], change)
-        deviation[0] = config.free_change if prior is None else config.bias
+        deviation[0] = config.free_bias if prior is None else config.bias
         fit = Ridge(phi, residual - phi @ mean, weight, deviation, config.noise)
         uncertain = fit.covariance if prior is None else fit.covariance + prior.covariance[update]
         fits.append((mean + fit.weights, uncertain, fit.scatter))
     weights, covariance, scatter = (np.array(part) for part in zip(*fits, strict=True))
-    return LandingFeedback(config, landing, authority, variance, weights, covariance, scatter)
+    return LandingFeedback(config, landing, shifts, weights, covariance, scatter)
 
 
 class Ridge:
@@ -214,34 +219,3 @@ class Ridge:
 def predictions(landing: LandingModel, goal: np.ndarray, stance_pitch: np.ndarray) -> np.ndarray:
     """Landings of constant goals, (n, 3)."""
     return np.array([landing.landing(g, s) for g, s in zip(goal, stance_pitch, strict=True)]).reshape(-1, 3)
-
-
-def learn_authority(
-    jumps: ShiftedJumps, times_s: np.ndarray, config: FeedbackConfig, prior: LandingFeedback | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """G and the variance of its entries, (T, 3, 3), by regression on the shifts of undisturbed jumps.
-
-    Goal and stance enter as a quadratic polynomial, so that G is not blamed for what they do.
-    """
-    matters, scale = np.array(config.landing.matters), np.array(config.landing.scale)
-    basis = hats(np.array(config.knots_s), times_s) * np.gradient(times_s)[:, None]
-    used = jumps.undisturbed
-    shifted = np.einsum("tk,ntj->nkj", basis, jumps.shift).reshape(len(jumps), -1) / np.tile(scale[:3], basis.shape[1])
-    inputs = (np.column_stack([jumps.goal, jumps.stance_pitch]) - [0.55, 0, 0, 0]) / scale
-    across = np.triu_indices(4)
-    polynomial = np.column_stack([np.ones(len(jumps)), inputs, inputs[:, across[0]] * inputs[:, across[1]]])
-    outputs = (jumps.landing - jumps.goal) / matters
-    if prior is not None:
-        outputs = outputs - np.einsum("tij,ntj->ni", prior.authority, jumps.shift) / matters
-    free, change = shifted.shape[1], config.free_change if prior is None else config.authority_change
-    # A change of G that lasts for the whole jump moves the landing by ``change`` times the shift.
-    size = np.tile(scale[:3] / matters * change / times_s[-1], basis.shape[1])
-    deviation = np.concatenate([size, np.full(polynomial.shape[1], config.free_change)])
-    fit = Ridge(np.hstack([shifted, polynomial]), outputs, used.astype(float), deviation, config.authority_noise)
-    found = (fit.weights[:free].reshape(basis.shape[1], 3, 3) / scale[:3, None]) * matters
-    authority = np.einsum("tk,kji->tij", basis, found)
-    spread = np.diag(fit.covariance)[:free].reshape(basis.shape[1], 3) / scale[:3] ** 2
-    variance = np.einsum("tk,kj,i->tij", basis**2, spread, matters**2)
-    if prior is not None:
-        authority, variance = authority + prior.authority, variance + prior.authority_variance
-    return authority, variance

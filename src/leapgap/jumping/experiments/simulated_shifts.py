@@ -9,13 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from leapgap.effects.base import Effect
+from leapgap.errors import InputError
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
-from leapgap.jumping.experiments.landing_feedback import DEVIATIONS, ShiftedJumps
+from leapgap.jumping.experiments.landing_feedback import DEVIATIONS, Authority, ShiftedJumps
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import Gains, to_jump
@@ -33,6 +34,7 @@ from leapgap.simulation.sensors import SensorNoise
 
 TOUCHES_M = 0.002
 """A foot this close to the ground touches it."""
+NO_KICK = np.zeros(3)
 LEAVES_WITHIN_S = 0.05
 """Feet near the ground within this time after the take-off have not left it yet."""
 
@@ -62,7 +64,7 @@ class SimulatedShiftsConfig:
     every four are kicked.
     """
 
-    goals: int = 44
+    goals: int = 36
     """Number of goals that are planned."""
     jumps: int = 12
     """Jumps to each goal."""
@@ -83,6 +85,10 @@ class SimulatedShiftsConfig:
     """Heights of blocks under the feet that the plan does not know."""
     crouch_error_rad: float = 0.1
     """Largest error of the joints at the start that the plan does not know."""
+    probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
+    """Distances of the goals at which the effect of shifts is found by differences."""
+    probes: tuple[float, float, float] = (0.03, 0.03, 0.06)
+    """Shifts, both ways, for these differences; m, m, rad."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +143,46 @@ class ShiftSimulator:
             disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in jumps]),
         )
 
+    def authority(self, config: SimulatedShiftsConfig) -> Authority:
+        """What a shift during each update does to the landing: differences of jumps shifted from that update on.
+
+        The mean over some distances, and the variance between them.
+        """
+        replayer = Replayer(self.robot, terrain_slots=1, threads=1)
+        (start,) = prepare([MotionPlan("level", self.level)], replayer, self.effects, Course())
+        of_goals = []
+        for x in config.probed_x_m:
+            goal = np.array([x, 0.0, 0.0])
+            plan = self._plan(goal, 0.0)
+            if plan is not None:
+                jump = SimulatedJump(
+                    start, plan, goal, 0.0, np.zeros((self.grid.updates, GOAL_AXES)), 0, NO_KICK, False
+                )
+                of_goals.append(self._differences(jump, replayer, config.probes))
+        if not of_goals:
+            raise InputError("land.method_settings", "no plan to any of probed_x_m", "at least one", "name other ones")
+        return Authority(np.mean(of_goals, axis=0), np.var(of_goals, axis=0))
+
+    def _differences(self, jump: SimulatedJump, replayer: Replayer, probes: tuple[float, float, float]) -> np.ndarray:
+        """G of each update at one goal, (updates, 3, 3)."""
+        from_update = np.zeros((self.grid.updates + 1, GOAL_AXES, GOAL_AXES))
+        for update in range(self.grid.updates):
+            for axis, size in enumerate(probes):
+                landings = []
+                for step in (size, -size):
+                    shift = jump.shift.copy()
+                    shift[update:, axis] = step
+                    landings.append(self._landing(self._simulate(replace(jump, shift=shift), replayer)))
+                from_update[update, :, axis] = (landings[0] - landings[1]) / (2 * size)
+        return from_update[:-1] - from_update[1:]
+
+    def _plan(self, goal: np.ndarray, stance_pitch: float) -> ShiftedPlan | None:
+        solution = self.planner.plan(Target(round(float(goal[0]), 3)), goal, stance_pitch)
+        if solution is None:
+            return None
+        reference = Reference.of(to_jump(solution, Gains()), self.robot)
+        return shifted_plan(self.planner, solution, reference, self.robot)
+
     def _draw(
         self, number: int, replayer: Replayer, config: SimulatedShiftsConfig, rng: np.random.Generator
     ) -> list[SimulatedJump]:
@@ -155,19 +201,16 @@ class ShiftSimulator:
             Course(),
         )
         stance = ground_pitch(starts[0].start, self.robot)
-        target = Target(round(float(goal[0]), 3))
-        solution = self.planner.plan(target, goal, stance)
-        if solution is None:
-            return []
-        reference = Reference.of(to_jump(solution, Gains()), self.robot)
-        plan = shifted_plan(self.planner, solution, reference, self.robot)
+        plan = self._plan(goal, stance)
         if plan is None:
             return []
         jumps = []
         for jump in range(config.jumps):
             share = rng.uniform(config.smallest_share, 1.0)
             shift = share * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
-            kick_row = round(float(rng.uniform(*config.kick_between_s)) / reference.period_s) if jump % 4 > 1 else 0
+            kick_row = (
+                round(float(rng.uniform(*config.kick_between_s)) / plan.reference.period_s) if jump % 4 > 1 else 0
+            )
             kick = rng.uniform(-1, 1, 3) * config.kick
             unseen = bool(jump % 2)
             jumps.append(SimulatedJump(starts[unseen], plan, goal, stance, shift, kick_row, kick, unseen))

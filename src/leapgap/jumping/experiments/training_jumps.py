@@ -116,7 +116,7 @@ def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobo
     """Make the first jumps, identify the joints' effects from them, and plan for the robot that has them.
 
     Plans of different robots do not form one family. So the robot is chosen once: that with the largest share of the
-    effects whose family reaches the ends of what is practised.
+    effects whose family reaches the ends of what is practised; where none does, that with all of the effects.
     """
     bench, config = draws.bench, draws.config
     trials = draws.trials("identify", config.identify_jumps, method, GoalOffsets(), with_log=True)
@@ -124,11 +124,10 @@ def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobo
     found = identify_joint_effects(bench, logs)
     assert method.planner is not None
     robots = [planar_robot_with(bench.robot, scale_effects(found, share)) for share in (1.0, *FALLBACK_EFFECT_SHARES)]
-    while len(robots) > 1 and not replace(method.planner, robot=robots[0]).reaches(ends_of(config)):
-        robots.pop(0)
-    robot, *fallback_robots = robots
-    planner = replace(method.planner, robot=robot, fallback_robots=tuple(fallback_robots))
-    return IdentifiedRobot(planner, found)
+    ends, planner = ends_of(config), method.planner
+    chosen = next((i for i, robot in enumerate(robots) if replace(planner, robot=robot).reaches(ends)), 0)
+    robot, *fallback_robots = robots[chosen:]
+    return IdentifiedRobot(replace(planner, robot=robot, fallback_robots=tuple(fallback_robots)), found)
 
 
 def ends_of(config: PracticeConfig) -> list[np.ndarray]:

@@ -73,20 +73,21 @@ class TrialResult:
     """Time, s, and reason of each fallback command."""
     metrics: RunMetrics
     samples: LandingSamples = field(default_factory=LandingSamples)
+    log: Log | None = None
     shifted: ShiftedJumps | None = None
     """What jumps with a shifted goal did; None for other methods."""
-    log: Log | None = None
 
     def to_json(self) -> dict[str, Any]:
         """All fields but the log, which is a file of its own."""
-        return {
+        found = {
             "landings": [asdict(one) for one in self.landings],
             "total_error_cm": self.total_error_cm,
             "fallbacks": dict(self.fallbacks),
             "substituted": [list(one) for one in self.substituted],
             "conduct": asdict(self.metrics),
             "tried": {name: values.tolist() for name, values in asdict(self.samples).items()},
-        } | ({} if self.shifted is None else {"shifted": self.shifted.to_json()})
+        }
+        return found if self.shifted is None else found | {"shifted": self.shifted.to_json()}
 
     @staticmethod
     def from_json(raw: Mapping[str, Any], log: Log | None) -> "TrialResult":

@@ -16,6 +16,7 @@ from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, ShiftSettings
 from leapgap.jumping.experiments.landing_feedback import (
+    Authority,
     FeedbackConfig,
     LandingFeedback,
     ShiftedJumps,
@@ -91,7 +92,8 @@ class LearnedGoalMpcSettings(MethodSettings):
         draws = PracticeDraws(bench, config, np.random.default_rng([bench.seed, 7]), folder=f"practice_{name}")
         identified = identify_robot(draws, AimingMethod(rig.robot, bench.references, planner=planner))
         print(f"{bench.hardware}: found {json.dumps(to_config(identified.effects))}", flush=True)
-        prior = learn_feedback(self._simulated(bench, identified, name), self._times(identified.planner), self.model)
+        simulated, shifts = self._simulated(bench, identified, name)
+        prior = learn_feedback(simulated, shifts, self.model)
         method = GoalShiftMethod(
             rig.robot, bench.references, planner=identified.planner, config=self.mpc, draws=self.first_shifts
         )
@@ -100,15 +102,12 @@ class LearnedGoalMpcSettings(MethodSettings):
             offsets = config.later_beyond if number else config.random_beyond
             results = bench.runner.results(draws.trials(f"round_{number}", jumps, method, offsets))
             made += [result.shifted for result in results if result.shifted is not None]
-            model = learn_feedback(ShiftedJumps.join(made), self._times(identified.planner), self.model, prior)
+            model = learn_feedback(ShiftedJumps.join(made), shifts, self.model, prior)
             method = replace(method, feedback=model, draws=self.later_shifts)
         return replace(method, draws=None)
 
-    def _times(self, planner: JumpPlanner) -> np.ndarray:
-        return ShiftGrid(planner.schedule, self.mpc.period_s).times_s
-
-    def _simulated(self, bench: Bench, identified: IdentifiedRobot, name: str) -> ShiftedJumps:
-        """Jumps of the identified robot in simulation, from the cache where they are there."""
+    def _simulated(self, bench: Bench, identified: IdentifiedRobot, name: str) -> tuple[ShiftedJumps, Authority]:
+        """Jumps of the identified robot in simulation and what shifts do to it, from the cache where they are there."""
         sensing = bench.world.sensing
         period = bench.level.info.sample_period_s
         simulator = ShiftSimulator(
@@ -122,9 +121,12 @@ class LearnedGoalMpcSettings(MethodSettings):
             noise=sensing.noise,
         )
         place = f"{bench.hardware}/practice_{name}/simulated"
-        return ShiftedJumps.from_json(bench.runner.value(place, simulate, simulator, self.simulated, bench.seed))
+        found = bench.runner.value(place, simulate, simulator, self.simulated, bench.seed)
+        return ShiftedJumps.from_json(found["jumps"]), Authority(*(np.array(part) for part in found["authority"]))
 
 
 def simulate(simulator: ShiftSimulator, config: SimulatedShiftsConfig, seed: int) -> Mapping[str, Any]:
-    """The simulated jumps in a form that a JSON file can hold."""
-    return simulator.run(config, np.random.default_rng([seed, 11])).to_json()
+    """The simulated jumps and the authority of shifts, in a form that a JSON file can hold."""
+    shifts = simulator.authority(config)
+    jumps = simulator.run(config, np.random.default_rng([seed, 11]))
+    return {"jumps": jumps.to_json(), "authority": [shifts.mean.tolist(), shifts.variance.tolist()]}
