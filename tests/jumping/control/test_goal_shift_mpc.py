@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, believe
 from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
@@ -30,11 +30,14 @@ class Law:
     authority: np.ndarray = field(default_factory=lambda: law_of_shifts())
     authority_variance: np.ndarray = field(default_factory=lambda: np.full((UPDATES, 3, 3), 1e-4))
 
+    def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
+        return goal
+
     def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
         return goal
 
-    def doubt(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> float:
-        return 0.0
+    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        return np.array([0.01, 0.01, 0.03])
 
 
 def law_of_shifts() -> np.ndarray:
@@ -78,10 +81,14 @@ def best_shifts(plan: ShiftedPlan, config: GoalShiftConfig, update: int, predict
     return found.x[:3]
 
 
-def solve(plan: ShiftedPlan, config: GoalShiftConfig, update: int, predicted: np.ndarray, **how: object) -> np.ndarray:
-    problem = GoalShiftPlanner(plan, Law(), TARGET, config).problem(
-        update, predicted, float(how.get("trust", 1.0)), np.asarray(how.get("before", np.zeros(3)), dtype=float)
-    )
+def solve(
+    plan: ShiftedPlan,
+    config: GoalShiftConfig,
+    update: int,
+    predicted: np.ndarray,
+    before: tuple[float, ...] = (0, 0, 0),
+) -> np.ndarray:
+    problem = GoalShiftPlanner(plan, Law(), TARGET, config).problem(update, predicted, np.array(before, dtype=float))
     solution = solver(QpConfig()).solve(problem)
     assert solution.fault(1e-4, 1e-4) is None
     return solution.x
@@ -100,12 +107,18 @@ def test_on_the_target_nothing_is_shifted(plan: ShiftedPlan) -> None:
     np.testing.assert_allclose(found[:-3], 0, atol=1e-6)
 
 
-def test_what_is_not_trusted_is_not_corrected(plan: ShiftedPlan) -> None:
-    predicted = TARGET + np.array([0.05, 0, 0])
-    full, half, none = (solve(plan, FREE, 5, predicted, trust=trust)[0] for trust in (1.0, 0.5, 0.0))
-    assert full < -0.01
-    assert half == pytest.approx(full / 2, rel=0.05)
-    assert none == pytest.approx(0, abs=1e-6)
+def test_small_changes_are_not_believed_and_large_ones_are() -> None:
+    expected, spread = np.array([0.6, 0.02, 0.0]), np.array([0.01, 0.01, 0.03])
+
+    def believed_cm(change_m: float, certain: float = 1.0) -> float:
+        predicted = expected + np.array([change_m, 0, 0])
+        return 100 * float((believe(expected, predicted, spread / certain, 3.0) - expected)[0])
+
+    assert believed_cm(0.01) == 0  # one standard deviation: noise
+    assert believed_cm(0.1) == pytest.approx(10 * (1 - 3 / 100))
+    assert believed_cm(-0.1) == -believed_cm(0.1)
+    assert believed_cm(0.1, certain=0.1) == 0  # the same change, but the model does not know that state
+    assert np.array_equal(believe(expected, expected, spread, 3.0), expected)
 
 
 def test_pitch_is_a_limit_before_distance(plan: ShiftedPlan) -> None:
@@ -122,9 +135,9 @@ def test_pitch_is_a_limit_before_distance(plan: ShiftedPlan) -> None:
 
 def test_shifts_stay_in_their_box_and_change_slowly(plan: ShiftedPlan) -> None:
     config = replace(FREE, largest=(0.05, 0.05, 0.1), largest_change=(0.01, 0.02, 0.03))
-    before = np.array([-0.045, 0.0, 0.0])
+    before = (-0.045, 0.0, 0.0)
     found = solve(plan, config, 3, TARGET + np.array([0.3, 0.0, 0.0]), before=before)[:-3].reshape(-1, 3)
-    assert (np.abs(found + before) <= np.array([0.05, 0.05, 0.1]) + 1e-6).all()
+    assert (np.abs(found + np.array(before)) <= np.array([0.05, 0.05, 0.1]) + 1e-6).all()
     far = solve(plan, config, 3, TARGET + np.array([0.3, 0.0, 0.0]))[:3]
     assert (np.abs(far) <= np.array([0.01, 0.02, 0.03]) + 1e-6).all()
     assert far[0] == pytest.approx(-0.01, abs=1e-6)

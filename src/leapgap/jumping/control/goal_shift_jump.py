@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor, believe
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.qp import Qp, QpConfig, solver
 from leapgap.jumping.control.reference import StartFrame
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
@@ -49,7 +49,8 @@ class ShiftTracker(JumpController):
         shape = (self.grid.updates, GOAL_AXES)
         self.exploration = np.zeros(shape) if exploration is None else exploration
         self.shifts = np.zeros(shape)
-        self.deviations = np.full((self.grid.updates, 10), np.nan)
+        self.deviations = np.full((self.grid.updates, DEVIATIONS), np.nan)
+        self._updates = 0
         self._latest: list[np.ndarray] = []
         self._kept = max(1, round(config.average_s / plan.reference.period_s))
 
@@ -67,7 +68,8 @@ class ShiftTracker(JumpController):
         shift = before + share * (self.shifts[update] - before)
         if time_s <= self.reference.schedule.take_off_s:
             self._measure(time_s, estimate, frame, shift)
-        if abs(since_s) < ROUNDING_S:
+        if update >= self._updates:
+            self._updates = update + 1
             self._update(update, time_s, before)
         rate = (self.shifts[update] - before) / self.config.period_s * (share < 1.0)
         return self._shifted(time_s, shift, rate)
@@ -106,14 +108,15 @@ class ShiftTracker(JumpController):
         """Choose the shift from this update on: the first of the QP's, or the one before where it has none."""
         deviation = np.mean(self._latest, axis=0)
         self.deviations[update] = deviation
-        self.shifts[update] = before + self.exploration[update] - (self.exploration[update - 1] if update else 0.0)
+        explored = self.exploration[update] - (self.exploration[update - 1] if update else 0.0)
+        self.shifts[update:] = before + explored
         if self.model is None or self.planner is None:
             return
         result = guarded_solve(
             lambda: self._problem(update, before, deviation), self.solver, SolutionRequirements(), self.clock
         )
         if result.fault is None and result.solution is not None:
-            self.shifts[update] += result.solution.x[:GOAL_AXES]
+            self.shifts[update:] += result.solution.x[:GOAL_AXES]
             return
         reason = result.fault or NOT_FINITE
         self.fallbacks[reason] += 1
@@ -124,7 +127,10 @@ class ShiftTracker(JumpController):
             return None
         assert self.model is not None and self.planner is not None
         goal = self.goal + before
-        predicted = self.model.predict(update, goal, self.stance_pitch, deviation)
-        doubt = self.model.doubt(update, goal, self.stance_pitch, deviation)
-        trust = 1 / (1 + (doubt / self.config.trusted) ** 2)
-        return self.planner.problem(update, predicted, trust, before)
+        now = (update, goal, self.stance_pitch, deviation)
+        authority = self.model.authority
+        expected = self.model.expect(self.goal, self.stance_pitch)
+        expected = expected + np.einsum("tij,tj->i", authority[:update], self.shifts[:update])
+        expected += authority[update:].sum(axis=0) @ before
+        landing = believe(expected, self.model.predict(*now), self.model.spread(*now), self.config.disbelief)
+        return self.planner.problem(update, landing, before)

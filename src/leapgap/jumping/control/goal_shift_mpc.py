@@ -39,11 +39,14 @@ class LandingPredictor(Protocol):
     def authority_variance(self) -> np.ndarray:
         """Variance of its entries, (updates, 3, 3)."""
 
-    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        """Landing, (3,), if the goal stays ``goal`` (3,) from this update on."""
+    def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
+        """Landing, (3,), of a jump to one constant goal (3,) in which nothing unexpected happens."""
 
-    def doubt(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> float:
-        """Standard deviation of the prediction by what the model does not know, in errors that matter."""
+    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Landing, (3,), by what was measured, if the goal stays ``goal`` (3,) from this update on."""
+
+    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Standard deviation of that prediction, (3,), m, m, rad."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +81,22 @@ class GoalShiftConfig:
     """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a
     limit already, and a linear shift of them then breaks it a little."""
     slack_weight: float = 100.0
-    trusted: float = 8.0
-    """Doubt about the prediction, in ``matters``, at which the MPC corrects half of the predicted error."""
+    disbelief: float = 3.0
+    """How much a measured change of the landing shrinks; see ``believe``."""
     average_s: float = 0.01
     """Time over which the measured deviation from the plan is averaged."""
+
+
+def believe(expected: np.ndarray, predicted: np.ndarray, spread: np.ndarray, disbelief: float) -> np.ndarray:
+    """The landing (3,) to reckon with: what was expected before the jump, and a share of what was measured since.
+
+    The share is that of James and Stein, max(0, 1 − disbelief / q), where q sums the squares of predicted − expected,
+    each divided by its standard deviation. Changes within the noise, or of which the model knows too little, count
+    nothing, and large ones in full.
+    """
+    change = predicted - expected
+    q = float(np.sum((change / spread) ** 2))
+    return expected + max(0.0, 1 - disbelief / max(q, 1e-9)) * change
 
 
 @dataclass(frozen=True)
@@ -111,14 +126,11 @@ class GoalShiftPlanner:
         self._joints = np.unique(plan.reference.torque, axis=1, return_index=True)[1]
         self.prepared = [self._prepare(update) for update in range(self.grid.updates)]
 
-    def problem(self, update: int, predicted: np.ndarray, trust: float, before: np.ndarray) -> Qp:
-        """The QP of an update from the landing (3,) predicted without a further change of the shift ``before`` (3,).
-
-        ``trust`` is the share of the predicted error that is corrected.
-        """
+    def problem(self, update: int, predicted: np.ndarray, before: np.ndarray) -> Qp:
+        """The QP of an update from the landing (3,) predicted without a further change of the shift ``before`` (3,)."""
         config, ready = self.config, self.prepared[update]
-        steps = len(ready.hessian) // GOAL_AXES - SLACKS // GOAL_AXES
-        miss = trust * (predicted - self.target)
+        steps = (len(ready.hessian) - SLACKS) // GOAL_AXES
+        miss = predicted - self.target
         gradient = np.zeros(len(ready.hessian))
         gradient[:-SLACKS] = ready.authority.T @ (self.errors * miss)
         largest, change = np.array(config.largest), np.array(config.largest_change)
@@ -126,11 +138,10 @@ class GoalShiftPlanner:
         lower = np.concatenate([np.tile(-largest - before, steps), np.zeros(SLACKS)])
         upper[:GOAL_AXES] = np.minimum(upper[:GOAL_AXES], change)
         lower[:GOAL_AXES] = np.maximum(lower[:GOAL_AXES], -change)
-        expected = self.target + miss
         landing = [
-            config.largest_pitch_rad - expected[PITCH_AXIS],
-            config.largest_pitch_rad + expected[PITCH_AXIS],
-            config.below_target_m + expected[HEIGHT_AXIS] - self.target[HEIGHT_AXIS],
+            config.largest_pitch_rad - predicted[PITCH_AXIS],
+            config.largest_pitch_rad + predicted[PITCH_AXIS],
+            config.below_target_m + miss[HEIGHT_AXIS],
         ]
         # Where the plan as shifted so far is at a limit or beyond it, a further shift must not add to that.
         room = np.maximum(ready.effort - ready.effort_by_shift @ before, 0.0)

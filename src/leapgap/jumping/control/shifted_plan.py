@@ -14,6 +14,8 @@ from leapgap.jumping.control.reference import Reference
 QUANTITIES = ("state", "foot", "joint_pos", "joint_vel", "torque", "force")
 GOAL_AXES = 3
 """x and z of the landing, m, and its pitch, rad."""
+DEVIATIONS = 10
+"""Trunk (x z pitch and their rates) and feet (front x z, rear x z, relative to the base) − those of a shifted plan."""
 
 
 @dataclass(frozen=True)

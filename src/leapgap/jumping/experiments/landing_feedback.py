@@ -23,8 +23,6 @@ TRUNK_SCALE = (0.01, 0.01, 0.04, 0.1, 0.1, 0.4)
 """Typical deviation of x, z, pitch and their rates; m, m, rad, m/s, m/s, rad/s."""
 FOOT_SCALE = 0.01
 """Typical deviation of a foot from the plan, relative to the base, m."""
-DEVIATIONS = 10
-"""Trunk (6) and feet (4: front x z, rear x z) − those of the shifted plan."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +38,9 @@ class FeedbackConfig:
     """The same for the other weights, per typical change of their input."""
     first_change: float = 3.0
     """The same for a robot without a prior model."""
+    doubt_share: float = 0.5
+    """Share of what the weights leave open that counts as error of a prediction. ``change`` is wide, so that few jumps
+    can still correct the prior; the prior itself is better than that."""
     free_bias: float = 30.0
     """The same for the constant of a robot without a prior model."""
 
@@ -159,6 +160,15 @@ class LandingFeedback:
         """Landing, (3,), if the goal stays ``goal`` (3,) from this update on."""
         phi = features(goal[None], np.array([stance]), deviation[None], self.config.landing)[0]
         return self.landing.landing(goal, stance) + phi @ self.weights[update] * self.matters
+
+    def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
+        """Landing, (3,), of a jump to one constant goal in which nothing unexpected happens."""
+        return self.landing.landing(goal, stance)
+
+    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Standard deviation of ``predict``, (3,): scatter of held-out jumps, and what the weights leave open."""
+        doubt = self.doubt(update, goal, stance, deviation)
+        return self.matters * np.hypot(self.scatter[update], self.config.doubt_share * doubt)
 
     def doubt(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> float:
         """Standard deviation of the prediction by what the weights leave open, in units of ``matters``."""

@@ -13,10 +13,10 @@ from leapgap.errors import InputError
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
-from leapgap.jumping.experiments.landing_feedback import DEVIATIONS, Authority, ShiftedJumps
+from leapgap.jumping.experiments.landing_feedback import Authority, ShiftedJumps
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import Gains, to_jump
