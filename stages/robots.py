@@ -1,16 +1,20 @@
 """Logs of real robots with published answers: imported, diagnosed, and held against them."""
 
-from dataclasses import dataclass, field
+import time
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Settings
+from leapgap.logs.importers import log_format
+from leapgap.logs.importers.base import LogFormat
 from leapgap.output_folder import whole_folder
-from leapgap.validation.real_robots import RealCase, is_here, run_case
+from leapgap.reports.diagnosis import diagnose_logs
+from leapgap.validation.real_robots import RealCase, is_here, outcome_of, read_case
 from stages.common import CONF, output_folder, read_config, run_stage
 
 STAGE = "stages.robots"
@@ -23,7 +27,7 @@ class RobotsSettings:
     raw: str
     out: str | None
     metrics: str | None
-    cases: dict[str, Any] = field(default_factory=dict)
+    cases: dict[str, Any]
     """Each a ``RealCase``."""
 
 
@@ -39,13 +43,22 @@ def robots(config: DictConfig) -> None:
             if not is_here(case, raw):
                 print(f"{name}: no files in {raw / case.source}, left out")
                 continue
-            options = CONF / "import_logs" / f"{case.import_logs}.yaml"
-            report, table[name] = run_case(case, raw, options, settings=settings, progress=partial(print, flush=True))
+            begin = time.perf_counter()
+            robot, logs = read_case(case, raw, *importer(case.import_logs))
+            report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
+            table[name] = outcome_of(case, report.content, time.perf_counter() - begin)
             report.save(folder / name)
             verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
             print(f"{name}: {verdict}. {report.sentence}", flush=True)
     if chosen.metrics and table:
         write_json(Path(chosen.metrics), {"cases": table})
+
+
+def importer(name: str) -> tuple[LogFormat, Any]:
+    """Format and options of an import, by the name of its file in conf/import_logs."""
+    settings: Any = OmegaConf.load(CONF / "import_logs" / f"{name}.yaml")
+    layout = log_format(settings.format)
+    return layout, read_config(layout.Options, settings[settings.format], f"import_logs.{settings.format}")
 
 
 if __name__ == "__main__":

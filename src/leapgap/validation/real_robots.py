@@ -1,17 +1,14 @@
 """Logs of real robots with answers that others measured: diagnosed, and held against those answers."""
 
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from leapgap.diagnosis.report import Cause, round_floats
-from leapgap.logs.importers import log_format
+from leapgap.diagnosis.report import Cause, ReportContent, round_floats
+from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
-from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
-from leapgap.settings import from_mapping, values_of
 
 Expected = Mapping[str, Mapping[str, Sequence[float]]]
 """Effect → parameter → lowest and highest value that counts as right."""
@@ -29,9 +26,10 @@ class RealCase:
     """Its model file, below the same folder."""
     published: str
     """What others measured, in words."""
-    expected: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    expected: dict[str, dict[str, list[float]]]
     """As ``Expected``; empty where naming nothing is right."""
-    fix_base: bool | None = None
+    fix_base: bool
+    """Whether the robot hangs: its floating base is held."""
 
 
 def is_here(case: RealCase, raw: Path) -> bool:
@@ -39,21 +37,18 @@ def is_here(case: RealCase, raw: Path) -> bool:
     return (raw / case.source).exists() and (raw / case.robot).is_file()
 
 
-def read_case(case: RealCase, raw: Path, options: Path) -> tuple[Robot, list[Log]]:
-    """The robot of a case and its logs, from the raw files; ``options`` is the file of its import."""
-    values = values_of(options)
-    layout = log_format(values["format"])
-    chosen: Any = from_mapping(layout.Options, values.get(values["format"]) or {}, str(options))
-    robot = Robot.load(raw / case.robot, fix_base=case.fix_base)
+def read_case(case: RealCase, raw: Path, layout: LogFormat, options: Any) -> tuple[Robot, list[Log]]:
+    """The robot of a case and its logs, from the raw files, by the format and options of its import."""
+    robot = Robot.load(raw / case.robot, fix_base=case.fix_base or None)
     found = layout.find(raw / case.source).items()
-    return robot, [log for name, path in found for log in layout.read_all(path, name, robot, chosen)]
+    return robot, [log for name, path in found for log in layout.read_all(path, name, robot, options)]
 
 
-def outcome_of(case: RealCase, report: Report, seconds: float) -> dict[str, Any]:
+def outcome_of(case: RealCase, report: ReportContent, seconds: float) -> dict[str, Any]:
     """One row of the table: the answer beside the published one, and whether it is right by the case's rule."""
     named = named_causes(report)
     wrong = [cause for cause in named if not is_expected(cause, case.expected)]
-    closure = report.content.closure_of_answer
+    closure = report.closure_of_answer
     right = bool(named) and not wrong if case.expected else not named
     return round_floats(
         {
@@ -66,17 +61,17 @@ def outcome_of(case: RealCase, report: Report, seconds: float) -> dict[str, Any]
             },
             "published": case.published,
             "closure": closure.value if closure else 0.0,
-            "gap": report.content.gap_nominal,
-            "horizon_s": report.content.headline.horizon_s,
+            "gap": report.gap_nominal,
+            "horizon_s": report.headline.horizon_s,
             "right": right,
             "false_name": bool(wrong),
-            "logs": len(report.logs),
+            "logs": len(report.gap_per_log),
             "seconds": round(seconds, 1),
         }
     )
 
 
-def named_causes(report: Report) -> list[Cause]:
+def named_causes(report: ReportContent) -> list[Cause]:
     """The causes of the answer: they stand first among all that were judged."""
     return list(report.causes[: len(report.answer)])
 
@@ -87,11 +82,3 @@ def is_expected(cause: Cause, expected: Expected) -> bool:
     return ranges is not None and all(
         name in ranges and ranges[name][0] <= one.value <= ranges[name][1] for name, one in cause.parameters.items()
     )
-
-
-def run_case(case: RealCase, raw: Path, options: Path, **diagnosing: Any) -> tuple[Report, dict[str, Any]]:
-    """Read, diagnose and judge one case; ``diagnosing`` are further arguments of ``diagnose_logs``."""
-    begin = time.perf_counter()
-    robot, logs = read_case(case, raw, options)
-    report = diagnose_logs(logs, robot, **diagnosing)
-    return report, outcome_of(case, report, time.perf_counter() - begin)
