@@ -41,6 +41,10 @@ hostile: export OMP_NUM_THREADS := 1
 hostile: .venv/ready
 	python -m tests.hostile.run
 
+# Logs of real robots with published answers, from data/raw (docs/robots.md): metrics/real/robots.json.
+robots: .venv/ready
+	python -m stages.robots
+
 lint: .venv/ready
 	ruff check
 	ruff format --check

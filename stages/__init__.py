@@ -14,3 +14,7 @@ if sys.argv[:1] == ["-m"]:  # `python -m stages.<stage>` imports this first: Ctr
 
     STAGE = next((word for word in sys.orig_argv if word.startswith("stages.")), "stages")
     InterruptGuard(lambda: f"{STAGE}: stopped by Ctrl-C; {what_is_kept()}").install()
+elif "LEAPGAP_PARENT" in os.environ:  # a worker of a stage, which imports the stage before it can do anything else
+    from leapgap.processes import end_with_parent_early
+
+    end_with_parent_early()

@@ -1,4 +1,10 @@
-"""Cut jump logs into the windows that models are trained and evaluated on."""
+"""Cut jump logs into the windows that models are trained and evaluated on.
+
+Examples:
+
+    python -m stages.chunk chunk.logs=data/jumps/simulated chunk.out=windows
+    python -m stages.chunk chunk.logs=jumps chunk.flight_step_s=0.05 chunk.out=windows
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

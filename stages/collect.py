@@ -1,4 +1,10 @@
-"""Stage ``collect``: logs of simulated jumps, on hardware with effects that the controller does not know."""
+"""Stage ``collect``: logs of simulated jumps, on hardware with effects that the controller does not know.
+
+Examples:
+
+    python -m stages.collect collect.target=[0.6,0.0] collect.hardware=worn collect.jumps=5 collect.out=jumps
+    python -m stages.collect -m collect.hardware=ideal,damped collect.jumps=1
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,6 +67,11 @@ class CollectSettings:
     excitation: Excitation = field(default_factory=Excitation)
     sensing: Sensing = field(default_factory=Sensing)
     course: Course = field(default_factory=Course)
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        if self.jumps < 1:
+            raise ValueError(f"jumps {self.jumps}: 1 or more")
 
 
 def collect(config: DictConfig) -> None:

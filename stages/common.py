@@ -6,8 +6,9 @@ Bad input ends with exit code 2 and one message, and no traceback.
 """
 
 import os
+import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -19,8 +20,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from leapgap.errors import InputError
-from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, system_error
+from leapgap.errors import InputError, did_you_mean
+from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
+from stages.help import help_text
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
@@ -36,9 +38,13 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
     whose sections take keys that conf/ does not show; the stage refuses those that are wrong.
     """
     name = Path(sys.argv[0]).stem
+    if answer := answered_at_once(name, sys.argv[1:]):
+        print(answer, end="")
+        return
 
     def stage_or_refusal(config: DictConfig) -> Any:
         try:
+            find_robot(config)
             return stage(config)
         except (InputError, OSError) as error:
             refuse(name, error)
@@ -53,6 +59,20 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
             run_with_hydra(stage_or_refusal, name)
     except (InputError, OSError) as error:
         refuse(name, error)
+
+
+def answered_at_once(name: str, arguments: Sequence[str]) -> str | None:
+    """What ``--help`` and ``--version`` print; None without them."""
+    if {"--help", "-h"} & set(arguments):
+        return help_text(name, sys.modules["__main__"].__doc__ or "", CONF)
+    return f"leapgap {package_version()}\n" if "--version" in arguments else None
+
+
+def find_robot(config: DictConfig) -> None:
+    """Read the project's own robot from any working folder: its path in ``conf/`` is relative to the project."""
+    model = Path(config.robot.model)
+    if not model.exists() and (ROOT / model).is_file():
+        config.robot.model = str(ROOT / model)
 
 
 def refuse(name: str, error: InputError | OSError) -> NoReturn:
@@ -100,12 +120,25 @@ def params_with_overrides(arguments: list[str], extensible: str | None = None) -
 def config_error(error: Exception) -> InputError:
     """An error of Hydra or OmegaConf as an ``InputError`` of one line."""
     message = " ".join(str(error).split()).removesuffix(".")
-    return InputError(
-        "configuration",
-        message,
-        "keys, groups and types of conf/",
-        "look the key up in conf/, or run with --cfg job to see them all",
-    )
+    do = "look the key up in conf/, or run with --cfg job to see them all"
+    return InputError("configuration", message, "keys, groups and types of conf/", nearest_key(message) or do)
+
+
+def nearest_key(message: str) -> str | None:
+    """``did you mean …?`` for the unknown key in a message of Hydra or OmegaConf; None where none is near."""
+    found = re.search(r"override '([\w.]+)'", message) or re.search(r"full_key: ([\w.]+)", message)
+    if found is None or not (ROOT / PARAMS).is_file():
+        return None
+    known = keys_below(OmegaConf.to_container(OmegaConf.load(ROOT / PARAMS)))
+    return did_you_mean(found[1], [*known, "size"])
+
+
+def keys_below(value: Any, above: str = "") -> list[str]:
+    """Full keys of a configuration, those of sections too."""
+    if not isinstance(value, dict):
+        return []
+    full = {f"{above}{key}": one for key, one in value.items()}
+    return [*full, *(deeper for key, one in full.items() for deeper in keys_below(one, f"{key}."))]
 
 
 def read_config(kind: type[T], section: DictConfig, key: str) -> T:
@@ -124,7 +157,9 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
         message = str(error).splitlines()[0].rstrip(".")
         where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
         fields = ", ".join(kind.__dataclass_fields__)  # type: ignore[attr-defined]
-        raise InputError(where, message, f"the keys {fields}", "correct it in conf/ or on the command line") from None
+        nearest = did_you_mean(str(getattr(error, "key", "")), list(kind.__dataclass_fields__))  # type: ignore[attr-defined]
+        do = nearest or "correct it in conf/ or on the command line"
+        raise InputError(where, message, f"the keys {fields}", do) from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
 

@@ -1,4 +1,9 @@
-"""The diagnosis of a folder of logs against a robot."""
+"""The diagnosis of a folder of logs against a robot.
+
+Examples:
+
+    python -m stages.diagnose diagnose.logs=jumps diagnose.robot=model.xml diagnose.out=report
+"""
 
 from functools import partial
 from pathlib import Path
@@ -7,6 +12,7 @@ from omegaconf import DictConfig
 
 from leapgap.atomic_io import write_json, write_text
 from leapgap.diagnosis.diagnose import Settings
+from leapgap.errors import InputError
 from leapgap.output_folder import whole_folder
 from leapgap.reports.diagnosis import RECORDING, Report, diagnose_folder
 from leapgap.reports.diagnosis_recording import record_report, write_replays
@@ -20,6 +26,8 @@ def diagnose(config: DictConfig) -> None:
     """Judge the logs, then write report, corrected robot, replays and recording, all or nothing."""
     section = config.diagnose
     settings = read_config(Settings, section.settings, "diagnose.settings")
+    if section.threads is not None and (not isinstance(section.threads, int) or section.threads < 1):
+        raise InputError("diagnose.threads", str(section.threads), "null or a number of 1 or more", "correct it")
     model = section.robot or config.robot.model
     out = output_folder(section.out, STAGE, (section.logs, model))
     replays = output_folder(section.replays, STAGE, (section.logs, model, out)) if section.replays else None

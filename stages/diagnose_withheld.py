@@ -1,4 +1,9 @@
-"""Diagnose the withheld cases, each in a folder that holds only copies of its logs and of the robot."""
+"""Diagnose the withheld cases, each in a folder that holds only copies of its logs and of the robot.
+
+Examples:
+
+    python -m stages.diagnose_withheld 'diagnose_withheld.only=[case_000]' diagnose_withheld.out=verdicts
+"""
 
 import shutil
 import tempfile

@@ -1,4 +1,9 @@
-"""Evaluate the models on held-out jumps, or, with ``evaluate.logs``, the final ones on other jump logs."""
+"""Evaluate the models on held-out jumps, or, with ``evaluate.logs``, the final ones on other jump logs.
+
+Examples:
+
+    python -m stages.evaluate evaluate.logs=jumps evaluate.out=predictions
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

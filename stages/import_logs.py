@@ -1,4 +1,9 @@
-"""Import logs of other formats as logs of ours."""
+"""Import logs of other formats as logs of ours.
+
+Examples:
+
+    python -m stages.import_logs import_logs.source=raw import_logs.format=published import_logs.out=jumps
+"""
 
 from pathlib import Path
 from typing import Any

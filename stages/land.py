@@ -1,4 +1,9 @@
-"""Landing errors of each method in closed-loop experiments on simulated hardware that no controller knows."""
+"""Landing errors of each method in closed-loop experiments on simulated hardware that no controller knows.
+
+Examples:
+
+    python -m stages.land 'land.methods=[ours,joint_pd]' 'land.hardware=[worn]' land.out=landings
+"""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,9 @@
-"""Plan jumps to the configured targets and write one reference per target as a jump log."""
+"""Plan jumps to the configured targets and write one reference per target as a jump log.
+
+Examples:
+
+    python -m stages.optimize 'optimize.targets=[[0.55,0.0],[0.5,0.1]]' optimize.out=references
+"""
 
 from pathlib import Path
 

@@ -2,10 +2,15 @@
 
 ``conf/`` is the only place to change a setting. ``dvc repro`` does not compose by itself, so this first stage does;
 ``dvc exp run -S`` writes ``params.yaml`` itself, so this stage then leaves it alone.
+
+Examples:
+
+    python -m stages.params
 """
 
 import hashlib
 import os
+import sys
 from typing import Any
 
 from hydra import compose, initialize_config_dir
@@ -16,7 +21,7 @@ from yaml import YAMLError
 
 from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
-from stages.common import CONF, PARAMS, config_error, refuse
+from stages.common import CONF, PARAMS, answered_at_once, config_error, refuse
 
 HEADER = """\
 # Composed from conf/ by the stage `params`. Not to be edited: change conf/ and run `dvc repro`.
@@ -86,6 +91,10 @@ def params() -> None:
 
 if __name__ == "__main__":
     try:
-        params()
+        answer = answered_at_once("params", sys.argv[1:])
+        if answer:
+            print(answer, end="")
+        else:
+            params()
     except InputError as error:
         refuse("params", error)

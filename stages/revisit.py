@@ -1,6 +1,10 @@
 """Diagnose cases again with knowledge of their truth: with the true effect ablated, and with further jumps.
 
 The first verdicts stay as they are.
+
+Examples:
+
+    python -m stages.revisit revisit.struck=2 revisit.out=revisits
 """
 
 import shutil

@@ -1,4 +1,9 @@
-"""Open the truths, score the verdicts, and write metrics and a page."""
+"""Open the truths, score the verdicts, and write metrics and a page.
+
+Examples:
+
+    python -m stages.score score.verdicts=verdicts score.out=page
+"""
 
 import os
 from collections.abc import Mapping

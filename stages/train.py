@@ -1,4 +1,10 @@
-"""Fit every model of the base on every split of the jumps; models that are already fitted are kept."""
+"""Fit every model of the base on every split of the jumps; models that are already fitted are kept.
+
+Examples:
+
+    python -m stages.train train.windows=windows train.out=models
+    python -m stages.train -m train.windows=windows train.networks.hidden='[64],[128]'
+"""
 
 import time
 from collections.abc import Mapping

@@ -1,4 +1,9 @@
-"""Write the results of the pipeline as Rerun recordings; ``rerun <out>/*.rrd`` shows them."""
+"""Write the results of the pipeline as Rerun recordings; ``rerun <out>/*.rrd`` shows them.
+
+Examples:
+
+    python -m stages.view view.out=views
+"""
 
 from omegaconf import DictConfig
 

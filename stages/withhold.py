@@ -1,4 +1,9 @@
-"""Generate cases whose cause is withheld: logs for the diagnosis, sealed truths for the score."""
+"""Generate cases whose cause is withheld: logs for the diagnosis, sealed truths for the score.
+
+Examples:
+
+    python -m stages.withhold size=tiny withhold.logs=withheld/logs withhold.truth=withheld/truth
+"""
 
 from dataclasses import dataclass
 from functools import partial

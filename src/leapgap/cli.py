@@ -7,14 +7,15 @@ to do. Lengths are in m, angles in rad, times in s, forces in N and torques in N
 import argparse
 import json
 import os
+import re
 import sys
 import webbrowser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
 from leapgap.processes import STOPPED, InterruptGuard
 
@@ -48,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """All commands and their options."""
-    top = argparse.ArgumentParser(prog="leapgap", description=DESCRIPTION, epilog=UNITS)
+    top = Parser(prog="leapgap", description=DESCRIPTION, epilog=UNITS)
     top.add_argument("--version", action=Version, nargs=0, help="print the version and end")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -63,7 +64,7 @@ def parser() -> argparse.ArgumentParser:
     diagnose.add_argument("--out", type=Path, metavar="DIR", help="folder for report and corrected robot; none: print")
     diagnose.add_argument("--effects", metavar="A,B", help="look for these effects only (see: leapgap effects)")
     diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings that differ, as JSON")
-    diagnose.add_argument("--threads", type=int, metavar="N", help="threads to use; none: all cores")
+    diagnose.add_argument("--threads", type=count, metavar="N", help="threads to use; none: all cores")
     diagnose.add_argument("--quiet", action="store_true", help="print the answer and nothing on the way")
 
     robot_options(diagnose)
@@ -137,6 +138,27 @@ def robot_of(chosen: argparse.Namespace) -> Any:
     for note in robot.notes:
         print(f"{robot.path}: {note}", file=sys.stderr)
     return robot
+
+
+def count(text: str) -> int:
+    """A number of threads: a whole number of 1 or more."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"found {text}; expected 1 or more")
+    return number
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors name the nearest word that is known."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the usage, the message and the nearest known word; end with exit code 2."""
+        words = [word for group in re.findall(r"choose from ([^)]*)", message) for word in re.findall(r"[\w-]+", group)]
+        below = [one for action in self._actions if isinstance(action.choices, dict) for one in action.choices.values()]
+        words += [option for one in (self, *below) for option in one._option_string_actions]
+        unknown = re.search(r"(?:invalid choice: '|unrecognized arguments: )([^' ]+)", message)
+        nearest = did_you_mean(unknown[1], words) if unknown else None
+        super().error(f"{message}; {nearest}" if nearest else message)
 
 
 class Version(argparse.Action):

@@ -1,6 +1,7 @@
 """The one exception a user is meant to read."""
 
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -18,6 +19,12 @@ class InputError(Exception):
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str, str]]:
         """To cross from a worker process to the one that tells the user."""
         return type(self), (self.where, self.found, self.expected, self.do)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str | None:
+    """A question that names the known word nearest to one that is not known; None where none is near."""
+    near = difflib.get_close_matches(word, list(known), 1)
+    return f"did you mean {near[0]}?" if near else None
 
 
 @contextmanager

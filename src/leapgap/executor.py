@@ -22,6 +22,11 @@ class Executor:
     address: str | None = None
     """Address of the Ray cluster; None starts one on this machine."""
 
+    def __post_init__(self) -> None:
+        """Refuse a number of processes that means nothing; −1 is one for each core, as joblib has it."""
+        if self.workers < 1 and self.workers != -1:
+            raise ValueError(f"workers {self.workers}: 1 or more, or -1 for all cores")
+
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         """Results in the order of the items; items are independent, so that the kind changes no result."""
         if self.kind == "local":

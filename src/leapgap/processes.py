@@ -22,6 +22,8 @@ STOPPED = 130
 """Exit code of a command that Ctrl-C ended."""
 TRACKER_ADVICE = "ignore:resource_tracker"
 """Filter of the warning with which Python's own helper clears semaphores of workers that were ended."""
+PARENT = "LEAPGAP_PARENT"
+"""Variable that tells a worker which process started it, and whether by its main thread."""
 SET_DEATH_SIGNAL = 1
 """``PR_SET_PDEATHSIG`` of ``prctl``."""
 
@@ -34,17 +36,27 @@ def starting_workers() -> Iterator[tuple[Callable[..., None], tuple[int, bool]]]
     """
     is_main = threading.current_thread() is threading.main_thread()
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
-    filters = os.environ.get("PYTHONWARNINGS")
-    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (filters, TRACKER_ADVICE)))
+    filters = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), TRACKER_ADVICE)))
+    given = {"PYTHONWARNINGS": filters, PARENT: f"{os.getpid()} {int(is_main)}"}
+    before = {name: os.environ.get(name) for name in given}
+    os.environ.update(given)
     try:
         yield end_with_parent, (os.getpid(), is_main)
     finally:
-        if filters is None:
-            del os.environ["PYTHONWARNINGS"]
-        else:
-            os.environ["PYTHONWARNINGS"] = filters
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
         if blocked is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+def end_with_parent_early() -> None:
+    """As ``end_with_parent``, for a worker that still imports the module of a stage and has no initialiser yet."""
+    parent, _, by_main_thread = os.environ.get(PARENT, "").partition(" ")
+    if parent:
+        end_with_parent(int(parent), by_main_thread == "1")
 
 
 def end_with_parent(parent: int, by_main_thread: bool = True) -> None:

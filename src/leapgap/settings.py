@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 
 Kind = TypeVar("Kind")
 
@@ -56,11 +56,11 @@ def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
     fields = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     if not isinstance(values, Mapping):
         raise InputError(where, repr(values), f"an object with keys among {', '.join(sorted(fields))}", "correct it")
-    unknown = sorted(set(values) - fields)
+    unknown = sorted(set(values) - fields, key=str)
     if unknown:
-        raise InputError(
-            where, f"the keys {', '.join(unknown)}", f"keys among {', '.join(sorted(fields))}", "correct them"
-        )
+        nearest = [question for name in unknown if (question := did_you_mean(str(name), fields))]
+        expected, do = f"keys among {', '.join(sorted(fields))}", " ".join(nearest) or "correct them"
+        raise InputError(where, f"the keys {', '.join(map(str, unknown))}", expected, do)
     types_of = typing.get_type_hints(kind)
     return kind(**{name: converted(types_of[name], value, f"{where}, {name}") for name, value in values.items()})
 

@@ -39,6 +39,20 @@ def test_a_killed_stage_leaves_no_worker_and_no_half_output(name: str, inputs: P
     assert (tally.orphans, tally.partial_visible, tally.bytes_differ) == (0, 0, 0)
 
 
+@pytest.mark.parametrize("after_s", [0.0, 0.4])
+def test_workers_that_are_still_starting_end_with_their_parent(after_s: float, inputs: Path, tmp_path: Path) -> None:
+    """They import the stage for seconds before they run anything that they are given."""
+    running = Running(BY_NAME["collect"], inputs, tmp_path / "out")
+    try:
+        assert running.wait_for(1)
+        time.sleep(after_s)
+        running.process.kill()
+        running.process.wait()
+        assert running.left_after(SOON_S) == []
+    finally:
+        running.kill_all()
+
+
 @pytest.mark.parametrize("name", ["collect", "train"])
 def test_ctrl_c_ends_a_stage_and_its_workers_with_one_line(name: str, inputs: Path, tmp_path: Path) -> None:
     call = BY_NAME[name]
@@ -78,10 +92,14 @@ def test_ctrl_c_in_a_training_without_workers(inputs: Path, tmp_path: Path) -> N
         running.kill_all()
 
 
-@pytest.mark.parametrize("after_s", [0.15, 0.6])
+@pytest.mark.parametrize("after_s", [0.0, 0.5])
 def test_ctrl_c_while_a_stage_is_imported(after_s: float, inputs: Path, tmp_path: Path) -> None:
+    """From the moment on at which the package of the stages is there, which has a second thread."""
     running = Running(BY_NAME["collect"], inputs, tmp_path / "out")
     try:
+        threads = Path(f"/proc/{running.process.pid}/task")
+        while len(list(threads.iterdir())) < 2:
+            time.sleep(0.01)
         time.sleep(after_s)
         assert_stops(running, "stages.collect: stopped by Ctrl-C; ")
     finally:

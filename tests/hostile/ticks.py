@@ -25,8 +25,8 @@ from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.task import Target
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
-from leapgap.logs.segments import Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, Controller, StateEstimate
 from tests.conftest import A1_BODY

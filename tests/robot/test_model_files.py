@@ -11,6 +11,7 @@ from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.errors import InputError
 from leapgap.robot.kinematics import centre_of_mass, feet_positions
 from leapgap.robot.model import Robot
+from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames
 from leapgap.robot.visuals import body_poses
 from leapgap.simulation.corrected import read_corrected, write_corrected
@@ -233,3 +234,16 @@ def test_a_held_base_does_not_touch_the_links_at_it(tmp_path: Path) -> None:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         assert data.ncon == 0, held
+
+
+def test_blocks_carry_a_foot_whatever_its_collision_bits(tmp_path: Path) -> None:
+    """A foot that the file's floor alone asks to collide (its own conaffinity is 0) stands on a block as well."""
+    robot = hopper(tmp_path)
+    own = 'contype="4" conaffinity="0"'
+    text = robot.path.read_text().replace('<geom type="box" size="0.08', f'<geom {own} type="box" size="0.08')
+    robot.path.write_text(text.replace('name="floor"', 'name="floor" conaffinity="4"'))
+    model = Robot.load(robot.path, names=PartNames(feet=("sole",))).on_terrain((Box(0.0, 0.0, (0.5, 0.5, 0.1), 0.1),))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    block = model.geom("terrain_0").id
+    assert any(block in contact.geom for contact in data.contact)

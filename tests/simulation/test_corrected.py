@@ -108,10 +108,10 @@ def test_the_model_file_moves_as_the_corrected_replay(tmp_path: Path, name: str,
 
 @pytest.mark.parametrize("kind", ["go2", "ur5e"])
 def test_motors_of_the_makers_are_corrected_where_they_stand(tmp_path: Path, kind: str) -> None:
-    """Motors and servos keep their controls; the last joint gets a gain, a lag, a limit of voltage, and all."""
+    """Motors and servos keep their controls; the last joint gets a lag and a limit of voltage, then a gain too."""
     robot, log = robot_and_log(kind)
     motors = [effect_at(robot, name, -1) for name in ("torque_gain", "motor_lag", "torque_speed_limit")]
-    for folder, chosen in (("gain", motors[:1]), ("lag", motors[1:2]), ("voltage", motors[2:]), ("all", motors)):
+    for folder, chosen in (("electric", motors[1:]), ("all", motors)):
         (tmp_path / folder).mkdir()
         assert check_motion(tmp_path / folder, kind, robot, log, tuple(chosen)) > 1e-6
 
@@ -222,3 +222,22 @@ def test_a_folder_without_effects_is_refused(tmp_path: Path) -> None:
     (tmp_path / "effects.json").write_text("{}")
     with pytest.raises(InputError, match="no list of effects"):
         read_corrected(tmp_path)
+
+
+def test_a_model_that_mujoco_cannot_save_is_said_to_be_missing(tmp_path: Path) -> None:
+    """Two attached models with default classes of one name: MuJoCo's file of them does not load."""
+    part = """<mujoco><default><default class="link"><geom size="{size}"/></default></default><worldbody>
+      <body name="{name}"><joint name="{name}" axis="0 1 0"/><geom class="link" mass="1"/></body></worldbody>
+      <actuator><motor joint="{name}"/></actuator></mujoco>"""
+    (tmp_path / "upper.xml").write_text(part.format(name="upper", size=0.1))
+    (tmp_path / "lower.xml").write_text(part.format(name="lower", size=0.2))
+    (tmp_path / "both.xml").write_text("""<mujoco><asset><model name="u" file="upper.xml"/>
+      <model name="l" file="lower.xml"/></asset><worldbody><attach model="u" prefix=""/><attach model="l" prefix=""/>
+      </worldbody></mujoco>""")
+    robot = Robot.load(tmp_path / "both.xml")
+    assert robot.joints == ("upper", "lower")
+    write_corrected(tmp_path / "corrected", robot, (effects.effect("joint_damping", damping=0.7),))
+    assert "does not save as it is" in (tmp_path / "corrected" / "README.md").read_text()
+    assert not (tmp_path / "corrected" / "robot.xml").exists()
+    with pytest.raises(InputError, match="no such file"):
+        read_corrected(tmp_path / "corrected")

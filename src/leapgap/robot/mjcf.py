@@ -5,11 +5,13 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 
 from leapgap.atomic_io import write_text
-from leapgap.robot.model_file import asset_file
+from leapgap.errors import InputError
+from leapgap.robot.model_hash import asset_paths, hash_model
 
 ASSETS = "assets"
 """Folder of meshes, height fields and textures beside the file."""
@@ -18,22 +20,46 @@ DIGITS = 17
 
 
 def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
-    """Write a specification that compiles as one MJCF; it is changed: its assets are those beside the file."""
-    for part in (*spec.meshes, *spec.hfields):
-        if part.file:
-            part.file = copy_asset(asset_file(spec, spec.meshdir, part.file), path.parent / ASSETS)
-    for texture in spec.textures:
-        if texture.file:
-            texture.file = copy_asset(asset_file(spec, spec.texturedir, texture.file), path.parent / ASSETS)
-        texture.cubefiles = [
-            copy_asset(asset_file(spec, spec.texturedir, file), path.parent / ASSETS) if file else ""
-            for file in texture.cubefiles
-        ]
-    spec.meshdir = spec.texturedir = ASSETS
-    spec.strippath, spec.modelfiledir, spec.compiler.saveinertial = False, str(path.parent), True
+    """Write a specification that compiles as one MJCF, with copies of its assets beside it.
+
+    The file is read back: ``InputError`` where MuJoCo cannot save the model so that it is the same again.
+    """
+    spec.compiler.saveinertial = True  # what MuJoCo computed from shapes is not computed anew
+    model = spec.compile()
     with all_digits():
-        spec.compile()
-        write_text(path, spec.to_xml())
+        root = ElementTree.fromstring(spec.to_xml())
+    for kind, part, count, addresses in (
+        ("mesh", model.mesh, model.nmesh, model.mesh_pathadr),
+        ("hfield", model.hfield, model.nhfield, model.hfield_pathadr),
+        ("texture", model.tex, model.ntex, model.tex_pathadr),
+    ):
+        files = {part(i).name: file for i, file in zip(range(count), asset_paths(model, addresses), strict=True)}
+        for element in root.iterfind(f"asset/{kind}[@file]"):
+            name = element.get("name") or Path(element.get("file", "")).stem
+            if (file := files.get(name)) is not None:
+                element.attrib |= {"name": name, "file": copy_asset(file, path.parent / ASSETS)}
+    for compiler in root.iterfind("compiler"):
+        for setting in ("assetdir", "strippath"):
+            compiler.attrib.pop(setting, None)
+        compiler.attrib |= {"meshdir": ASSETS, "texturedir": ASSETS}
+    write_text(path, ElementTree.tostring(root, encoding="unicode") + "\n")
+    check_file(path, model)
+
+
+def check_file(path: Path, model: mujoco.MjModel) -> None:
+    """Raise ``InputError``, and remove the file, unless it is read back as the model that was written."""
+    try:
+        found = "" if hash_model(mujoco.MjModel.from_xml_path(str(path))) == hash_model(model) else "another model"
+    except ValueError as error:
+        found = " ".join(str(error).split())
+    if found:
+        path.unlink()
+        raise InputError(
+            path.name,
+            f"a model that MuJoCo does not save as it is ({found})",
+            "names that are unique in the whole model",
+            "give each attached model a prefix, or write the model as one file",
+        )
 
 
 def copy_asset(file: Path, folder: Path) -> str:

@@ -134,7 +134,7 @@ class Robot:
 
         It includes motors stated beside the file, so that robots with different motors have different hashes.
         """
-        return hash_model(self.model, self.published_spec(), self.stated_motors)
+        return hash_model(self.model, self.stated_motors)
 
     @cached_property
     def name(self) -> str:
@@ -280,11 +280,12 @@ class Robot:
         if len(spec.meshes):
             spec.discard_visual()  # what only shows makes a model thousands of times larger
         slots = len(boxes) if slots is None else slots
+        contype, conaffinity = collision_bits(spec)
         for i in range(slots):
             geom = spec.worldbody.add_geom()
             geom.name = f"terrain_{i}"
             geom.type = mujoco.mjtGeom.mjGEOM_BOX
-            geom.contype, geom.conaffinity, geom.condim = 1, 0, 3
+            geom.contype, geom.conaffinity, geom.condim = contype, conaffinity, 3
             geom.rgba = [0.72, 0.62, 0.48, 1.0]
             if i < len(boxes):
                 box = boxes[i]
@@ -295,3 +296,12 @@ class Robot:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
         return spec
+
+
+def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:
+    """``contype`` and ``conaffinity`` of a geom of the world that everything of a robot collides with."""
+    contype = conaffinity = 0
+    for geom in spec.geoms:
+        if geom.parent.name != spec.worldbody.name:
+            contype, conaffinity = contype | int(geom.conaffinity), conaffinity | int(geom.contype)
+    return contype, conaffinity

@@ -53,23 +53,13 @@ def invalid(where: object, error: Exception) -> InputError:
     return InputError(where, f"no valid MuJoCo model ({said})", "a model that compiles", "repair it")
 
 
-def asset_file(spec: mujoco.MjSpec, folder: str, file: str) -> Path:
-    """Path of an asset (``meshdir`` or ``texturedir`` as ``folder``) as MuJoCo looks it up."""
-    name = Path(file).name if spec.strippath else file
-    return Path(spec.modelfiledir or ".") / (folder or "") / name
-
-
 def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
     """Remove visual geoms whose mesh files are not there, with a note.
 
     ``InputError`` for a missing mesh that collides, or from which MuJoCo would compute the mass of a body.
     """
-    missing = {
-        mesh.name: mesh.file
-        for mesh in spec.meshes
-        if mesh.file and not asset_file(spec, spec.meshdir, mesh.file).is_file()
-    }
-    if not missing:
+    missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not mesh_file(spec, mesh).is_file()}
+    if not missing or compiles(spec):  # MuJoCo knows more places, such as those of attached models
         return ()
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
@@ -80,6 +70,21 @@ def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
     for mesh in [mesh for mesh in spec.meshes if mesh.name in missing]:
         spec.delete(mesh)
     return (f"{len(missing)} visual meshes are left out, since their files are missing: {listed(missing.values())}",)
+
+
+def mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
+    """Path of a mesh beside its model file."""
+    name = Path(mesh.file).name if spec.strippath else mesh.file
+    return Path(spec.modelfiledir or ".") / mesh.compiler.meshdir / name
+
+
+def compiles(spec: mujoco.MjSpec) -> bool:
+    """Whether MuJoCo compiles a specification."""
+    try:
+        spec.copy().compile()
+    except ValueError:
+        return False
+    return True
 
 
 def listed(names: Iterable[str], most: int = 3) -> str:

@@ -2,11 +2,11 @@
 
 import hashlib
 from collections.abc import Iterator
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from leapgap.robot.model_file import asset_file
 from leapgap.robot.motors import MotorConstants
 
 DIGITS = 9
@@ -33,20 +33,26 @@ Meshes count by the bytes of their files.
 """
 
 
-def hash_model(model: mujoco.MjModel, spec: mujoco.MjSpec, motors: MotorConstants | None) -> str:
+def hash_model(model: mujoco.MjModel, motors: MotorConstants | None = None) -> str:
     """SHA-256 of the compiled model and of motors that are stated beside it, the same on every machine."""
     hashed = hashlib.sha256()
     for part in content(model):
         hashed.update(part)
-    for mesh in spec.meshes:
-        if mesh.file:
-            hashed.update(hashlib.sha256(asset_file(spec, spec.meshdir, mesh.file).read_bytes()).digest())
-    for field in spec.hfields:
-        if field.file:
-            hashed.update(hashlib.sha256(asset_file(spec, spec.meshdir, field.file).read_bytes()).digest())
+    for path in (*asset_paths(model, model.mesh_pathadr), *asset_paths(model, model.hfield_pathadr)):
+        if path is not None:
+            hashed.update(hashlib.sha256(path.read_bytes()).digest())
     if motors is not None:
         hashed.update(repr(motors).encode())
     return hashed.hexdigest()
+
+
+def asset_paths(model: mujoco.MjModel, addresses: np.ndarray) -> list[Path | None]:
+    """Files of meshes, height fields or textures of a compiled model, None for those without a file."""
+    ends = [model.paths.find(b"\0", address) for address in addresses]
+    return [
+        Path(model.paths[address:end].decode()) if address >= 0 else None
+        for address, end in zip(addresses, ends, strict=True)
+    ]
 
 
 def content(model: mujoco.MjModel) -> Iterator[bytes]:

@@ -5,7 +5,7 @@ loop from its true start gives the same motion.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -17,6 +17,7 @@ from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.controller import Command, Controller, StateEstimate
+from leapgap.simulation.disturbance import Disturbance, disturb
 from leapgap.simulation.open_loop import PreparedRun, log_of
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
@@ -116,6 +117,10 @@ class Plant:
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.truth.append(self.state)
 
+    def disturb(self, actions: Sequence[Disturbance], time_s: float) -> None:
+        """Apply the disturbances that act at a time; the next ``send`` simulates them."""
+        disturb(self.model, self.data, self.robot.base_body, actions, time_s)
+
     def _set_gains(self, command: Command) -> None:
         gains = (command.kp, command.kd)
         if self.gains is None or not all(np.array_equal(*pair) for pair in zip(gains, self.gains, strict=True)):
@@ -152,8 +157,14 @@ def run_closed_loop(
     effects: tuple[Effect, ...],
     sensing: Sensing,
     rng: np.random.Generator,
+    disturbances: Sequence[Disturbance] = (),
+    disturbed_from: Callable[[], float | None] = lambda: 0.0,
 ) -> ClosedLoopRun:
-    """Run a controller for as many rows as the prepared commands have."""
+    """Run a controller for as many rows as the prepared commands have.
+
+    ``disturbed_from`` gives the time from which the times of ``disturbances`` count, s since the first row; None: it is
+    not known yet.
+    """
     robot, rows, period = replayer.robot, len(ready.commanded), ready.commanded.info.sample_period_s
     errors = NoiseRows.draw(sensing.noise, rows, len(robot.joints), rng)
     late = round(sensing.base_delay_s / period)
@@ -166,7 +177,11 @@ def run_closed_loop(
         touching.append(plant.touching())
         force.append(plant.ground_force())
         of_base = measured[max(0, row - late)]
-        plant.send(controller.command(estimate(row * period, of_base, measured[row], touching[row], robot)))
+        command = controller.command(estimate(row * period, of_base, measured[row], touching[row], robot))
+        since = disturbed_from() if disturbances else None
+        if since is not None:
+            plant.disturb(disturbances, row * period - since)
+        plant.send(command)
     measured_motion = Motion(np.concatenate([m.qpos for m in measured]), np.concatenate([m.qvel for m in measured]))
     truth = Motion(*(np.array(part) for part in zip(*plant.truth[:rows], strict=True)))
     log = log_of(ready.plan.name, with_commands(ready.commanded, plant.sent, robot), measured_motion, robot)

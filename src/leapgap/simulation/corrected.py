@@ -9,6 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import mujoco
+
 from leapgap import effects
 from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.effects.base import Effect
@@ -30,16 +32,27 @@ def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...], 
     ``gains`` are kp and kd of each joint by its name, as the logs have them, for the settings of other simulators.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    nominal = robot.published_spec() if robot.states_actuators else robot.spec()
-    write_mjcf(nominal, folder / NOMINAL)
     spec, left_out = corrected_spec(robot, correction)
-    write_mjcf(spec, folder / MODEL)
+    failure = write_models(folder, robot, spec)
     write_json(folder / EFFECTS, {"effects": effects.to_config(correction), **settings_of(robot)})
     found = parameters(robot, correction, left_out)
     write_json(folder / PARAMETERS, found)
     write_text(folder / URDF, urdf_dynamics(found))
     write_json(folder / ISAAC, isaac_actuators(found, gains or {}))
-    write_text(folder / README, readme(found))
+    write_text(folder / README, readme(found, failure))
+
+
+def write_models(folder: Path, robot: Robot, corrected: mujoco.MjSpec) -> str:
+    """Write the nominal and the corrected model; where MuJoCo cannot save them, why, and nothing is written."""
+    nominal = robot.published_spec() if robot.states_actuators else robot.spec()
+    try:
+        write_mjcf(nominal, folder / NOMINAL)
+        write_mjcf(corrected, folder / MODEL)
+    except InputError as error:
+        for name in (NOMINAL, MODEL):
+            (folder / name).unlink(missing_ok=True)
+        return str(error)
+    return ""
 
 
 def settings_of(robot: Robot) -> dict[str, Any]:

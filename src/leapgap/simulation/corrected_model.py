@@ -26,13 +26,17 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
     spec = robot.published_spec() if robot.states_actuators else robot.spec()
     actuators.move_to_joints(spec, robot.actuators)
     name_contacts(spec, robot.names.feet if robot.names else ())
-    left_out = []
-    for effect in correction:
-        changed = spec.copy()
-        held = apply(effect, changed, robot)
-        spec = changed if held else spec
-        if not held or acts_outside(effect):
-            left_out.append(effect)
+    inside = [effect for effect in correction if changes_model(effect)]
+    changed = with_effects(inside, spec, robot)
+    refused: list[Effect] = []
+    if changed is None:  # then one by one, to name those that a model cannot hold
+        changed = spec
+        for effect in inside:
+            more = with_effects([effect], changed, robot)
+            refused += [effect] if more is None else []
+            changed = more or changed
+    spec = changed
+    left_out = [effect for effect in correction if effect in refused or acts_outside(effect)]
     drive = Drive.ideal(len(robot.joints))
     for effect in correction:
         drive = effect.change_drive(drive, robot)
@@ -47,27 +51,38 @@ def acts_outside(effect: Effect) -> bool:
     return any(getattr(type(effect), method) is not getattr(Effect, method) for method in OUTSIDE)
 
 
-def apply(effect: Effect, spec: mujoco.MjSpec, robot: Robot) -> bool:
-    """Put what an effect changes of the model, its motors aside, into the specification; False where it cannot hold it.
+def changes_model(effect: Effect) -> bool:
+    """Whether an effect changes the model otherwise than by its motors."""
+    own = type(effect)
+    return own.change_model is not Effect.change_model or own.change_spec is not Effect.change_spec
 
-    The effect changes a compiled model as in a replay, and MuJoCo writes the changed values back.
+
+def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjSpec | None:
+    """The specification with what effects change of the model, motors aside; None where it cannot hold that.
+
+    The effects change a compiled model as in a replay, and MuJoCo writes the changed values back.
     """
-    if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
-        effect.change_spec(spec, robot)
-    model = spec.compile()
+    if not inside:
+        return spec
+    changed = spec.copy()
+    for effect in inside:
+        if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
+            effect.change_spec(changed, robot)
+    model = changed.compile()
     makers = [getattr(model, name).copy() for name in ACTUATORS]
-    effect.change_model(model, robot)
+    for effect in inside:
+        effect.change_model(model, robot)
     if any(not np.array_equal(own, getattr(model, name)) for own, name in zip(makers, ACTUATORS, strict=True)):
-        return False  # it means our actuators, and these are the makers'
+        return None  # an effect means our actuators, and these are the makers'
     try:
-        spec.copy_back(model)
+        changed.copy_back(model)
     except ValueError:
-        return False
-    for geom in spec.geoms:  # MuJoCo does not write these back
+        return None
+    for geom in changed.geoms:  # MuJoCo does not write these back
         geom.priority, geom.condim = int(model.geom_priority[geom.id]), int(model.geom_condim[geom.id])
         if geom.fluid_ellipsoid:
             geom.fluid_coefs = model.geom_fluid[geom.id, 1:6]
-    return True
+    return changed
 
 
 def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:

@@ -154,8 +154,11 @@ def isaac_actuators(found: Mapping[str, Any], gains: Gains) -> dict[str, Any]:
     return settings
 
 
-def readme(found: Mapping[str, Any]) -> str:
-    """What the folder holds, and what no model file can hold, with the numbers."""
+def readme(found: Mapping[str, Any], failure: str = "") -> str:
+    """What the folder holds, and what no model file can hold, with the numbers.
+
+    ``failure`` says why there are no model files, where MuJoCo could not save them.
+    """
     held = [effect for effect in found["effects"] if effect["in_model"]]
     outside = [effect for effect in found["effects"] if not effect["in_model"]]
     lines = [
@@ -168,6 +171,7 @@ def readme(found: Mapping[str, Any]) -> str:
         "- `parameters.json`: every number, nominal and corrected.",
         "- `urdf_dynamics.xml`: damping and friction of the joints, to copy into a URDF.",
         "- `isaac_actuators.json`: settings of the actuators for simulators with joint PDs of their own.",
+        *(["", f"**Without `robot.xml` and `nominal.xml`**: {failure}."] if failure else []),
         "",
         "## In `robot.xml`",
         "",

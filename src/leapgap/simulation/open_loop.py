@@ -43,6 +43,10 @@ class MotionPlan:
     name: str
     reference: Log
     block_height_m: float = 0.0
+    rear_block_height_m: float = 0.0
+    """Height of a block under the rear feet, m (0: none)."""
+    crouch_error_rad: tuple[float, ...] = ()
+    """How far each joint stands from the reference's first pose at the start, (joints,); empty: not at all."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +66,13 @@ def prepare(
     """Settle the simulated hardware at the start of each plan; ``replayer`` has slots for their terrain."""
     robot = replayer.robot
     commanded = [with_block(extend_reference(plan.reference, course), plan, robot, course) for plan in plans]
-    standing = [replayer.first_state(Rollout(hold_first_command(log, course.settle_s))) for log in commanded]
-    standing = [raise_front(state, plan.block_height_m, robot) for state, plan in zip(standing, plans, strict=True)]
-    settling = [Rollout(hold_first_command(log, course.settle_s), effects) for log in commanded]
+    held = [
+        misplace_joints(hold_first_command(log, course.settle_s), plan, robot)
+        for log, plan in zip(commanded, plans, strict=True)
+    ]
+    standing = [replayer.first_state(Rollout(log)) for log in held]
+    standing = [raise_on_blocks(state, plan, robot) for state, plan in zip(standing, plans, strict=True)]
+    settling = [Rollout(log, effects) for log in held]
     settling = [
         replace(trial, first_state=lift_out_of_ground(trial, state, replayer))
         for trial, state in zip(settling, standing, strict=True)
@@ -75,7 +83,8 @@ def prepare(
 
 def terrain_slots(plans: Sequence[MotionPlan]) -> int:
     """Number of boxes that the models of the plans need: those of the reference and the block."""
-    return 1 + max((len(plan.reference.info.terrain) for plan in plans), default=0)
+    rear = any(plan.rear_block_height_m > 0 for plan in plans)
+    return 1 + rear + max((len(plan.reference.info.terrain) for plan in plans), default=0)
 
 
 def run_open_loop(
@@ -117,15 +126,32 @@ def hold_first_command(log: Log, seconds: float) -> Log:
     return replace(log, columns=columns)
 
 
+def misplace_joints(log: Log, plan: MotionPlan, robot: Robot) -> Log:
+    """The log with the plan's wrong crouch in its joints and their set points."""
+    columns = dict(log.columns)
+    for joint, error in zip(robot.joints, plan.crouch_error_rad, strict=False):
+        for name in (f"cmd_pos/{joint}", f"joint_pos/{joint}"):
+            columns[name] = columns[name] + error
+    return replace(log, columns=columns)
+
+
+def raise_on_blocks(state: np.ndarray, plan: MotionPlan, robot: Robot) -> np.ndarray:
+    """The first state (nq + nv,) with the feet on the plan's blocks."""
+    state = raise_front(state, plan.block_height_m - plan.rear_block_height_m, robot)
+    state[2] += plan.rear_block_height_m
+    return state
+
+
 def with_block(log: Log, plan: MotionPlan, robot: Robot, course: Course) -> Log:
-    """The reference with the plan's block, if it has one, under the front feet."""
-    if plan.block_height_m <= 0:
-        return log
-    feet = feet_positions(robot, motion_of(log, robot, slice(1)).qpos)[0]
-    x, y = feet[[robot.feet.index(foot) for foot in robot.feet_of_pair("front")], :2].mean(axis=0)
-    size = (course.block_length_m, course.block_width_m, plan.block_height_m)
-    box = Box(round(float(x), 4), round(float(y), 4), size, plan.block_height_m)
-    return replace(log, info=replace(log.info, terrain=(*log.info.terrain, box)))
+    """The reference with the plan's blocks, if it has any, under the front and the rear feet."""
+    terrain = log.info.terrain
+    for pair, height in (("front", plan.block_height_m), ("rear", plan.rear_block_height_m)):
+        if height > 0:
+            feet = feet_positions(robot, motion_of(log, robot, slice(1)).qpos)[0]
+            x, y = feet[[robot.feet.index(foot) for foot in robot.feet_of_pair(pair)], :2].mean(axis=0)
+            size = (course.block_length_m, course.block_width_m, height)
+            terrain = (*terrain, Box(round(float(x), 4), round(float(y), 4), size, height))
+    return log if terrain == log.info.terrain else replace(log, info=replace(log.info, terrain=terrain))
 
 
 def lift_out_of_ground(trial: Rollout, state: np.ndarray, replayer: Replayer) -> np.ndarray:

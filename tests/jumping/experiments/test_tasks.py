@@ -37,3 +37,41 @@ def test_slopes_are_drawn_within_their_range() -> None:
     assert min(slopes) == pytest.approx(-0.005, abs=3e-4)
     assert max(slopes) == pytest.approx(0.005, abs=3e-4)
     assert abs(np.mean(slopes)) < 0.001
+
+
+def test_a_kick_or_a_push_is_drawn_once_a_jump_in_both_directions() -> None:
+    task, rng = JumpTask("push", 0.6, kick_m_s=0.2, kick_rad_s=1.0, push_n=(30.0, 60.0)), np.random.default_rng(0)
+    drawn = [task.disturbances(rng) for _ in range(300)]
+    assert all(len(one) == 1 for one in drawn)
+    assert {one.begin_s for (one,) in drawn} == {0.3, 0.4}
+    assert {one.velocity for (one,) in drawn if not any(one.force_n)} == {
+        (0.2, 0.0, 0.0),
+        (-0.2, 0.0, 0.0),
+        (0.0, 0.0, 1.0),
+        (0.0, 0.0, -1.0),
+    }
+    pushes = np.array([one.force_n[0] for (one,) in drawn if any(one.force_n)])
+    assert 60 < len(pushes) < 140
+    assert 30 <= np.abs(pushes).min() < 33 and 57 < np.abs(pushes).max() <= 60
+    assert 0.3 < (pushes > 0).mean() < 0.7
+    assert {one.duration_s for (one,) in drawn if any(one.force_n)} == {0.1}
+
+
+def test_a_task_without_disturbances_draws_nothing(robot: Robot) -> None:
+    task, rng = JumpTask("calm", 0.6), np.random.default_rng(0)
+    before = rng.bit_generator.state
+    assert task.disturbances(rng) == ()
+    assert task.crouch_error(robot, rng) == ()
+    assert task.rear_start_block(rng) == 0.0
+    assert rng.bit_generator.state == before
+
+
+def test_a_wrong_crouch_is_equal_left_and_right_and_spares_the_abduction(robot: Robot) -> None:
+    error = np.array(JumpTask("crouch", 0.6, crouch_error_rad=0.1).crouch_error(robot, np.random.default_rng(0)))
+    of = dict(zip(robot.joints, error, strict=True))
+    for right, left in (("FR", "FL"), ("RR", "RL")):
+        assert of[f"{right}_hip"] == of[f"{left}_hip"] == 0
+        for joint in ("thigh", "calf"):
+            assert of[f"{right}_{joint}"] == of[f"{left}_{joint}"]
+            assert 0 < abs(of[f"{right}_{joint}"]) <= 0.1
+    assert len({abs(value) for value in error}) == 5

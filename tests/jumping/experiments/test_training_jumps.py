@@ -69,6 +69,22 @@ def test_practice_finds_the_law_and_plans_with_what_was_identified(quick: Bench)
     assert goal[1] + 0.03 == pytest.approx(CONFIG.aim.clearance_m, abs=0.01)
 
 
+def test_all_plans_are_for_the_one_robot_that_reaches_the_ends(quick: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With all of the identified damping no robot reaches them, nor with three quarters."""
+    nominal, full = planar_robot(quick.robot), 0.4 * 2  # two legs a pair
+
+    def reaches(planner: JumpPlanner, goals: list[np.ndarray]) -> bool:
+        assert [goal[0] for goal in goals] == pytest.approx([0.32, 0.78, 0.55])
+        return planner.robot.damping - nominal.damping < 0.6 * full
+
+    monkeypatch.setattr(JumpPlanner, "reaches", reaches)
+    learned = run_practice(quick, start(quick), CONFIG)
+    shares = [
+        (robot.damping - nominal.damping) / full for robot in (learned.planner.robot, *learned.planner.fallback_robots)
+    ]
+    assert shares == pytest.approx([0.5, 0.25, 0.0])
+
+
 def test_later_rounds_stay_nearer_to_the_targets(quick: Bench) -> None:
     learned = run_practice(quick, start(quick), CONFIG)
     high = learned.samples.landing[:, 1]

@@ -118,3 +118,27 @@ def test_a_slope_tilts_robot_and_stance(bench: Bench) -> None:
     assert isinstance(jump, GoalDirectedJump)
     assert jump.stance_pitch == pytest.approx(0.04, abs=0.004)
     assert found.run.log.pitch[0] == pytest.approx(0.04, abs=0.01)
+
+
+def test_ground_that_is_not_seen_is_planned_for_as_level(bench: Bench) -> None:
+    method = AimingMethod(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
+    task = JumpTask("late_block", 0.5, block_m=(0.05, 0.05), rear_block_m=(0.03, 0.03), stance_is_seen=False)
+    found = outcome(bench, method, task)
+    (jump,) = found.controllers
+    assert isinstance(jump, GoalDirectedJump)
+    assert jump.stance_pitch == 0.0
+    assert found.run.log.pitch[0] == pytest.approx(-np.arctan2(0.02, 0.366), abs=0.015)
+    boxes = found.run.log.info.terrain
+    assert sorted(box.top_m for box in boxes) == [0.03, 0.05]
+    assert found.run.log["base_pos_z"][0] - bench.level["base_pos_z"][0] == pytest.approx(0.04, abs=0.006)
+
+
+def test_a_kick_counts_from_the_start_of_the_jump_not_of_the_stand(bench: Bench) -> None:
+    method = AimingMethod(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
+    kicked = outcome(bench, method, JumpTask("jump_50", 0.5, kick_m_s=0.2, disturbed_at_s=(0.3,)))
+    (first,) = kicked.starts
+    assert first == 60
+    changes = np.abs(np.diff(kicked.run.truth.base_velocity[first : first + 450, 0]))
+    assert np.argmax(changes) == 300  # in the step that follows the row at 0.3 s
+    assert changes[300] == pytest.approx(0.2, abs=0.03)
+    assert np.sort(changes)[-2] < 0.05

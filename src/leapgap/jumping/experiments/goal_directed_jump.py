@@ -1,6 +1,6 @@
 """A jump that is planned online, from the measured stance to a goal that a landing model chooses."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,9 +13,10 @@ from leapgap.jumping.control.tracking import JointPd, JumpController
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
-from leapgap.jumping.planning.problem import Aim, Grid, Limits, Problem
+from leapgap.jumping.planning.family import FamilyConfig, plan_family
+from leapgap.jumping.planning.problem import Grid, Limits
 from leapgap.jumping.planning.reference import Gains, to_jump
-from leapgap.jumping.planning.solve import Solution, solve
+from leapgap.jumping.planning.solve import Solution
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
@@ -37,7 +38,7 @@ keep clear of floor and box.
 
 @dataclass(frozen=True)
 class JumpPlanner:
-    """Plans jumps of one robot with one contact schedule."""
+    """Plans jumps of one robot with one contact schedule; the plans form one smooth family."""
 
     robot: PlanarRobot
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
@@ -45,22 +46,19 @@ class JumpPlanner:
     fallback_robots: tuple[PlanarRobot, ...] = ()
     """Robots to plan for where ``robot`` itself cannot do a jump. The landing error is larger, but it repeats, so that
     a landing model can learn it."""
+    family: FamilyConfig = field(default_factory=FamilyConfig)
 
     def plan(
         self, target: Target, goal: np.ndarray, stance_pitch: float, robot: PlanarRobot | None = None
     ) -> Solution | None:
         """Plan a jump to a goal (x, z, pitch; m, m, rad); None where there is none within the limits."""
-        aim = Aim(*(float(v) for v in goal - target_pose(target)))
-        problem = Problem(
-            target,
-            Grid(self.schedule),
-            robot or self.robot,
-            limits=self.limits,
-            stance_pitch_rad=stance_pitch,
-            aim=aim,
-        )
-        solution = solve(problem)
+        family = plan_family(robot or self.robot, Grid(self.schedule), self.limits, self.family)
+        solution = family.plan(target, goal, stance_pitch)
         return solution if solution.solved else None
+
+    def reaches(self, goals: Sequence[np.ndarray]) -> bool:
+        """Whether there are plans from level ground to all goals (3,), on the floor ahead."""
+        return all(self.plan(Target(float(goal[0])), goal, 0.0) is not None for goal in goals)
 
     def plan_nearest(self, target: Target, goal: np.ndarray, stance_pitch: float) -> tuple[np.ndarray, Solution] | None:
         """A goal and its plan: ``goal``, else the nearest between it and the target, else for a fallback robot."""
@@ -102,10 +100,13 @@ class GoalDirectedJump(JumpController):
         robot: Robot,
         gains: PhaseGains,
         stand_s: float = 0.06,
+        stance_is_seen: bool = True,
     ) -> None:
+        """``stance_is_seen``: whether the stance is measured; else it is taken for level."""
         super().__init__(first, robot, gains)
         self.target, self.planner, self.aim, self.gains, self.stand_s = target, planner, aim, gains, stand_s
-        self.tracker: JointPd | None = None
+        self.stance_is_seen = stance_is_seen
+        self.tracker: JumpController | None = None
         self.standing_height_m = float(first.state[0, Z])
         self.goal: np.ndarray | None = None
         self.stance_pitch = 0.0
@@ -118,7 +119,7 @@ class GoalDirectedJump(JumpController):
         if not self._stood or estimate.time_s - self._stood[0].time_s < self.stand_s - 1e-9:
             self._stood.append(estimate)
             return self._standing(estimate)
-        self.stance_pitch = stance_pitch(self._stood, self.legs)
+        self.stance_pitch = stance_pitch(self._stood, self.legs) if self.stance_is_seen else 0.0
         chosen = self.aim(self.target, self.stance_pitch)
         plan = self.planner.plan_nearest(self.target, chosen, self.stance_pitch)
         if plan is None:
@@ -128,9 +129,14 @@ class GoalDirectedJump(JumpController):
             if solution.problem.robot != self.planner.robot or not np.allclose(self.goal, chosen):
                 self._substitute(OTHER_PLAN)
             self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
-        self.tracker = JointPd(self.reference, self.robot, self.gains)
+        self.tracker = self.track(None if plan is None else plan[1])
         self.start_s = estimate.time_s
         return self.tracker.command(estimate)
+
+    def track(self, solution: Solution | None) -> JumpController:
+        """Controller that follows ``reference``, of the plan ``solution``; None: the plan from level ground."""
+        del solution
+        return JointPd(self.reference, self.robot, self.gains)
 
     def _substitute(self, reason: str) -> None:
         self.fallbacks[reason] += 1

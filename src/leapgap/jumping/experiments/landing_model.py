@@ -75,12 +75,16 @@ class LandingSamples:
 
 
 class LandingModel:
-    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves."""
+    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves.
 
-    def __init__(self, samples: LandingSamples, config: AimConfig) -> None:
-        self.samples, self.config = samples, config
+    With a model ``base`` of a similar robot, the same is fitted to landing − its prediction.
+    """
+
+    def __init__(self, samples: LandingSamples, config: AimConfig, base: "LandingModel | None" = None) -> None:
+        self.samples, self.config, self.base = samples, config, base
         self.centre = samples.inputs.mean(axis=0) if len(samples) else np.zeros(4)
-        self.error = samples.landing - samples.goal
+        pairs = zip(samples.goal, samples.stance_pitch, strict=True)
+        self.error = samples.landing - np.array([self._expected(*pair) for pair in pairs]).reshape(-1, 3)
         self.sample_weights = np.ones(len(samples))
         """Weight of each jump in the fit, 0 to 1, (n,)."""
         self._fit()
@@ -113,7 +117,12 @@ class LandingModel:
     def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Predicted landing pose, (3,), of a jump to ``goal`` (3,) from a stance of this pitch, rad; as ``GOAL``."""
         at = np.append(goal, stance_pitch)[None]
-        return goal + (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
+        learned = (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
+        return self._expected(goal, stance_pitch) + learned
+
+    def _expected(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
+        """The landing before anything is learned from the samples: the base model's, else the goal, (3,)."""
+        return goal if self.base is None else self.base.landing(goal, stance_pitch)
 
     def deviation(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Standard deviation of that prediction, (3,), m, m, rad; it grows with the distance from the samples."""
@@ -126,7 +135,7 @@ class LandingModel:
         for i in range(len(samples)):
             others = np.arange(len(samples)) != i
             rest = LandingSamples(samples.goal[others], samples.stance_pitch[others], samples.landing[others])
-            predicted = LandingModel(rest, self.config).landing(samples.goal[i], samples.stance_pitch[i])
+            predicted = LandingModel(rest, self.config, self.base).landing(samples.goal[i], samples.stance_pitch[i])
             errors.append(samples.landing[i] - predicted)
         return np.array(errors).reshape(-1, 3)
 

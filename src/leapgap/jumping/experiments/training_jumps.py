@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
+from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.run_metrics import SUPPLY_V
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -61,6 +62,13 @@ class PracticeConfig:
     aim: AimConfig = field(default_factory=AimConfig)
 
 
+class GoalMethod(Protocol):
+    """A method whose goals can be moved for exploration."""
+
+    def explore(self, offset: np.ndarray, references: References, rng: np.random.Generator) -> Method:
+        """The method with ``offset`` (3,) added to its goals; it may draw more exploration of its own."""
+
+
 @dataclass(frozen=True)
 class PracticeResult:
     """A planner with the identified effects, and the samples of the landing model."""
@@ -71,39 +79,77 @@ class PracticeResult:
     samples: LandingSamples
 
 
-def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig) -> PracticeResult:
-    """Make all training jumps: identify the joints' effects, then collect samples for the landing model."""
-    rng = np.random.default_rng([bench.seed, 7])
+@dataclass(frozen=True)
+class PracticeDraws:
+    """Draws the tasks of training jumps, all with one generator."""
 
-    def draw_trials(
-        name: str, jumps: int, chosen: AimingMethod, offsets: GoalOffsets, with_log: bool = False
+    bench: Bench
+    config: PracticeConfig
+    rng: np.random.Generator
+    folder: str = "practice"
+
+    def trials(
+        self, name: str, jumps: int, method: GoalMethod, offsets: GoalOffsets, with_log: bool = False
     ) -> list[TrialSpec]:
+        """Trials of a method at random tasks, with random offsets of their goals."""
+        bench, config, rng = self.bench, self.config, self.rng
         drawn = []
         for i in range(jumps):
             block = config.block_m if i % 2 else (0.0, 0.0)
             distance_m = round(float(rng.uniform(*config.distance_m)), 3)
             task = JumpTask(name, distance_m, block_m=block, slope_rad=config.slope_rad)
-            own = replace(chosen, goal_offset=offsets.draw(rng), references={task.target: bench.level})
-            place, seed = f"{bench.hardware}/practice/{name}_{i:02d}", int(rng.integers(2**31))
+            own = method.explore(offsets.draw(rng), {task.target: bench.level}, rng)
+            place, seed = f"{bench.hardware}/{self.folder}/{name}_{i:02d}", int(rng.integers(2**31))
             drawn.append(TrialSpec(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
         return drawn
 
-    trials = draw_trials("identify", config.identify_jumps, method, GoalOffsets(), with_log=True)
+
+@dataclass(frozen=True)
+class IdentifiedRobot:
+    """A planner for the robot with the effects that were identified in its joints."""
+
+    planner: JumpPlanner
+    effects: tuple[Effect, ...]
+
+
+def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobot:
+    """Make the first jumps, identify the joints' effects from them, and plan for the robot that has them.
+
+    Plans of different robots do not form one family. So the robot is chosen once: that with the largest share of the
+    effects whose family reaches the ends of what is practised; where none does, that with all of the effects.
+    """
+    bench, config = draws.bench, draws.config
+    trials = draws.trials("identify", config.identify_jumps, method, GoalOffsets(), with_log=True)
     logs = [result.log for result in bench.runner.results(trials) if result.log is not None]
     found = identify_joint_effects(bench, logs)
     assert method.planner is not None
-    robot, *fallback_robots = (
-        planar_robot_with(bench.robot, scale_effects(found, share)) for share in (1.0, *FALLBACK_EFFECT_SHARES)
-    )
-    planner = replace(method.planner, robot=robot, fallback_robots=tuple(fallback_robots))
-    method, samples = replace(method, planner=planner), LandingSamples()
+    robots = [planar_robot_with(bench.robot, scale_effects(found, share)) for share in (1.0, *FALLBACK_EFFECT_SHARES)]
+    ends, planner = ends_of(config), method.planner
+    chosen = next((i for i, robot in enumerate(robots) if replace(planner, robot=robot).reaches(ends)), 0)
+    robot, *fallback_robots = robots[chosen:]
+    return IdentifiedRobot(replace(planner, robot=robot, fallback_robots=tuple(fallback_robots)), found)
+
+
+def ends_of(config: PracticeConfig) -> list[np.ndarray]:
+    """The nearest and the farthest goal of practice, and the highest in the middle between them, (3,) each."""
+    near, far = config.distance_m
+    high = config.random_beyond.z_m[1]
+    return [np.array([near, 0.0, 0.0]), np.array([far, 0.0, 0.0]), np.array([(near + far) / 2, high, 0.0])]
+
+
+def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig) -> PracticeResult:
+    """Make all training jumps: identify the joints' effects, then collect samples for the landing model."""
+    draws = PracticeDraws(bench, config, np.random.default_rng([bench.seed, 7]))
+    identified = identify_robot(draws, method)
+    method, samples = replace(method, planner=identified.planner), LandingSamples()
     for number, jumps in enumerate((config.random_jumps, *config.rounds)):
         landing = LandingModel(samples, config.aim) if len(samples) else None
         offsets = config.later_beyond if number else config.random_beyond
-        trials = draw_trials(f"round_{number}", jumps, replace(method, landing=landing), offsets)
-        for result in bench.runner.results(trials):
+        for result in bench.runner.results(
+            draws.trials(f"round_{number}", jumps, replace(method, landing=landing), offsets)
+        ):
             samples = samples.extended_by(result.samples)
-    return PracticeResult(planner, found, samples)
+    return PracticeResult(identified.planner, identified.effects, samples)
 
 
 def scale_effects(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:

@@ -82,12 +82,16 @@ def attempt_task(
     terrain = (*reference.info.terrain, *task.ground(planned, rng))
     metadata = metadata_of(planned.schedule, task.target)
     level = replace(reference, info=replace(reference.info, extra=metadata, terrain=terrain))
-    plans = [MotionPlan(task.name, level, task.start_block(rng))]
+    block_m = task.start_block(rng)
     effects = (*effects, *task.tilt(rng))
+    plans = [MotionPlan(task.name, level, block_m, task.rear_start_block(rng), task.crouch_error(robot, rng))]
+    disturbances = task.disturbances(rng)
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
     controller = JumpSequence(list(method(task)), robot, world.sequence, world.body_for(planned))
-    run = run_closed_loop(ready, controller, replayer, effects, world.sensing, rng)
+    run = run_closed_loop(
+        ready, controller, replayer, effects, world.sensing, rng, disturbances, lambda: controller.jumps[0].start_s
+    )
     run = replace(run, log=with_pd_force(run.log, robot))
     period = run.log.info.sample_period_s
     start_times = [jump.start_s for jump in controller.jumps if jump.start_s is not None]

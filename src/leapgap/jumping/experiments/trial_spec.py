@@ -1,6 +1,6 @@
 """Trials and their results as plain data, which can be sent to other processes and written to files."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,9 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump
+from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump
 from leapgap.jumping.experiments.landing import Landing
+from leapgap.jumping.experiments.landing_feedback import ShiftedJumps
 from leapgap.jumping.experiments.landing_model import LandingSamples
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.run_metrics import RunMetrics, pair_force
@@ -55,6 +57,7 @@ class TrialSpec:
             substituted=outcome.substituted,
             metrics=outcome.metrics,
             samples=landing_samples(outcome),
+            shifted=shifted_jumps(outcome),
             log=log_of(outcome, self.world.robot, Path(self.place).name) if self.with_log else None,
         )
 
@@ -71,10 +74,12 @@ class TrialResult:
     metrics: RunMetrics
     samples: LandingSamples = field(default_factory=LandingSamples)
     log: Log | None = None
+    shifted: ShiftedJumps | None = None
+    """What jumps with a shifted goal did; None for other methods."""
 
     def to_json(self) -> dict[str, Any]:
         """All fields but the log, which is a file of its own."""
-        return {
+        found = {
             "landings": [asdict(one) for one in self.landings],
             "total_error_cm": self.total_error_cm,
             "fallbacks": dict(self.fallbacks),
@@ -82,6 +87,7 @@ class TrialResult:
             "conduct": asdict(self.metrics),
             "tried": {name: values.tolist() for name, values in asdict(self.samples).items()},
         }
+        return found if self.shifted is None else found | {"shifted": self.shifted.to_json()}
 
     @staticmethod
     def from_json(raw: Mapping[str, Any], log: Log | None) -> "TrialResult":
@@ -95,6 +101,7 @@ class TrialResult:
             substituted=tuple((time_s, reason) for time_s, reason in raw["substituted"]),
             metrics=RunMetrics(**raw["conduct"]),
             samples=LandingSamples(**samples),
+            shifted=ShiftedJumps.from_json(raw["shifted"]) if "shifted" in raw else None,
             log=log,
         )
 
@@ -113,17 +120,33 @@ def landing_samples(outcome: TrialOutcome) -> LandingSamples:
 
     Jumps without a goal and jumps that fell are left out.
     """
-    rows = []
-    for first, jump in zip(outcome.starts, outcome.controllers, strict=False):  # those never begun have no start
-        if not isinstance(jump, GoalDirectedJump) or jump.goal is None:
-            continue
-        landing = landing_pose(outcome, first, jump.reference.schedule, jump.standing_height_m)
-        if abs(landing[2]) <= UPRIGHT_RAD:
-            rows.append((jump.goal, jump.stance_pitch, landing))
+    rows = [(jump.goal, jump.stance_pitch, landing) for jump, landing in upright_jumps(outcome)]
     if not rows:
         return LandingSamples()
     goals, stances, landings = (np.array(column) for column in zip(*rows, strict=True))
     return LandingSamples(goals, stances, landings)
+
+
+def shifted_jumps(outcome: TrialOutcome) -> ShiftedJumps | None:
+    """The same jumps with the shifts of their goals, and the deviations from the plan; None where none was shifted."""
+    rows = [
+        (jump.goal, jump.stance_pitch, landing, jump.shift_tracker.shifts, jump.shift_tracker.deviations)
+        for jump, landing in upright_jumps(outcome)
+        if isinstance(jump, GoalShiftJump) and jump.shift_tracker is not None
+    ]
+    if not rows:
+        return None
+    goal, stance, landing, shift, deviation = (np.array(column) for column in zip(*rows, strict=True))
+    return ShiftedJumps(goal, stance, landing, shift, deviation, disturbed=np.zeros(len(rows)))
+
+
+def upright_jumps(outcome: TrialOutcome) -> Iterator[tuple[GoalDirectedJump, np.ndarray]]:
+    """The goal-directed jumps that did not fall, each with its landing pose."""
+    for first, jump in zip(outcome.starts, outcome.controllers, strict=False):  # those never begun have no start
+        if isinstance(jump, GoalDirectedJump) and jump.goal is not None:
+            landing = landing_pose(outcome, first, jump.reference.schedule, jump.standing_height_m)
+            if abs(landing[2]) <= UPRIGHT_RAD:
+                yield jump, landing
 
 
 def landing_pose(outcome: TrialOutcome, first: int, schedule: ContactSchedule, standing_height_m: float) -> np.ndarray:

@@ -59,6 +59,14 @@ class TrainConfig:
     trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
     """Arguments of Lightning's Trainer."""
 
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing, before any work."""
+        for name in ("folds", "steps_an_epoch", "threads", "processes"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} {getattr(self, name)}: 1 or more")
+        if not (self.mass_kg > 0 and self.pitch_inertia_kgm2 > 0):
+            raise ValueError(f"mass_kg {self.mass_kg}, pitch_inertia_kgm2 {self.pitch_inertia_kgm2}: above 0")
+
     def models_of(self, split: Split) -> list[str]:
         """Names of the models that are fitted on a split."""
         skipped = self.not_in_sessions if split.name.startswith("session") else []

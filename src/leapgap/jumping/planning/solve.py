@@ -151,11 +151,18 @@ class Planner:
         self.prepare()
         start = time.perf_counter()
         if near is not None:
-            iterate = near.iterate.with_rows(len(self.programme.row_labels))
-            warm = self._run(self._warm, problem, iterate, start)
+            warm = self._continue(problem, near, start)
             if warm.solved:
                 return warm
         return self._run(self._cold, problem, self._first_guess, start)
+
+    def continue_from(self, problem: Problem, near: Solution) -> Solution:
+        """Plan a jump from ``near`` alone: it stays on that plan's branch, or is not solved."""
+        self.prepare()
+        return self._continue(problem, near, time.perf_counter())
+
+    def _continue(self, problem: Problem, near: Solution, since: float) -> Solution:
+        return self._run(self._warm, problem, near.iterate.with_rows(len(self.programme.row_labels)), since)
 
     def obstacle(self, problem: Problem) -> Violation:
         """The constraint that prevents a jump: the one violated most by a plan without motor limits."""

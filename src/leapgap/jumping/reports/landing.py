@@ -15,6 +15,7 @@ from leapgap.reports.page import render_page
 from leapgap.robot.topology import PAIRS
 
 METHODS = {
+    "learned_goal_mpc": ("learned goal-shift MPC", "#0e8f9e"),
     "ours_adapted": ("ours, adapted to the target", "#0b5d33"),
     "ours": ("ours", "#1f9d57"),
     "joint_pd_shifted": ("joint PD, best constant shift", "#d19a1b"),
@@ -42,6 +43,9 @@ TASKS = {
     "continuous_60": "4 jumps of 60 cm in a row",
     "block_60": "60 cm, front feet on an unknown 5 cm block",
     "uneven_60": "3 jumps of 60 cm over unknown 2 to 4 cm blocks",
+    "push_60": "60 cm, a kick or a push on the way",
+    "late_block_60": "60 cm, all feet on blocks that cannot be measured before the jump",
+    "crouch_60": "60 cm, from a wrong crouch",
 }
 STEPS = {
     "learned_fixed": "25 / 25",

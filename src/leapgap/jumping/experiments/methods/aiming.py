@@ -1,7 +1,7 @@
 """Plans from the measured stance to the goal that a landing model says will land on the target."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_model import LandingModel, best_goal
-from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.task import Target
 
@@ -25,6 +25,11 @@ class AimingMethod(Method):
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Added to each goal for exploration, (3,), m, m, rad."""
 
+    def explore(self, offset: np.ndarray, references: References, rng: np.random.Generator) -> "AimingMethod":
+        """The method with an offset (3,) of its goals."""
+        del rng
+        return replace(self, goal_offset=offset, references=references)
+
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """A jump that is planned after the stance was measured."""
         assert self.planner is not None
@@ -33,4 +38,12 @@ class AimingMethod(Method):
         def aim(target: Target, stance_pitch: float) -> np.ndarray:
             return best_goal(self.landing, target, stance_pitch, offset) + self.goal_offset
 
-        return GoalDirectedJump(task.target, reference, self.planner, aim, self.robot, self.gains)
+        return GoalDirectedJump(
+            task.target,
+            reference,
+            self.planner,
+            aim,
+            self.robot,
+            self.gains,
+            stance_is_seen=task.stance_is_seen,
+        )

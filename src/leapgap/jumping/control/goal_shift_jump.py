@@ -1,0 +1,136 @@
+"""Carries out a plan while its goal is shifted: the controller of a jump with goal-shift MPC."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor, believe
+from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
+from leapgap.jumping.control.horizon import ROUNDING_S
+from leapgap.jumping.control.qp import Qp, QpConfig, solver
+from leapgap.jumping.control.reference import StartFrame
+from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.robot.model import Robot
+from leapgap.simulation.controller import Command, StateEstimate
+
+
+class ShiftTracker(JumpController):
+    """Joint PD and feed-forward along a plan whose goal moves; each update's shift is reached linearly within it.
+
+    ``shifts`` (updates, 3) are the shifts from each update on; ``deviations`` (updates, 10) how far trunk and feet were
+    from the shifted plan at it.
+    """
+
+    def __init__(
+        self,
+        plan: ShiftedPlan,
+        robot: Robot,
+        gains: PhaseGains,
+        config: GoalShiftConfig,
+        goal: np.ndarray,
+        stance_pitch: float,
+        target: np.ndarray,
+        model: LandingPredictor | None,
+        exploration: np.ndarray | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """``goal`` (3,) of the plan, ``target`` (3,) of the landing. Without a model nothing but ``exploration``
+        (updates, 3), added to the shifts, moves the goal."""
+        super().__init__(plan.reference, robot, gains)
+        self.plan, self.config, self.goal, self.stance_pitch = plan, config, goal, stance_pitch
+        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
+        self.model, self.clock = model, clock
+        self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
+        self.solver = solver(QpConfig())
+        shape = (self.grid.updates, GOAL_AXES)
+        self.exploration = np.zeros(shape) if exploration is None else exploration
+        self.shifts = np.zeros(shape)
+        self.deviations = np.full((self.grid.updates, DEVIATIONS), np.nan)
+        self._updates = 0
+        self._latest: list[np.ndarray] = []
+        self._kept = max(1, round(config.average_s / plan.reference.period_s))
+
+    def command(self, estimate: StateEstimate) -> Command:
+        """See ``Controller``: set points, velocities and torques of the shifted plan."""
+        if self.start_s is None:
+            self.start_s = estimate.time_s
+        if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
+            self.frame = self._start_frame(estimate)
+        time_s, frame = estimate.time_s - self.start_s, self.frame or StartFrame(0.0, 0.0, 0.0)
+        update = self._update_at(time_s)
+        before = self.shifts[update - 1] if update else np.zeros(GOAL_AXES)
+        since_s = time_s - update * self.config.period_s
+        share = min(since_s / self.config.period_s, 1.0)
+        shift = before + share * (self.shifts[update] - before)
+        if time_s <= self.reference.schedule.take_off_s:
+            self._measure(time_s, estimate, frame, shift)
+        if update >= self._updates:
+            self._updates = update + 1
+            self._update(update, time_s, before)
+        rate = (self.shifts[update] - before) / self.config.period_s * (share < 1.0)
+        return self._shifted(time_s, shift, rate)
+
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (joints,), N·m, and pair forces (4,), N, of the plan with the shift of this moment."""
+        command = self._shifted(time_s, self.shifts[self._update_at(time_s)], np.zeros(GOAL_AXES))
+        return command.torque, command.planned_force
+
+    def _update_at(self, time_s: float) -> int:
+        return int(np.clip((time_s + ROUNDING_S) / self.config.period_s, 0, self.grid.updates - 1))
+
+    def _shifted(self, time_s: float, shift: np.ndarray, rate: np.ndarray) -> Command:
+        row, plan, targets = self.reference.row(time_s), self.plan, self.targets
+        moving = time_s <= self.reference.schedule.landing_s
+        velocity = plan.at("joint_vel", row, shift) + rate @ plan.slopes["joint_pos"][:, row]
+        torque, force = plan.at("torque", row, shift), plan.at("force", row, shift)
+        stands = plan.reference.force[row] != 0
+        return Command(
+            torque=np.clip(torque, -self.config.torque_nm, self.config.torque_nm) * moving,
+            position=plan.at("joint_pos", row, shift),
+            velocity=velocity * moving,
+            kp=targets.kp[row],
+            kd=targets.kd[row],
+            planned_force=force * stands * moving,
+        )
+
+    def _measure(self, time_s: float, estimate: StateEstimate, frame: StartFrame, shift: np.ndarray) -> None:
+        """Keep the latest deviations of trunk and feet from the shifted plan."""
+        row = self.reference.row(time_s)
+        state = frame.state(estimate) - self.plan.at("state", row, shift)
+        foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, shift)
+        self._latest = [*self._latest, np.concatenate([state, foot])][-self._kept :]
+
+    def _update(self, update: int, time_s: float, before: np.ndarray) -> None:
+        """Choose the shift from this update on: the first of the QP's, or the one before where it has none."""
+        deviation = np.mean(self._latest, axis=0)
+        self.deviations[update] = deviation
+        explored = self.exploration[update] - (self.exploration[update - 1] if update else 0.0)
+        self.shifts[update:] = before + explored
+        if self.model is None or self.planner is None:
+            return
+        result = guarded_solve(
+            lambda: self._problem(update, before, deviation), self.solver, SolutionRequirements(), self.clock
+        )
+        if result.fault is None and result.solution is not None:
+            self.shifts[update:] += result.solution.x[:GOAL_AXES]
+            return
+        reason = result.fault or NOT_FINITE
+        self.fallbacks[reason] += 1
+        self.substituted.append((time_s, reason))
+
+    def _problem(self, update: int, before: np.ndarray, deviation: np.ndarray) -> Qp | None:
+        if not np.isfinite(deviation).all():
+            return None
+        assert self.model is not None and self.planner is not None
+        goal = self.goal + before
+        now = (update, goal, self.stance_pitch, deviation)
+        authority = self.model.authority
+        expected = self.model.expect(self.goal, self.stance_pitch)
+        expected = expected + np.einsum("tij,tj->i", authority[:update], self.shifts[:update])
+        expected += authority[update:].sum(axis=0) @ before
+        landing = believe(expected, self.model.predict(*now), self.model.spread(*now), self.config.disbelief)
+        return self.planner.problem(update, landing, before)

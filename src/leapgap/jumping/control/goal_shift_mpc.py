@@ -1,0 +1,208 @@
+"""MPC whose input is the goal of the jump: shifts of the plan's goal that make the robot land on its target.
+
+At each update the landing is predicted from the measured state, and a QP chooses the shifts δ of the remaining steps:
+
+    min ‖p + Σ_k G_k (δ_k − δ_before) − target‖²_M + Σ_k ‖δ_k − δ_{k−1}‖²_R + Σ_k ‖δ_k − δ_before‖²_V
+
+subject to limits of pitch and height at the landing, of the ground forces, the friction and the torques of the
+shifted plan, and of the shifts. V is what the variance of G adds to the expected error, so that uncertain shifts stay
+small. The first shift is applied until the next update.
+"""
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from leapgap.jumping.control.condensed_qp import ForceLimits
+from leapgap.jumping.control.qp import Qp
+from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z
+
+PITCH, HEIGHT, EFFORT = 0, 1, 2
+"""Slacks of the QP: of the landing's pitch, of its height, and of forces and torques."""
+SLACKS = 3
+HEIGHT_AXIS, PITCH_AXIS = 1, 2
+"""Places of height and pitch in a landing."""
+
+
+class LandingPredictor(Protocol):
+    """What the MPC asks of a model of the landing."""
+
+    @property
+    def authority(self) -> np.ndarray:
+        """Change of the landing by a shift during each update, (updates, 3 of the landing, 3 of the shift)."""
+
+    @property
+    def authority_variance(self) -> np.ndarray:
+        """Variance of its entries, (updates, 3, 3)."""
+
+    def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
+        """Landing, (3,), of a jump to one constant goal (3,) in which nothing unexpected happens."""
+
+    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Landing, (3,), by what was measured, if the goal stays ``goal`` (3,) from this update on."""
+
+    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Standard deviation of that prediction, (3,), m, m, rad."""
+
+
+@dataclass(frozen=True)
+class GoalShiftConfig:
+    """Settings of the MPC; x and z of the landing in m, its pitch in rad."""
+
+    period_s: float = 0.025
+    """Time between updates."""
+    steps: int = 6
+    """Steps of the horizon, the last of which ends at the landing."""
+    matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
+    """Landing errors that cost alike."""
+    scale: tuple[float, float, float] = (0.05, 0.04, 0.08)
+    """Changes of the shift from step to step that cost one each."""
+    authority_doubt: float = 0.3
+    """Standard deviation of G beyond what the model states, as a share of G."""
+    largest: tuple[float, float, float] = (0.15, 0.1, 0.2)
+    """Largest shift."""
+    largest_change: tuple[float, float, float] = (0.025, 0.02, 0.04)
+    """Largest change of the shift at one update."""
+    largest_pitch_rad: float = 0.15
+    """Largest predicted pitch at the landing; at 15° (0.26 rad) a landing counts as a fall."""
+    below_target_m: float = 0.0
+    """Largest predicted distance of the landing below the target's height."""
+    limits: ForceLimits = field(default_factory=lambda: ForceLimits(friction=0.7, largest_n=350.0, smallest_n=10.0))
+    """Limits of the ground forces of the shifted plan, of a pair."""
+    torque_nm: float = 33.5
+    """Limit of the joint torques of the shifted plan."""
+    soft_landing: tuple[float, float] = (0.1, 0.03)
+    """Violations of the limits of pitch, rad, and of height, m, that cost ``slack_weight`` each."""
+    soft_effort: tuple[float, float] = (10.0, 2.0)
+    """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a
+    limit already, and a linear shift of them then breaks it a little."""
+    slack_weight: float = 100.0
+    disbelief: float = 3.0
+    """How much a measured change of the landing shrinks; see ``believe``."""
+    average_s: float = 0.01
+    """Time over which the measured deviation from the plan is averaged."""
+
+
+def believe(expected: np.ndarray, predicted: np.ndarray, spread: np.ndarray, disbelief: float) -> np.ndarray:
+    """The landing (3,) to reckon with: what was expected before the jump, and a share of what was measured since.
+
+    The share is that of James and Stein, max(0, 1 − disbelief / q), where q sums the squares of predicted − expected,
+    each divided by its standard deviation. Changes within the noise, or of which the model knows too little, count
+    nothing, and large ones in full.
+    """
+    change = predicted - expected
+    q = float(np.sum((change / spread) ** 2))
+    return expected + max(0.0, 1 - disbelief / max(q, 1e-9)) * change
+
+
+@dataclass(frozen=True)
+class PreparedUpdate:
+    """What one update's QP has in common for all measurements."""
+
+    authority: np.ndarray
+    """Change of the landing by the shift of each step, (3, 3 steps)."""
+    hessian: np.ndarray
+    rows: np.ndarray
+    """Constraints on shifts and slacks, (m, n): pitch up and down, height, then efforts."""
+    effort: np.ndarray
+    """Distance of the plan without shift to its limits, (m − 3,)."""
+    effort_by_shift: np.ndarray
+    """Change of the efforts by one shift of all steps, (m − 3, 3)."""
+
+
+class GoalShiftPlanner:
+    """Builds the QPs of one jump; everything that needs no measurement is computed beforehand."""
+
+    def __init__(self, plan: ShiftedPlan, model: LandingPredictor, target: np.ndarray, config: GoalShiftConfig) -> None:
+        """``target`` (3,): where to land, m, m, rad."""
+        self.plan, self.model, self.target, self.config = plan, model, target, config
+        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
+        self.errors = 1 / np.array(config.matters) ** 2
+        # Left and right legs have equal torques: one of each is enough.
+        self._joints = np.unique(plan.reference.torque, axis=1, return_index=True)[1]
+        self.prepared = [self._prepare(update) for update in range(self.grid.updates)]
+
+    def problem(self, update: int, predicted: np.ndarray, before: np.ndarray) -> Qp:
+        """The QP of an update from the landing (3,) predicted without a further change of the shift ``before`` (3,)."""
+        config, ready = self.config, self.prepared[update]
+        steps = (len(ready.hessian) - SLACKS) // GOAL_AXES
+        miss = predicted - self.target
+        gradient = np.zeros(len(ready.hessian))
+        gradient[:-SLACKS] = ready.authority.T @ (self.errors * miss)
+        largest, change = np.array(config.largest), np.array(config.largest_change)
+        upper = np.concatenate([np.tile(largest - before, steps), np.full(SLACKS, np.inf)])
+        lower = np.concatenate([np.tile(-largest - before, steps), np.zeros(SLACKS)])
+        upper[:GOAL_AXES] = np.minimum(upper[:GOAL_AXES], change)
+        lower[:GOAL_AXES] = np.maximum(lower[:GOAL_AXES], -change)
+        landing = [
+            config.largest_pitch_rad - predicted[PITCH_AXIS],
+            config.largest_pitch_rad + predicted[PITCH_AXIS],
+            config.below_target_m + miss[HEIGHT_AXIS],
+        ]
+        # Where the plan as shifted so far is at a limit or beyond it, a further shift must not add to that.
+        room = np.maximum(ready.effort - ready.effort_by_shift @ before, 0.0)
+        row_upper = np.concatenate([landing, room])
+        return Qp(ready.hessian, gradient, lower, upper, ready.rows, row_upper)
+
+    def _prepare(self, update: int) -> PreparedUpdate:
+        config, edges = self.config, self.grid.horizon(update)
+        steps = len(edges) - 1
+        spans = [slice(first, last) for first, last in itertools.pairwise(edges)]
+        authority = np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
+        doubt = config.authority_doubt**2 * authority.reshape(3, steps, GOAL_AXES).transpose(1, 0, 2) ** 2
+        variance = [
+            self.errors @ (self.model.authority_variance[span].sum(axis=0) + own)
+            for span, own in zip(spans, doubt, strict=True)
+        ]
+        difference = np.kron(np.eye(steps) - np.eye(steps, k=-1), np.eye(GOAL_AXES))
+        change = np.tile(1 / np.array(config.scale) ** 2, steps)
+        hessian = np.zeros((GOAL_AXES * steps + SLACKS,) * 2)
+        of_shifts = authority.T @ (self.errors[:, None] * authority) + difference.T @ (change[:, None] * difference)
+        hessian[:-SLACKS, :-SLACKS] = of_shifts + np.diag(np.concatenate(variance))
+        hessian[-SLACKS:, -SLACKS:] = np.diag([config.slack_weight] * SLACKS)
+        landing = np.zeros((3, len(hessian)))
+        landing[0, :-SLACKS], landing[1, :-SLACKS] = authority[PITCH_AXIS], -authority[PITCH_AXIS]
+        landing[2, :-SLACKS] = -authority[HEIGHT_AXIS]
+        landing[:2, PITCH - SLACKS], landing[2, HEIGHT - SLACKS] = (-soft for soft in config.soft_landing)
+        blocks, efforts, slopes = [], [], []
+        for step, span in enumerate(spans):
+            effort, slope, soft = self._efforts(span)
+            block = np.zeros((len(effort), len(hessian)))
+            block[:, GOAL_AXES * step : GOAL_AXES * (step + 1)] = slope
+            block[:, EFFORT - SLACKS] = -soft
+            blocks.append(block)
+            efforts.append(effort)
+            slopes.append(slope)
+        rows = np.concatenate([landing, *blocks])
+        return PreparedUpdate(authority, hessian, rows, np.concatenate(efforts), np.concatenate(slopes))
+
+    def _efforts(self, span: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Limits of forces and torques at samples of a step: distance to each, its slope by the shift, its softness."""
+        config, reference = self.config, self.plan.reference
+        first, last = span.start * config.period_s, span.stop * config.period_s
+        rows = reference.rows(np.array([first, (first + last) / 2, last - 0.002]))
+        limits, (soft_n, soft_nm) = config.limits, config.soft_effort
+        force, force_slope = reference.force[rows], self.plan.slopes["force"][:, rows]
+        torque, torque_slope = reference.torque[rows], self.plan.slopes["torque"][:, rows]
+        stands = reference.schedule.in_contact(rows * reference.period_s)
+        parts = []
+        for pair in (0, 1):
+            x, z = (force[:, axis][:, pair] for axis in (FORCE_X, FORCE_Z))
+            dx, dz = (force_slope[:, :, axis][:, :, pair] for axis in (FORCE_X, FORCE_Z))
+            for excess, slope in (
+                (x - limits.friction * z, dx - limits.friction * dz),
+                (-x - limits.friction * z, -dx - limits.friction * dz),
+                (z - limits.largest_n, dz),
+                (limits.smallest_n - z, -dz),
+            ):
+                on = stands[:, pair] & (z > limits.smallest_n)
+                parts.append((-excess[on], slope[:, on].T, np.full(on.sum(), soft_n)))
+        for sign in (1.0, -1.0):
+            room = (config.torque_nm - sign * torque[:, self._joints]).ravel()
+            slope = sign * torque_slope[:, :, self._joints].reshape(GOAL_AXES, -1).T
+            parts.append((room, slope, np.full(len(room), soft_nm)))
+        return tuple(np.concatenate(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]

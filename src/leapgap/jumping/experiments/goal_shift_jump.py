@@ -1,0 +1,98 @@
+"""A goal-directed jump whose goal is shifted while the robot pushes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.goal_shift_jump import ShiftTracker
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.tracking import JointPd, JumpController
+from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump, JumpPlanner
+from leapgap.jumping.experiments.landing_feedback import LandingFeedback
+from leapgap.jumping.experiments.landing_model import target_pose
+from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.solve import Solution
+from leapgap.jumping.task import Target
+from leapgap.robot.model import Robot
+
+NO_NEIGHBOURS = "no plans of neighbouring goals"
+NEIGHBOUR_STEPS = (0.05, 0.04, 0.08)
+"""Distance of the neighbouring goals that slopes are taken from: x, z, pitch; m, m, rad."""
+
+
+@dataclass(frozen=True)
+class ShiftSettings:
+    """What a goal-shift jump needs beyond a goal-directed one."""
+
+    config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
+    feedback: LandingFeedback | None = None
+    """None: the goal is not shifted, but for exploration."""
+    exploration: np.ndarray | None = None
+    """Added to the shifts, (updates, 3), m, m, rad."""
+
+
+class GoalShiftJump(GoalDirectedJump):
+    """Plans to a goal and to its neighbours from the measured stance, then jumps with goal-shift MPC.
+
+    ``shift_tracker`` holds what was shifted and measured; it is None where there were no neighbouring plans.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        first: Reference,
+        planner: JumpPlanner,
+        aim: Callable[[Target, float], np.ndarray],
+        robot: Robot,
+        gains: PhaseGains,
+        settings: ShiftSettings,
+        stance_is_seen: bool = True,
+    ) -> None:
+        super().__init__(target, first, planner, aim, robot, gains, stance_is_seen=stance_is_seen)
+        self.settings = settings
+        self.shift_tracker: ShiftTracker | None = None
+
+    def track(self, solution: Solution | None) -> JumpController:
+        """Goal-shift MPC along the plan; joint PD where there are no neighbouring plans."""
+        plan = None if solution is None else shifted_plan(self.planner, solution, self.reference, self.robot)
+        if plan is None or self.goal is None:
+            if solution is not None:
+                self._substitute(NO_NEIGHBOURS)
+            return JointPd(self.reference, self.robot, self.gains)
+        settings, feedback = self.settings, self.settings.feedback
+        clearance = 0.0 if feedback is None else feedback.config.landing.clearance_m
+        desired = target_pose(self.target) + np.array([0.0, clearance, 0.0])
+        self.shift_tracker = ShiftTracker(
+            plan,
+            self.robot,
+            self.gains,
+            settings.config,
+            self.goal,
+            self.stance_pitch,
+            desired,
+            feedback,
+            settings.exploration,
+        )
+        self.shift_tracker.fallbacks, self.shift_tracker.substituted = self.fallbacks, self.substituted
+        return self.shift_tracker
+
+
+def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference, robot: Robot) -> ShiftedPlan | None:
+    """The plan and its slopes; where a neighbour on one side has no plan, that on the other side is taken."""
+    problem = solution.problem
+    aim, target = problem.aim, problem.target
+    goal = np.array([target.x_m + aim.x_m, target.z_m + aim.z_m, aim.pitch_rad])
+    neighbours, steps = [], []
+    for axis, size in enumerate(NEIGHBOUR_STEPS):
+        for step in (size, -size):
+            moved = goal + step * np.eye(GOAL_AXES)[axis]
+            neighbour = planner.plan(target, moved, problem.stance_pitch_rad, problem.robot)
+            if neighbour is not None:
+                neighbours.append(Reference.of(to_jump(neighbour, Gains()), robot))
+                steps.append(step)
+                break
+    return ShiftedPlan.of(reference, neighbours, steps) if len(steps) == GOAL_AXES else None

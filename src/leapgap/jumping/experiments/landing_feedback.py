@@ -1,0 +1,231 @@
+"""Predicts the landing while the robot still pushes: from the goal, from what the robot does, and from shifts to come.
+
+At update j the goal is γ: the planned one plus the shift δ_{j−1} so far. The landing is learned directly, not composed
+of short steps, so that no error grows on the way to it:
+
+    landing = L(γ, stance) + W_jᵀ φ_j(γ, stance, deviation) + Σ_{i ≥ j} G_i (δ_i − δ_{j−1})
+
+``L`` is the landing model of jumps with one constant goal, ``G_i`` what a shift during update i does to the landing,
+and φ_j holds a one, goal, stance, and how far trunk and feet are from the shifted plan. ``W`` is a ridge regression
+towards the same model of another robot: the identified one, which was simulated.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
+
+TRUNK_SCALE = (0.01, 0.01, 0.04, 0.1, 0.1, 0.4)
+"""Typical deviation of x, z, pitch and their rates; m, m, rad, m/s, m/s, rad/s."""
+FOOT_SCALE = 0.01
+"""Typical deviation of a foot from the plan, relative to the base, m."""
+
+
+@dataclass(frozen=True)
+class FeedbackConfig:
+    """How the model of a robot is learned."""
+
+    landing: AimConfig = field(default_factory=lambda: AimConfig(noise=0.5))
+    noise: float = 1.2
+    """Standard deviation of a landing, in units of ``landing.matters``."""
+    bias: float = 1.0
+    """Standard deviation of the change of the constant from the prior model, in units of ``landing.matters``."""
+    change: float = 1.0
+    """The same for the other weights, per typical change of their input."""
+    first_change: float = 3.0
+    """The same for a robot without a prior model."""
+    doubt_share: float = 0.5
+    """Share of what the weights leave open that counts as error of a prediction. ``change`` is wide, so that few jumps
+    can still correct the prior; the prior itself is better than that."""
+    free_bias: float = 30.0
+    """The same for the constant of a robot without a prior model."""
+
+
+@dataclass(frozen=True)
+class Authority:
+    """What a shift does to the landing."""
+
+    mean: np.ndarray
+    """G of each update, (T, 3 of the landing, 3 of the shift)."""
+    variance: np.ndarray
+    """Variance of its entries, (T, 3, 3)."""
+
+
+@dataclass(frozen=True)
+class ShiftedJumps:
+    """n jumps with T updates each."""
+
+    goal: np.ndarray
+    """Planned goals, (n, 3), m, m, rad."""
+    stance_pitch: np.ndarray
+    """(n,), rad."""
+    landing: np.ndarray
+    """(n, 3), as the goal."""
+    shift: np.ndarray
+    """Shift of the goal from each update on, (n, T, 3), m, m, rad."""
+    deviation: np.ndarray
+    """Deviation from the shifted plan at each update, (n, T, 10); not finite where the jump is not to be learned from:
+    before it is disturbed."""
+    disturbed: np.ndarray
+    """1 where something happened that the plan did not reckon with, else 0, (n,). Only the others teach what shifts do,
+    and where constant goals lead."""
+
+    def __len__(self) -> int:
+        return len(self.goal)
+
+    @staticmethod
+    def join(parts: Sequence["ShiftedJumps"]) -> "ShiftedJumps":
+        """All jumps of some parts, in their order."""
+        names = [one.name for one in fields(ShiftedJumps)]
+        return ShiftedJumps(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def to_json(self) -> dict[str, Any]:
+        """The arrays as lists; what is not finite becomes null."""
+        return {one.name: null_where_not_finite(getattr(self, one.name)) for one in fields(self)}
+
+    @staticmethod
+    def from_json(raw: Mapping[str, Any]) -> "ShiftedJumps":
+        """The inverse of ``to_json``."""
+        return ShiftedJumps(**{name: np.array(values, dtype=float) for name, values in raw.items()})
+
+    @property
+    def undisturbed(self) -> np.ndarray:
+        """Whether nothing unexpected happened, bool, (n,)."""
+        return self.disturbed == 0
+
+    def goal_at(self, update: int) -> np.ndarray:
+        """Goals just before an update, (n, 3)."""
+        return self.goal + self.shift_before(update)
+
+    def shift_before(self, update: int) -> np.ndarray:
+        """Shifts just before an update, (n, 3)."""
+        return self.shift[:, update - 1] if update else np.zeros_like(self.goal)
+
+
+def null_where_not_finite(values: np.ndarray) -> Any:
+    """Nested lists of the values, with None for those that are not finite."""
+    found = values.astype(object)
+    found[~np.isfinite(values)] = None
+    return found.tolist()
+
+
+def features(goal: np.ndarray, stance_pitch: np.ndarray, deviation: np.ndarray, config: AimConfig) -> np.ndarray:
+    """φ of n jumps at one update, (n, 15), each divided by its typical change."""
+    scale = np.array(config.scale)
+    centre = np.array([0.55, 0.0, 0.0])
+    parts = [
+        np.ones((len(goal), 1)),
+        (goal - centre) / scale[:3],
+        stance_pitch[:, None] / scale[3],
+        deviation[:, :6] / np.array(TRUNK_SCALE),
+        deviation[:, 6:] / FOOT_SCALE,
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True)
+class LandingFeedback:
+    """The learned model of one robot; see the module."""
+
+    config: FeedbackConfig
+    landing: LandingModel
+    shifts: Authority
+    weights: np.ndarray
+    """W of each update, (T, 15, 3), in units of ``matters``."""
+    covariance: np.ndarray
+    """Posterior covariance of a column of W, (T, 15, 15), in squared units of ``matters``."""
+    scatter: np.ndarray
+    """Standard deviation of held-out landings at each update, (T, 3), in units of ``matters``."""
+
+    @property
+    def authority(self) -> np.ndarray:
+        """G of each update, (T, 3, 3)."""
+        return self.shifts.mean
+
+    @property
+    def authority_variance(self) -> np.ndarray:
+        """Variance of the entries of G, (T, 3, 3)."""
+        return self.shifts.variance
+
+    @cached_property
+    def matters(self) -> np.ndarray:
+        """Landing errors that count alike, (3,), m, m, rad."""
+        return np.array(self.config.landing.matters)
+
+    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Landing, (3,), if the goal stays ``goal`` (3,) from this update on."""
+        phi = features(goal[None], np.array([stance]), deviation[None], self.config.landing)[0]
+        return self.landing.landing(goal, stance) + phi @ self.weights[update] * self.matters
+
+    def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
+        """Landing, (3,), of a jump to one constant goal in which nothing unexpected happens."""
+        return self.landing.landing(goal, stance)
+
+    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Standard deviation of ``predict``, (3,): scatter of held-out jumps, and what the weights leave open."""
+        doubt = self.doubt(update, goal, stance, deviation)
+        return self.matters * np.hypot(self.scatter[update], self.config.doubt_share * doubt)
+
+    def doubt(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> float:
+        """Standard deviation of the prediction by what the weights leave open, in units of ``matters``."""
+        phi = features(goal[None], np.array([stance]), deviation[None], self.config.landing)[0]
+        return float(np.sqrt(phi @ self.covariance[update] @ phi))
+
+
+def learn_feedback(
+    jumps: ShiftedJumps, shifts: Authority, config: FeedbackConfig, prior: LandingFeedback | None = None
+) -> LandingFeedback:
+    """Fit the model to jumps, with a model of a similar robot as prior; what shifts do is known from simulation."""
+    matters, authority = np.array(config.landing.matters), shifts.mean
+    constant = jumps.landing - np.einsum("tij,ntj->ni", authority, jumps.shift)
+    own = jumps.undisturbed
+    samples = LandingSamples(jumps.goal[own], jumps.stance_pitch[own], constant[own])
+    landing = LandingModel(samples, config.landing, None if prior is None else prior.landing)
+    at_goal = predictions(landing, jumps.goal, jumps.stance_pitch)
+    left_out, trusted = constant - at_goal, np.ones(len(jumps))
+    left_out[own] = landing.dual / np.diag(landing.inverse)[:, None]
+    trusted[own] = landing.sample_weights
+    fits = []
+    for update in range(len(authority)):
+        goal, before = jumps.goal_at(update), jumps.shift_before(update)
+        later = np.einsum("tij,ntj->ni", authority[:update], jumps.shift[:, :update])
+        later -= np.einsum("tij,nj->ni", authority[:update], before)
+        # landing − L(γ) − Σ_{i ≥ j} G_i (δ_i − δ_before), with L(goal) predicted from the other jumps
+        gained = before @ authority.sum(axis=0).T
+        moved = predictions(landing, goal, jumps.stance_pitch) - at_goal
+        residual = (left_out + later + gained - moved) / matters
+        usable = np.isfinite(jumps.deviation[:, update]).all(axis=1)
+        weight = trusted * usable
+        phi = features(goal, jumps.stance_pitch, np.nan_to_num(jumps.deviation[:, update]), config.landing)
+        mean = np.zeros((phi.shape[1], 3)) if prior is None else prior.weights[update]
+        change = config.first_change if prior is None else config.change
+        deviation = np.full(phi.shape[1], change)
+        deviation[0] = config.free_bias if prior is None else config.bias
+        fit = Ridge(phi, residual - phi @ mean, weight, deviation, config.noise)
+        uncertain = fit.covariance if prior is None else fit.covariance + prior.covariance[update]
+        fits.append((mean + fit.weights, uncertain, fit.scatter))
+    weights, covariance, scatter = (np.array(part) for part in zip(*fits, strict=True))
+    return LandingFeedback(config, landing, shifts, weights, covariance, scatter)
+
+
+class Ridge:
+    """Bayesian linear regression with weights of mean zero and the given standard deviations."""
+
+    def __init__(
+        self, inputs: np.ndarray, outputs: np.ndarray, weight: np.ndarray, deviation: np.ndarray, noise: float
+    ) -> None:
+        weighted = inputs.T * (weight / noise**2)
+        self.covariance = np.linalg.inv(weighted @ inputs + np.diag(deviation**-2.0))
+        self.weights = self.covariance @ weighted @ outputs
+        leverage = np.einsum("ni,ij,nj->n", inputs, self.covariance, inputs) * weight / noise**2
+        errors = (outputs - inputs @ self.weights) / np.maximum(1 - leverage, 0.05)[:, None]
+        self.scatter = np.sqrt(np.average(errors**2, axis=0, weights=weight + 1e-9))
+
+
+def predictions(landing: LandingModel, goal: np.ndarray, stance_pitch: np.ndarray) -> np.ndarray:
+    """Landings of constant goals, (n, 3)."""
+    return np.array([landing.landing(g, s) for g, s in zip(goal, stance_pitch, strict=True)]).reshape(-1, 3)

@@ -1,0 +1,326 @@
+"""Jumps of the identified robot in simulation, many at once: shifted at random, and some of them kicked.
+
+They give the prior of the landing's model: what a robot does is nominal physics plus what its own jumps teach. Commands
+are known beforehand, so whole jumps roll out without a Python loop.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.jumping.control.horizon import ROUNDING_S
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
+from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
+from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
+from leapgap.jumping.experiments.landing_feedback import Authority, ShiftedJumps
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.models.rigid_body import GRAVITY
+from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.task import Target
+from leapgap.logs.log import Log
+from leapgap.logs.pair_force import WORLD_X_Z
+from leapgap.robot.kinematics import feet_positions
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, POSITION_SLICE, Motion
+from leapgap.robot.rotations import pitch_of
+from leapgap.robot.topology import PAIRS
+from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, prepare
+from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.sensors import SensorNoise
+
+TOUCHES_M = 0.002
+"""A foot this close to the ground touches it."""
+NO_KICK = np.zeros(3)
+LEAVES_WITHIN_S = 0.05
+"""Feet near the ground within this time after the take-off have not left it yet."""
+
+
+@dataclass(frozen=True)
+class ShiftDraws:
+    """Ranges of random shifts: every ``hold_s`` one is drawn, and reached linearly."""
+
+    largest: tuple[float, float, float] = (0.08, 0.06, 0.12)
+    """x, z, pitch; m, m, rad."""
+    hold_s: float = 0.15
+
+    def draw(self, updates: int, period_s: float, rng: np.random.Generator) -> np.ndarray:
+        """Shifts from each update on, (updates, 3)."""
+        each = max(1, round(self.hold_s / period_s))
+        knots = rng.uniform(-1, 1, (updates // each + 2, GOAL_AXES)) * self.largest
+        knots[0] = 0.0
+        at = (np.arange(updates) + 1) / each
+        return np.stack([np.interp(at, np.arange(len(knots)), column) for column in knots.T], axis=1)
+
+
+@dataclass(frozen=True)
+class SimulatedShiftsConfig:
+    """How many jumps are simulated, and what is drawn for them.
+
+    Of the jumps to each goal, every second one starts from ground and crouch that its plan does not know, and two of
+    every four are kicked.
+    """
+
+    goals: int = 36
+    """Number of goals that are planned."""
+    jumps: int = 12
+    """Jumps to each goal."""
+    x_m: tuple[float, float] = (0.25, 0.85)
+    z_m: tuple[float, float] = (-0.04, 0.15)
+    pitch_rad: tuple[float, float] = (-0.15, 0.15)
+    """Ranges of goals; z from the height of a robot that stands on level ground."""
+    block_m: tuple[float, float] = (0.0, 0.07)
+    """Height of a block under the front feet in every second goal, which the plan reckons with."""
+    shifts: ShiftDraws = field(default_factory=ShiftDraws)
+    smallest_share: float = 0.2
+    """Shifts of a jump are drawn from ``shifts``, scaled by a share between this and one."""
+    kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
+    """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
+    kick_between_s: tuple[float, float] = (0.05, 0.7)
+    unseen_front_m: tuple[float, float] = (0.0, 0.06)
+    unseen_rear_m: tuple[float, float] = (0.0, 0.04)
+    """Heights of blocks under the feet that the plan does not know."""
+    crouch_error_rad: float = 0.1
+    """Largest error of the joints at the start that the plan does not know."""
+    probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
+    """Distances of the goals at which the effect of shifts is found by differences."""
+    probes: tuple[float, float, float] = (0.03, 0.03, 0.06)
+    """Shifts, both ways, for these differences; m, m, rad."""
+
+
+@dataclass(frozen=True)
+class SimulatedJump:
+    """One jump to simulate."""
+
+    start: PreparedRun
+    plan: ShiftedPlan
+    goal: np.ndarray
+    stance_pitch: float
+    shift: np.ndarray
+    """Shift of the goal from each update on, (updates, 3)."""
+    kick_row: int
+    """Row at which the robot is kicked; 0: it is not."""
+    kick: np.ndarray
+    """Change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
+    unseen: bool
+    """Whether the plan does not know the ground and the crouch it starts from."""
+
+
+@dataclass(frozen=True)
+class ShiftSimulator:
+    """Simulates shifted jumps of one robot with effects, from level ground or with the front feet on a block."""
+
+    planner: JumpPlanner
+    robot: Robot
+    effects: tuple[Effect, ...]
+    level: Log
+    """A plan from level ground, from whose first pose the robot starts."""
+    grid: ShiftGrid
+    average_rows: int
+    """Rows over which the deviation from the plan is averaged, as the controller does."""
+    late_rows: int
+    """Delay of the base's state, in rows."""
+    noise: SensorNoise
+
+    def run(self, config: SimulatedShiftsConfig, rng: np.random.Generator) -> ShiftedJumps:
+        """Plan goals, simulate jumps to them, and read what a controller could have measured."""
+        replayer = Replayer(self.robot, terrain_slots=2, threads=1)
+        jumps = [jump for number in range(config.goals) for jump in self._draw(number, replayer, config, rng)]
+        landings, deviations = [], []
+        for jump in jumps:
+            motion = self._simulate(jump, replayer)
+            landings.append(self._landing(motion))
+            deviations.append(self._deviations(jump, motion, rng))
+        return ShiftedJumps(
+            goal=np.array([jump.goal for jump in jumps]),
+            stance_pitch=np.array([jump.stance_pitch for jump in jumps]),
+            landing=np.array(landings),
+            shift=np.array([jump.shift for jump in jumps]),
+            deviation=np.array(deviations),
+            disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in jumps]),
+        )
+
+    def authority(self, config: SimulatedShiftsConfig) -> Authority:
+        """What a shift during each update does to the landing: differences of jumps shifted from that update on.
+
+        The mean over some distances, and the variance between them.
+        """
+        replayer = Replayer(self.robot, terrain_slots=1, threads=1)
+        (start,) = prepare([MotionPlan("level", self.level)], replayer, self.effects, Course())
+        of_goals = []
+        for x in config.probed_x_m:
+            goal = np.array([x, 0.0, 0.0])
+            plan = self._plan(goal, 0.0)
+            if plan is not None:
+                jump = SimulatedJump(
+                    start, plan, goal, 0.0, np.zeros((self.grid.updates, GOAL_AXES)), 0, NO_KICK, False
+                )
+                of_goals.append(self._differences(jump, replayer, config.probes))
+        if not of_goals:
+            raise InputError("land.method_settings", "no plan to any of probed_x_m", "at least one", "name other ones")
+        return Authority(np.mean(of_goals, axis=0), np.var(of_goals, axis=0))
+
+    def _differences(self, jump: SimulatedJump, replayer: Replayer, probes: tuple[float, float, float]) -> np.ndarray:
+        """G of each update at one goal, (updates, 3, 3)."""
+        from_update = np.zeros((self.grid.updates + 1, GOAL_AXES, GOAL_AXES))
+        for update in range(self.grid.updates):
+            for axis, size in enumerate(probes):
+                landings = []
+                for step in (size, -size):
+                    shift = jump.shift.copy()
+                    shift[update:, axis] = step
+                    landings.append(self._landing(self._simulate(replace(jump, shift=shift), replayer)))
+                from_update[update, :, axis] = (landings[0] - landings[1]) / (2 * size)
+        return from_update[:-1] - from_update[1:]
+
+    def _plan(self, goal: np.ndarray, stance_pitch: float) -> ShiftedPlan | None:
+        solution = self.planner.plan(Target(round(float(goal[0]), 3)), goal, stance_pitch)
+        if solution is None:
+            return None
+        reference = Reference.of(to_jump(solution, Gains()), self.robot)
+        return shifted_plan(self.planner, solution, reference, self.robot)
+
+    def _draw(
+        self, number: int, replayer: Replayer, config: SimulatedShiftsConfig, rng: np.random.Generator
+    ) -> list[SimulatedJump]:
+        """The jumps to one random goal; none where it has no plan."""
+        goal = rng.uniform(*np.transpose([config.x_m, config.z_m, config.pitch_rad]))
+        block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
+        front_m, rear_m = (
+            round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)
+        )
+        wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
+        name = f"goal_{number}"
+        starts = prepare(
+            [MotionPlan(name, self.level, block_m), MotionPlan(name, self.level, front_m, rear_m, wrong)],
+            replayer,
+            self.effects,
+            Course(),
+        )
+        stance = ground_pitch(starts[0].start, self.robot)
+        plan = self._plan(goal, stance)
+        if plan is None:
+            return []
+        jumps = []
+        for jump in range(config.jumps):
+            share = rng.uniform(config.smallest_share, 1.0)
+            shift = share * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
+            kick_row = (
+                round(float(rng.uniform(*config.kick_between_s)) / plan.reference.period_s) if jump % 4 > 1 else 0
+            )
+            kick = rng.uniform(-1, 1, 3) * config.kick
+            unseen = bool(jump % 2)
+            jumps.append(SimulatedJump(starts[unseen], plan, goal, stance, shift, kick_row, kick, unseen))
+        return jumps
+
+    def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:
+        """The true motion up to the scheduled landing."""
+        log = commanded_log(jump, self.grid, self.robot)
+        trial = Rollout(log, self.effects, first_state=jump.start.start)
+        if not jump.kick_row:
+            return replayer.true_motions([trial])[0]
+        before = replayer.true_motions([trial], jump.kick_row + 1)[0]
+        state = before.last_state
+        velocity = state[self.robot.model.nq :]
+        velocity[[0, 2]] += jump.kick[:2]
+        velocity[ANGULAR_VELOCITY_SLICE][1] += jump.kick[2]
+        ((after,),) = replayer.replay_pieces([trial], [Starts([jump.kick_row], state[None])], len(log) - jump.kick_row)
+        return Motion(np.concatenate([before.qpos[:-1], after.qpos]), np.concatenate([before.qvel[:-1], after.qvel]))
+
+    def _landing(self, motion: Motion) -> np.ndarray:
+        """Pose (3,) at the end; where a foot touches earlier, the flight is continued as a free one."""
+        schedule, period = self.grid.schedule, self.level.info.sample_period_s
+        settled = round((schedule.take_off_s + LEAVES_WITHIN_S) / period)
+        feet = feet_positions(self.robot, motion.qpos[settled:])[:, :, 2] - self.robot.foot_radius
+        touched = np.flatnonzero((feet < TOUCHES_M).any(axis=1))
+        row = settled + (max(touched[0] - 1, 0) if len(touched) else len(feet) - 1)
+        left_s = (len(motion) - 1 - row) * period
+        position, velocity = motion.base_position, motion.base_velocity
+        x = position[row, 0] - position[0, 0] + left_s * velocity[row, 0]
+        z = position[row, 2] + left_s * velocity[row, 2] - GRAVITY * left_s**2 / 2
+        pitch = pitch_of(motion.base_quaternion[row]) + left_s * motion.base_angular_velocity[row, 1]
+        return np.array([x, z - self.level["base_pos_z"][0], pitch])
+
+    def _deviations(self, jump: SimulatedJump, motion: Motion, rng: np.random.Generator) -> np.ndarray:
+        """Deviation from the shifted plan at each update as a controller measures it, (updates, 10)."""
+        position, velocity = motion.base_position, motion.base_velocity
+        state = np.column_stack(
+            [
+                position[:, 0] - position[0, 0],
+                position[:, 2],
+                pitch_of(motion.base_quaternion),
+                velocity[:, 0],
+                velocity[:, 2],
+                motion.base_angular_velocity[:, 1],
+            ]
+        )
+        period = jump.plan.reference.period_s
+        shifts = shift_at(jump.shift, self.grid, period * np.arange(len(state)))[0]
+        noise = self.noise
+        spread = np.array(
+            [
+                *(noise.base_pos_m, noise.base_pos_m, noise.base_angle_rad),
+                *(noise.base_linvel_m_s, noise.base_linvel_m_s, noise.base_angvel_rad_s),
+            ]
+        ) / np.sqrt(self.average_rows)
+        found = np.full((self.grid.updates, DEVIATIONS), np.nan)
+        for update in range(self.grid.updates):
+            row = round(update * self.grid.period_s / period)
+            if jump.kick_row and row <= jump.kick_row + self.average_rows + self.late_rows:
+                continue
+            rows = np.arange(max(0, row - self.average_rows + 1), row + 1)
+            base = state[np.maximum(rows - self.late_rows, 0)]
+            trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
+            feet = pair_feet(self.robot, motion.qpos[row : row + 1])[0] - jump.plan.at("foot", row, shifts[row])
+            found[update] = np.concatenate([trunk + spread * rng.standard_normal(6), feet])
+        return found
+
+
+def ground_pitch(state: np.ndarray, robot: Robot) -> float:
+    """Pitch of the ground under the feet of a true state (nq + nv,), rad, nose-down."""
+    front_x, front_z, rear_x, rear_z = pair_feet(robot, state[None, : robot.model.nq])[0]
+    return float(-np.arctan2(front_z - rear_z, front_x - rear_x))
+
+
+def pair_feet(robot: Robot, qpos: np.ndarray) -> np.ndarray:
+    """Foot − base, mean of each pair, front x z, rear x z, m, (rows, 4)."""
+    feet = feet_positions(robot, qpos) - qpos[:, None, POSITION_SLICE]
+    return np.concatenate([feet[:, robot.feet_at(pair)].mean(axis=1)[:, WORLD_X_Z] for pair in PAIRS], axis=1)
+
+
+def shift_at(shift: np.ndarray, grid: ShiftGrid, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The shift (rows, 3) and its rate at some times: each update's shift is reached linearly within its period."""
+    ends = grid.period_s * np.arange(grid.updates + 1)
+    values = np.concatenate([np.zeros((1, GOAL_AXES)), shift])
+    now = np.stack([np.interp(times_s, ends, column) for column in values.T], axis=1)
+    update = np.minimum((times_s + ROUNDING_S) // grid.period_s, grid.updates).astype(int)
+    rates = np.concatenate([np.diff(values, axis=0), np.zeros((1, GOAL_AXES))]) / grid.period_s
+    return now, rates[update]
+
+
+def commanded_log(jump: SimulatedJump, grid: ShiftGrid, robot: Robot) -> Log:
+    """Commands of the shifted plan in every row, on the terrain of the start."""
+    plan, reference = jump.plan, jump.plan.reference
+    rows = len(reference.state)
+    time = reference.period_s * np.arange(rows)
+    shift, rate = shift_at(jump.shift, grid, time)
+
+    def moved(quantity: str) -> np.ndarray:
+        values: np.ndarray = getattr(reference, quantity)
+        return values + np.einsum("ri,irj->rj", shift, plan.slopes[quantity])
+
+    commands = {
+        "cmd_tau": moved("torque"),
+        "cmd_pos": moved("joint_pos"),
+        "cmd_vel": moved("joint_vel") + np.einsum("ri,irj->rj", rate, plan.slopes["joint_pos"]),
+    }
+    columns = {"time": time}
+    for name, values in commands.items():
+        columns |= {f"{name}/{joint}": values[:, i] for i, joint in enumerate(robot.joints)}
+    for name, values in jump.start.commanded.columns.items():
+        if name.startswith(("cmd_kp/", "cmd_kd/")):
+            columns[name] = values[:rows]
+    return replace(jump.start.commanded, columns=columns)

@@ -1,0 +1,52 @@
+"""Logs of real robots with published answers: imported, diagnosed, and held against them."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from leapgap.atomic_io import write_json
+from leapgap.diagnosis.diagnose import Settings
+from leapgap.output_folder import whole_folder
+from leapgap.validation.real_robots import RealCase, is_here, run_case
+from stages.common import CONF, output_folder, read_config, run_stage
+
+STAGE = "stages.robots"
+
+
+@dataclass(frozen=True)
+class RobotsSettings:
+    """Section ``robots`` of the configuration."""
+
+    raw: str
+    out: str | None
+    metrics: str | None
+    cases: dict[str, Any] = field(default_factory=dict)
+    """Each a ``RealCase``."""
+
+
+def robots(config: DictConfig) -> None:
+    """Diagnose every case whose files are there, write its report, and a table of all."""
+    chosen = read_config(RobotsSettings, config.robots, "robots")
+    settings, raw = read_config(Settings, config.diagnose.settings, "diagnose.settings"), Path(chosen.raw)
+    out = output_folder(chosen.out, STAGE, (raw,))
+    table: dict[str, Any] = {}
+    with whole_folder(out, STAGE) as folder:
+        for name in chosen.cases:
+            case = read_config(RealCase, config.robots.cases[name], f"robots.cases.{name}")
+            if not is_here(case, raw):
+                print(f"{name}: no files in {raw / case.source}, left out")
+                continue
+            options = CONF / "import_logs" / f"{case.import_logs}.yaml"
+            report, table[name] = run_case(case, raw, options, settings=settings, progress=partial(print, flush=True))
+            report.save(folder / name)
+            verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
+            print(f"{name}: {verdict}. {report.sentence}", flush=True)
+    if chosen.metrics and table:
+        write_json(Path(chosen.metrics), {"cases": table})
+
+
+if __name__ == "__main__":
+    run_stage(robots)

@@ -1,0 +1,146 @@
+"""What a user reads: help of every stage, the version, the nearest key to a misspelt one; from any folder."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from leapgap import cli
+from leapgap.executor import Executor
+from leapgap.jumping.models.rigid_body import RigidBody
+from stages.help import describe
+from tests.code import ROOT
+from tests.stages.test_by_hand import assert_refused, stage
+
+NAMES = sorted(path.stem for path in (ROOT / "stages").glob("*.py") if '__name__ == "__main__"' in path.read_text())
+
+
+def elsewhere(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
+    """A stage that is called from another folder than the project's."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("DVC_")}
+    environment["PYTHONPATH"] = f"{ROOT}{os.pathsep}{ROOT / 'src'}"
+    command = [sys.executable, "-m", f"stages.{name}", *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_help_says_what_a_stage_does_with_examples_and_its_options(name: str, tmp_path: Path) -> None:
+    result = elsewhere(tmp_path, name, "--help")
+    assert result.returncode == 0, result.stderr
+    assert f"usage: python -m stages.{name}" in result.stdout
+    assert f"Examples:\n\n    python -m stages.{name}" in result.stdout
+    conf = ROOT / "conf" / name / "default.yaml"
+    if conf.is_file():
+        assert "Units: m, rad, s, N" in result.stdout
+        for key in OmegaConf.load(conf):
+            if key != "defaults":
+                assert f"  {name}.{key}" in result.stdout
+    assert not list(tmp_path.iterdir()), "asking for help wrote something"
+
+
+def test_examples_name_options_that_exist() -> None:
+    keys = OmegaConf.load(ROOT / "params.yaml")
+    for name in NAMES:
+        docstring = (ROOT / "stages" / f"{name}.py").read_text().split('"""')[1]
+        words = [word.strip("'") for line in docstring.splitlines() if "python -m" in line for word in line.split()]
+        for word in words:
+            if "=" in word and not word.startswith("size="):
+                section, _, key = word.split("=")[0].rpartition(".")
+                assert key in OmegaConf.select(keys, section), f"{name}: {word}"
+
+
+def test_options_take_default_and_comment_from_the_configuration() -> None:
+    text = "# Section x.\nlogs: data  # folder\npart:\n  step_s: 0.1  # of the grid\n# above it\nlong: 3\n"
+    assert [" ".join(line.split()) for line in describe(text, "x")] == [
+        "x.logs=data folder",
+        "x.part.…",
+        "x.part.step_s=0.1 of the grid",
+        "x.long=3 above it",
+    ]
+
+
+def test_the_version_of_a_stage(tmp_path: Path) -> None:
+    import leapgap
+
+    result = elsewhere(tmp_path, "chunk", "--version")
+    assert (result.returncode, result.stdout) == (0, f"leapgap {leapgap.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "question"),
+    [
+        (("collect", "collect.jmps=3"), "did you mean collect.jumps?"),
+        (("chunk", "chunk.flight_steps=0.05"), "did you mean chunk.flight_step_s?"),
+        (("chunk", "siez=tiny"), "did you mean size?"),
+        (("diagnose", "diagnose.settings.most_pices=3"), "did you mean diagnose.settings.most_pieces?"),
+        (("chunk", "+chunk.stepps=3"), "did you mean steps?"),
+    ],
+)
+def test_a_misspelt_key_is_answered_with_the_nearest(tmp_path: Path, arguments: tuple[str, ...], question: str) -> None:
+    name, *given = arguments
+    assert_refused(stage(name, *given, f"{name}.out={tmp_path / 'out'}"), question)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "question"),
+    [
+        (("diagnos", "a", "b"), "did you mean diagnose?"),
+        (("diagnose", "a", "b", "--effcts", "x"), "did you mean --effects?"),
+    ],
+)
+def test_a_misspelt_command_is_answered_with_the_nearest(
+    arguments: tuple[str, ...], question: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(list(arguments))
+    assert end.value.code == 2
+    assert question in capsys.readouterr().err
+
+
+def test_a_misspelt_setting_of_a_file_is_answered_with_the_nearest(tmp_path: Path) -> None:
+    from leapgap import Settings
+    from leapgap.errors import InputError
+    from leapgap.settings import from_json
+
+    (tmp_path / "settings.json").write_text('{"bootstrap_drws": 3}')
+    with pytest.raises(InputError, match=r"did you mean bootstrap_draws\?"):
+        from_json(Settings, tmp_path / "settings.json")
+
+
+def test_a_stage_finds_the_projects_robot_from_any_folder(tmp_path: Path) -> None:
+    (tmp_path / "raw").mkdir()
+    result = elsewhere(tmp_path, "import_logs", "import_logs.source=raw", "import_logs.out=jumps")
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "jumps" / ".leapgap.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("collect", "collect.jumps=0"), "jumps 0: 1 or more"),
+        (("collect", "executor.workers=0"), "workers 0: 1 or more"),
+        (("collect", "collect.mpc.period_s=nan"), "period_s"),
+        (("diagnose", "diagnose.threads=-1"), "diagnose.threads: found -1"),
+        (("collect", "robot.body.mass_kg=0.0"), "mass_kg 0.0"),
+        (("train", "train.folds=0"), "folds 0: 1 or more"),
+        (("train", "train.threads=-1"), "threads -1: 1 or more"),
+        (("train", "robot.body.mass_kg=0.0"), "mass_kg 0.0"),
+    ],
+)
+def test_numbers_that_mean_nothing_are_refused(tmp_path: Path, arguments: tuple[str, ...], says: str) -> None:
+    name, *given = arguments
+    assert_refused(stage(name, *given, f"{name}.out={tmp_path / 'out'}"), says)
+    assert not (tmp_path / "out").exists()
+
+
+def test_bodies_and_executors_refuse_what_means_nothing() -> None:
+    for mass in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValueError, match="mass_kg"):
+            RigidBody(mass, 0.3)
+    assert RigidBody(12.0, float("inf")).pitch_inertia_kgm2 == float("inf")
+    assert Executor("joblib", -1).workers == -1
+    with pytest.raises(ValueError, match="workers -3"):
+        Executor("joblib", -3)

@@ -1,0 +1,127 @@
+"""Shifted jumps: what is simulated from commands alone is what the controller does in closed loop."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.tracking import JointPd
+from leapgap.jumping.experiments.bench import Bench
+from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
+from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, shifted_plan
+from leapgap.jumping.experiments.methods.learned_goal_mpc import GoalShiftMethod
+from leapgap.jumping.experiments.simulated_shifts import (
+    NO_KICK,
+    ShiftDraws,
+    ShiftSimulator,
+    SimulatedJump,
+    shift_at,
+)
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
+from leapgap.jumping.experiments.trial_spec import shifted_jumps
+from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.task import ContactSchedule
+from leapgap.simulation.closed_loop import Sensing
+from leapgap.simulation.controller import StateEstimate
+from leapgap.simulation.open_loop import Course, MotionPlan, prepare
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.sensors import SensorNoise
+
+GRID = ShiftGrid(ContactSchedule())
+SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
+TASK = JumpTask("jump_50", 0.5)
+
+
+@pytest.fixture
+def method(bench: Bench) -> GoalShiftMethod:
+    planner = JumpPlanner(planar_robot(bench.robot), limits=AIMING_LIMITS)
+    return GoalShiftMethod(bench.robot, bench.references, planner=planner)
+
+
+def outcome(bench: Bench, method: GoalShiftMethod) -> TrialOutcome:
+    world = replace(bench.world, sensing=Sensing(SILENT, base_delay_s=0.0))
+    return attempt_task(TASK, method, bench.level, (), world, np.random.default_rng(0))
+
+
+def jump_of(found: TrialOutcome) -> GoalShiftJump:
+    (jump,) = found.controllers
+    assert isinstance(jump, GoalShiftJump)
+    return jump
+
+
+def test_simulated_and_closed_loop_jumps_agree(bench: Bench, method: GoalShiftMethod) -> None:
+    shift = ShiftDraws((0.05, 0.03, 0.06)).draw(GRID.updates, GRID.period_s, np.random.default_rng(4))
+    found = outcome(bench, replace(method, exploration=shift))
+    measured = shifted_jumps(found)
+    assert measured is not None
+    np.testing.assert_allclose(measured.shift[0], shift, atol=1e-12)
+
+    jump = jump_of(found)
+    assert jump.goal is not None and method.planner is not None
+    solution = method.planner.plan(TASK.target, jump.goal, jump.stance_pitch)
+    assert solution is not None
+    plan = shifted_plan(method.planner, solution, jump.reference, bench.robot)
+    assert plan is not None
+    simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
+    replayer = Replayer(bench.robot, threads=1)
+    (start,) = prepare([MotionPlan("level", bench.level)], replayer, (), Course())
+    simulated = SimulatedJump(start, plan, jump.goal, 0.0, shift, 0, NO_KICK, False)
+    motion = simulator._simulate(simulated, replayer)
+    apart = np.abs(simulator._landing(motion) - measured.landing[0])
+    assert (apart < [0.004, 0.004, 0.015]).all(), apart
+    deviations = simulator._deviations(simulated, motion, np.random.default_rng(0))
+    typical = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, 0.01, 0.01, 0.01, 0.01])
+    off = np.abs(deviations - measured.deviation[0])[2:] / typical  # the first 50 ms still differ by the stand before
+    assert np.median(off) < 0.05, np.median(off, axis=0)
+    assert off.max() < 0.6, off.max(axis=0)
+
+
+def test_a_shift_of_the_whole_jump_is_a_jump_to_another_goal(bench: Bench, method: GoalShiftMethod) -> None:
+    moved = np.tile([0.03, 0.0, 0.0], (GRID.updates, 1))
+    plain, shifted, planned = (
+        outcome(bench, one).landings[0].error_cm
+        for one in (
+            method,
+            replace(method, exploration=moved),
+            replace(method, goal_offset=np.array([0.03, 0.0, 0.0])),
+        )
+    )
+    assert plain - planned == pytest.approx(3.0, abs=0.7)
+    assert shifted == pytest.approx(planned, abs=0.5)
+
+
+def test_without_shifts_the_commands_are_those_of_joint_pd(bench: Bench, method: GoalShiftMethod) -> None:
+    found = outcome(bench, method)
+    jump = jump_of(found)
+    own = JointPd(jump.reference, bench.robot, method.gains)
+    log, first = found.run.log, found.starts[0]
+    for row in (0, 13, 300, 512, 799, 1000, 1190):
+        estimate = StateEstimate(
+            row / 1000, np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3), np.zeros(12), np.zeros(12),
+            np.ones(4, bool),
+        )  # fmt: skip
+        expected = own.command(estimate)
+        for name, values in (
+            ("cmd_tau", expected.torque),
+            ("cmd_pos", expected.position),
+            ("cmd_vel", expected.velocity),
+        ):
+            np.testing.assert_allclose(log.per_joint(name, bench.robot.joints)[first + row], values, atol=1e-9)
+
+
+def test_shifts_are_reached_linearly_and_then_held() -> None:
+    shift = np.zeros((GRID.updates, 3))
+    shift[4:] = [0.02, 0.0, 0.0]
+    value, rate = shift_at(shift, GRID, np.array([0.1, 0.1125, 0.125, 0.5, 1.1]))
+    np.testing.assert_allclose(value[:, 0], [0, 0.01, 0.02, 0.02, 0.02])
+    np.testing.assert_allclose(rate[:, 0], [0.8, 0.8, 0, 0, 0], atol=1e-9)
+
+
+def test_random_shifts_begin_at_none_and_stay_in_their_range() -> None:
+    rng = np.random.default_rng(0)
+    drawn = np.array([ShiftDraws((0.05, 0.03, 0.1), 0.15).draw(32, 0.025, rng) for _ in range(200)])
+    assert (np.abs(drawn).max(axis=(0, 1)) <= [0.05, 0.03, 0.1]).all()
+    assert np.abs(drawn).max(axis=(0, 1)) == pytest.approx([0.05, 0.03, 0.1], rel=0.05)
+    assert (np.abs(drawn[:, 0]) <= np.array([0.05, 0.03, 0.1]) / 6 + 1e-12).all()  # a sixth of 150 ms
