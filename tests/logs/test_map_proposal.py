@@ -231,3 +231,12 @@ def test_recordings_and_datasets_are_proposed_for_too(arm: Robot, tmp_path: Path
     options = yaml.safe_load(propose_map(write_lerobot(tmp_path / "arm_data"), arm))["lerobot"]
     assert options["columns"]["time"] == "timestamp"
     assert options["columns"]["joint_pos/*"] == "observation.state.*.pos"
+
+
+def test_many_small_arrays_beside_the_log_do_not_hide_it(arm: Robot, tmp_path: Path) -> None:
+    """Calibration matrices, pictures and texts of an archive; rows across in the positions."""
+    truth = motion(400)
+    extra = {f"camera_{i}": np.eye(3) for i in range(9)} | {"picture": np.zeros((5, 60, 80)), "note": np.array("x")}
+    np.savez(tmp_path / "a.npz", t=truth["time"], q=truth["q"].T, dq=truth["dq"], **extra)
+    options = yaml.safe_load(propose_map(tmp_path / "a.npz", arm))["npz"]
+    assert options["columns"] == {"time": "t", "joint_pos/*": "q[*]", "joint_vel/*": "dq[*]"}

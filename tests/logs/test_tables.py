@@ -331,3 +331,18 @@ def test_a_name_of_ours_that_means_nothing_is_refused(
     table = write_table(tmp_path / "a.csv", plain())
     with pytest.raises(InputError, match=message):
         read(table, arm, columns={"time": "t", **columns}, **NAMES)
+
+
+def test_headers_with_spaces_and_byte_order_marks_and_decimal_commas(arm: Robot, tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.01 * row:.2f}; {0.5 * row:.1f} ; 0,0".replace(".", ",") for row in range(12))
+    (tmp_path / "a.csv").write_text(f"\ufefft; q1 ;q2\n{rows}", encoding="utf-8")
+    log = read(tmp_path / "a.csv", arm, **POSITIONS, delimiter=";", decimal_point=",")
+    assert log["joint_pos/shoulder"] == pytest.approx(0.5 * np.arange(12))
+
+
+def test_two_columns_of_one_name_are_refused_where_they_are_mapped(arm: Robot, tmp_path: Path) -> None:
+    lines = ["t,q1,q2,x,x", *(f"{0.01 * row},{row},0,1,2" for row in range(12))]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert len(read(tmp_path / "a.csv", arm, **POSITIONS)) == 12
+    with pytest.raises(InputError, match=r"a\.csv: found 2 columns x; expected one of each name; rename them"):
+        read(tmp_path / "a.csv", arm, columns={"time": "t", "joint_pos/shoulder": "x"})

@@ -44,7 +44,7 @@ def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[s
     """Columns of a log, as the map has them: time from 0, all else in SI. ``where`` names the map in messages."""
     expand = Expansion(options, robot, where)
     constants = expand.numbers("constants", options.constants)
-    check_ours({*expand.columns(), *constants}, robot, where)
+    check_ours([*expand.columns(), *constants], robot, where)
     theirs = {ours: one for ours, one in expand.columns().items() if ours not in constants}
     for column in table.columns:
         if column not in constants and is_ours(column, robot):

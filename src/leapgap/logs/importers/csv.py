@@ -19,6 +19,8 @@ class CsvOptions(TableOptions):
 
     delimiter: str = ","
     """What separates the cells of a row, such as ``;`` or a tab."""
+    decimal_point: str = "."
+    """What separates the decimals of a number: a point, or a comma."""
     header: bool = True
     """Whether the first row names the columns; else they are called 0, 1, 2, …"""
     skip_rows: int = 0
@@ -37,12 +39,18 @@ class Csv(TableFormat):
         check_lines(path, options)
         read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
         try:
-            table = pa.csv.read_csv(path, read, pa.csv.ParseOptions(delimiter=options.delimiter))
+            parse = pa.csv.ParseOptions(delimiter=options.delimiter)
+            table = pa.csv.read_csv(path, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
         except (pa.ArrowException, OSError) as error:
             raise InputError(
                 path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew"
             ) from None
-        names = table.column_names if options.header else [str(at) for at in range(table.num_columns)]
+        names = [name.strip() for name in table.column_names]
+        if not options.header:
+            names = [str(at) for at in range(table.num_columns)]
+        twice = next((name for name in names if wanted(name) and names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(path, f"{names.count(twice)} columns {twice}", "one of each name", "rename them")
         return {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True) if wanted(name)}
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from leapgap.errors import InputError
 MOST_BYTES = 4_000_000_000
 """A file that would take more memory than this is refused before any of it is taken."""
 VALUE_BYTES = 8
+MOST_DIMENSIONS = 2
 INDEXED = re.compile(r"^(?P<array>.+)\[(?P<index>\d+(?:,\d+)*)\]$")
 """``dof_pos[3]``: the fourth column of an array."""
 
@@ -61,9 +63,12 @@ class Table:
         return names
 
     def rows(self) -> int:
-        """Length that most arrays have; 0 where there is none."""
-        lengths = [max(array.shape) for array in self.arrays.values() if array.ndim and array.size]
-        return max(set(lengths), key=lambda one: (lengths.count(one), one)) if lengths else 0
+        """Length of the arrays that hold most values, pictures aside; 0 where there is none."""
+        held: dict[int, int] = defaultdict(int)
+        for array in self.arrays.values():
+            if array.ndim and array.size and np.squeeze(array).ndim <= MOST_DIMENSIONS:
+                held[max(array.shape)] += array.size
+        return max(held, key=lambda length: (held[length], length), default=0)
 
     def values(self, column: str, rows: int | None = None) -> np.ndarray:
         """One column, (rows,), as it stands in the file; ``InputError`` where its length is another than ``rows``."""
