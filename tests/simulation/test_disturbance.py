@@ -28,6 +28,7 @@ def falling(robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def momentum(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    mujoco.mj_forward(model, data)
     mujoco.mj_subtreeVel(model, data)
     return data.subtree_linvel[1] * model.body_subtreemass[1]
 

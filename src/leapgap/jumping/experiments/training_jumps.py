@@ -24,6 +24,8 @@ DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=SUPPLY_V),)
 """Torque limit in the motors' data sheet, which the plans account for."""
 
 
+SHARED = "practice"
+"""Folder of training jumps that do not depend on the method."""
 FALLBACK_EFFECT_SHARES = (0.75, 0.5, 0.25, 0.0)
 """Where the identified robot cannot do a jump, it is planned for robots with these shares of the effects, in order."""
 
@@ -86,7 +88,7 @@ class PracticeDraws:
     bench: Bench
     config: PracticeConfig
     rng: np.random.Generator
-    folder: str = "practice"
+    folder: str = SHARED
 
     def trials(
         self, name: str, jumps: int, method: GoalMethod, offsets: GoalOffsets, with_log: bool = False
@@ -119,7 +121,10 @@ def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobo
     effects whose family reaches the ends of what is practised; where none does, that with all of the effects.
     """
     bench, config = draws.bench, draws.config
-    trials = draws.trials("identify", config.identify_jumps, method, GoalOffsets(), with_log=True)
+    # Methods that share this practice share these jumps.
+    trials = replace(draws, folder=SHARED).trials(
+        "identify", config.identify_jumps, method, GoalOffsets(), with_log=True
+    )
     logs = [result.log for result in bench.runner.results(trials) if result.log is not None]
     found = identify_joint_effects(bench, logs)
     assert method.planner is not None
