@@ -97,7 +97,7 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
     "land_corrected": (TrialSpec.run, identify_effects_config),
 }
 """What makes the results of each stage with a cache."""
-REPORTS, PLANS = ("reports", "jumping/reports"), ("jumping/planning", "jumping/models")
+REPORTS, PLANS = ("reports", "jumping/reports"), ("jumping/planning", "jumping/models", "jumping/task.py")
 NO_PART_OF_RESULTS = {
     f"src/leapgap/{name}.py"
     for name in ("cache", "content_hash", "former_results", "import_closure", "executor", "output_folder", "processes")

@@ -78,7 +78,7 @@ def test_printed_it_says_sentence_gap_and_numbers(report: lg.Report) -> None:
     lines = str(report).splitlines()
     assert lines[0] == f"named: {report.sentence}"
     assert "viscous friction of the gears (joint_damping at elbow: damping 0." in lines[0]
-    assert lines[1].startswith("gap 0.09") and lines[1].endswith("(4 logs)")
+    assert lines[1].startswith("gap 0.29") and lines[1].endswith("(4 logs)")
     assert lines[2].startswith("  joint_damping at elbow: damping 0.") and "N·m·s/rad" in lines[2]
 
 

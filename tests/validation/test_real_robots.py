@@ -44,7 +44,13 @@ def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
 
 
 def test_without_any_data_the_stage_says_so_and_writes_no_metrics(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "stages.robots", f"robots.raw={tmp_path / 'raw'}", f"robots.out={tmp_path / 'out'}"]
+    command = [
+        sys.executable,
+        "-m",
+        "stages.robots",
+        f"robots.raw={tmp_path / 'raw'}",
+        f"robots.out={tmp_path / 'out'}",
+    ]
     command += [f"robots.metrics={tmp_path / 'metrics.json'}", f"hydra.run.dir={tmp_path / 'run'}"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
