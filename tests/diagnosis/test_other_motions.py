@@ -146,3 +146,10 @@ def test_friction_is_found_without_velocities(acrobot: Robot) -> None:
     found = diagnose(logs, acrobot, SETTINGS)
     assert found.report.answer == (("joint_friction",),), found.report.sentence
     assert found.report.causes[0].parameters["torque_nm"].value == pytest.approx(0.08, rel=0.1)
+
+
+def test_velocities_that_an_importer_computed_are_not_judged(acrobot: Robot) -> None:
+    log = swing(0, even(500, 3.0), 0.0, kp=20.0, kd=0.3)
+    derived = LogInfo("acrobot", log.info.sample_period_s, "a test", extra={"derived": {"joint_vel": "a fit"}})
+    judged = JudgedLogs.of([Log(log.name, log.columns, derived)], acrobot)
+    assert {channel.quantity for channel in judged.channels} == {"joint_pos"}

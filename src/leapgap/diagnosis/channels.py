@@ -7,7 +7,14 @@ import numpy as np
 
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
-from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
+from leapgap.logs.schema import (
+    BASE_ANGULAR_VELOCITY,
+    BASE_POSITION,
+    BASE_QUATERNION,
+    BASE_VELOCITY,
+    QUANTITIES,
+    quantity_of,
+)
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, VELOCITY_SLICE, Motion
 from leapgap.robot.rotations import pitch_of, turn_between, turn_by
@@ -71,7 +78,10 @@ def logged_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
 
 
 def is_logged(log: Log, channel: str) -> bool:
-    """Whether a log has the column of a channel."""
+    """Whether a log has the column of a channel as a measurement."""
+    known = quantity_of(channel)
+    if known is not None and known.name in log.derived:
+        return False
     return (BASE_QUATERNION[0] if channel in BASE_TURNS else channel) in log
 
 

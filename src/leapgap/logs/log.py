@@ -160,6 +160,11 @@ class Log:
         """Seconds since the first row, as logged."""
         return self.columns["time"]
 
+    @property
+    def derived(self) -> tuple[str, ...]:
+        """Quantities that an importer computed from others, and nobody measured."""
+        return tuple(self.info.extra.get("derived", {}))
+
     @cached_property
     def is_even(self) -> bool:
         """Whether every row lasts one sample period."""

@@ -51,7 +51,7 @@ def fitted_velocities(log: Log, robot: Robot) -> tuple[Log, frozenset[str]]:
         joints = [joint for joint in robot.joints if f"joint_pos/{joint}" in log]
         enough = len(log) >= FIT_ROWS
         full, derived = add_velocities(log, joints, window) if enough else (log, {})
-        log.__dict__["_fitted"] = (full, frozenset(derived))
+        log.__dict__["_fitted"] = (full, frozenset([*derived, *log.derived]))
     found: tuple[Log, frozenset[str]] = log.__dict__["_fitted"]
     return found
 
