@@ -12,7 +12,18 @@ import pytest
 
 from leapgap.robot.model import Robot
 from tests.code import ROOT
-from tests.hostile.kills import CALLS, SOON_S, Running, command, environment, files, kill_and_resume, prepare, run
+from tests.hostile.kills import (
+    CALLS,
+    ORPHAN_S,
+    SOON_S,
+    Running,
+    command,
+    environment,
+    files,
+    kill_and_resume,
+    prepare,
+    run,
+)
 from tests.logs.test_importers import write_published
 from tests.stages.test_by_hand import assert_refused
 
@@ -48,7 +59,7 @@ def test_workers_that_are_still_starting_end_with_their_parent(after_s: float, i
         time.sleep(after_s)
         running.process.kill()
         running.process.wait()
-        assert running.left_after(SOON_S) == []
+        assert running.left_after(ORPHAN_S) == []
     finally:
         running.kill_all()
 
