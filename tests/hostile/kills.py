@@ -23,8 +23,8 @@ from tests.conftest import standing
 SOON_S = 3.0
 """Time in which a command must have ended after Ctrl-C."""
 ORPHAN_S = 15.0
-"""Time after which a process without its parent counts as an orphan: on a busy machine an interpreter that is just being
-started takes seconds before it runs any line, and only then can learn that its parent has gone."""
+"""Time after which a process without its parent counts as an orphan. On a busy machine an interpreter that is being
+started takes seconds before it runs a line of ours, and only then does it learn that its parent has gone."""
 
 
 @dataclass(frozen=True)
