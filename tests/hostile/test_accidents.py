@@ -64,13 +64,16 @@ def test_workers_that_are_still_starting_end_with_their_parent(after_s: float, i
         running.kill_all()
 
 
-@pytest.mark.parametrize("name", ["collect", "train"])
-def test_ctrl_c_ends_a_stage_and_its_workers_with_one_line(name: str, inputs: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "after_s"), [("collect", 0.2), ("collect", 2.0), ("train", 0.2), ("train", 2.0)])
+def test_ctrl_c_ends_a_stage_and_its_workers_with_one_line(
+    name: str, after_s: float, inputs: Path, tmp_path: Path
+) -> None:
+    """While the workers start, and while they work."""
     call = BY_NAME[name]
     running = Running(call, inputs, tmp_path / "out")
     try:
         assert running.wait_for(call.workers)
-        time.sleep(1.0)
+        time.sleep(after_s)
         assert_stops(running, f"stages.{name}: stopped by Ctrl-C; {tmp_path / 'out'} ")
     finally:
         running.kill_all()
