@@ -32,10 +32,11 @@ SET_DEATH_SIGNAL = 1
 def starting_workers() -> Iterator[tuple[Callable[..., None], tuple[int, bool]]]:
     """Start worker processes in this block, with the initialiser and its arguments that it yields.
 
-    Workers inherit that Ctrl-C is blocked, so that they print nothing before their initialiser has run.
+    Workers inherit that Ctrl-C is ignored, so that they print nothing before their initialiser has run. (A mask of
+    signals would not do: Python's tracker of shared memory removes it when it is started.)
     """
     is_main = threading.current_thread() is threading.main_thread()
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
     filters = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), TRACKER_ADVICE)))
     given = {"PYTHONWARNINGS": filters, PARENT: f"{os.getpid()} {int(is_main)}"}
     before = {name: os.environ.get(name) for name in given}
@@ -48,8 +49,8 @@ def starting_workers() -> Iterator[tuple[Callable[..., None], tuple[int, bool]]]
                 del os.environ[name]
             else:
                 os.environ[name] = value
-        if blocked is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        if handler is not None:
+            signal.signal(signal.SIGINT, handler)
 
 
 def end_with_parent_early() -> None:

@@ -12,7 +12,18 @@ import pytest
 
 from leapgap.robot.model import Robot
 from tests.code import ROOT
-from tests.hostile.kills import CALLS, SOON_S, Running, command, environment, files, kill_and_resume, prepare, run
+from tests.hostile.kills import (
+    CALLS,
+    ORPHAN_S,
+    SOON_S,
+    Running,
+    command,
+    environment,
+    files,
+    kill_and_resume,
+    prepare,
+    run,
+)
 from tests.logs.test_importers import write_published
 from tests.stages.test_by_hand import assert_refused
 
@@ -48,18 +59,21 @@ def test_workers_that_are_still_starting_end_with_their_parent(after_s: float, i
         time.sleep(after_s)
         running.process.kill()
         running.process.wait()
-        assert running.left_after(SOON_S) == []
+        assert running.left_after(ORPHAN_S) == []
     finally:
         running.kill_all()
 
 
-@pytest.mark.parametrize("name", ["collect", "train"])
-def test_ctrl_c_ends_a_stage_and_its_workers_with_one_line(name: str, inputs: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "after_s"), [("collect", 0.2), ("collect", 2.0), ("train", 0.2), ("train", 2.0)])
+def test_ctrl_c_ends_a_stage_and_its_workers_with_one_line(
+    name: str, after_s: float, inputs: Path, tmp_path: Path
+) -> None:
+    """While the workers start, and while they work."""
     call = BY_NAME[name]
     running = Running(call, inputs, tmp_path / "out")
     try:
         assert running.wait_for(call.workers)
-        time.sleep(1.0)
+        time.sleep(after_s)
         assert_stops(running, f"stages.{name}: stopped by Ctrl-C; {tmp_path / 'out'} ")
     finally:
         running.kill_all()
