@@ -17,15 +17,16 @@ from leapgap.robot.kinematics import soles
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
-LEVEL_M = 0.003
+LEVEL_M = 0.002
 """A foot that stands counts less by e for each such height of its sole above the lowest: it may have just lifted."""
 POSES = 60
 """Number of poses, evenly over the log, of which the median depth in the ground is taken."""
-SPREAD_S = 0.05
-"""Feet are compared over this time: while one foot stands, its neighbours in time tell the spread."""
-LEAST_VELOCITY_M_PER_S = 0.02
-LEAST_HEIGHT_M = 0.002
-"""Smallest standard deviations: feet slip and roll, and the ground gives way under a changing load."""
+SMOOTHED_S = 0.025
+"""Each row is the value of a line through the rows up to this time before and after it. Those in which feet disagree,
+because some just lift or land, count less."""
+LEAST_DEVIATION = (0.01, 0.01, 0.03, 0.002)
+"""Smallest standard deviations of velocity x, y, z, m/s, and of height, m: feet slip, and the ground gives way under a
+changing load."""
 GRAVITY = 9.81
 
 
@@ -69,23 +70,18 @@ def estimate_base(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) ->
     place, velocity = soles(robot, motion)
     height = place[..., 2]
     stands = stance(log, robot, height)
-    planted = stands.any(axis=1)
-    weight = weights(height, stands)
-    seen = -np.einsum("rf,rfc->rc", weight, velocity)
-    above = -(weight * height).sum(axis=1)
-    spread = np.einsum("rf,rfc->rc", weight, (velocity + seen[:, None]) ** 2)
-    uneven = (weight * (height + above[:, None]) ** 2).sum(axis=1)
-    above -= sinking(robot, motion, height, stands, torque)
+    planted, weight = stands.any(axis=1), weights(height, stands)
+    # Of each foot that stands: the base's velocity and height if this foot were at rest on the ground.
+    told = np.concatenate([-velocity, -height[..., None]], axis=2)
+    mean = np.einsum("rf,rfc->rc", weight, told)
+    spread = np.einsum("rf,rfc->rc", weight, (told - mean[:, None]) ** 2)
+    variance = spread + np.square(LEAST_DEVIATION)
+    smooth, deviation = weighted_lines(mean, variance, planted, log.info.rows(SMOOTHED_S))
+    above, seen = smooth[:, 3] - sinking(robot, motion, height, stands, torque), smooth[:, :3]
     above, seen = through_flights(log.time, above, seen, planted)
     steps = np.diff(log.time)[:, None] * (seen[1:, :2] + seen[:-1, :2]) / 2
     position = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), above])
-    rows = log.info.rows(SPREAD_S)
-    return BaseEstimate(
-        position,
-        seen,
-        deviation(uneven[:, None], planted, rows, LEAST_HEIGHT_M)[:, 0],
-        deviation(spread, planted, rows, LEAST_VELOCITY_M_PER_S),
-    )
+    return BaseEstimate(position, seen, height_deviation=deviation[:, 3], velocity_deviation=deviation[:, :3])
 
 
 def weights(height: np.ndarray, stands: np.ndarray) -> np.ndarray:
@@ -140,16 +136,30 @@ def through_flights(
     return height, velocity
 
 
-def deviation(square: np.ndarray, planted: np.ndarray, rows: int, least: float) -> np.ndarray:
-    """Standard deviation from the spread of feet (rows, channels), averaged over so many rows, at least ``least``.
+def weighted_lines(
+    values: np.ndarray, variance: np.ndarray, known: np.ndarray, reach: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lines through the neighbours of each row, and standard deviations, (rows, channels) each.
 
-    Rows of a flight have that of the whole log's stances beside.
+    ``values`` and their ``variance`` are (rows, channels), ``known`` (rows,) says which rows count. A row up to
+    ``reach`` rows away counts the less the farther it is and the larger its variance. The deviation is the weighted
+    mean of these variances: errors of neighbours are alike. Without a known neighbour values stay, and the deviation
+    is that of the whole log.
     """
-    if not planted.any():
-        return np.full(square.shape, least)
-    typical = square[planted].mean(axis=0)
-    known = np.where(planted[:, None], square, typical)
-    window = np.ones(max(1, rows))
-    number = np.convolve(np.ones(len(known)), window, "same")
-    local = np.stack([np.convolve(channel, window, "same") for channel in known.T], axis=1) / number[:, None]
-    return np.asarray(np.sqrt(least**2 + local))
+    age = np.arange(-reach, reach + 1)
+    near = 1 - np.abs(age) / (reach + 1)
+
+    def total(of: np.ndarray, power: int) -> np.ndarray:
+        kernel = (near * age**power)[::-1]
+        return np.stack([np.convolve(channel, kernel, "full")[reach : reach + len(of)] for channel in of.T], axis=1)
+
+    weight = known[:, None] / variance
+    s0, s1, s2 = (total(weight, power) for power in range(3))
+    v0, v1 = (total(weight * values, power) for power in range(2))
+    line = s0 * s2 - s1**2
+    sloped, alone = line > 1e-9 * np.maximum(s0 * s2, 1e-300), s0 > 0
+    level = np.where(alone, v0 / np.where(alone, s0, 1.0), values)
+    smooth = np.where(sloped, (s2 * v0 - s1 * v1) / np.where(sloped, line, 1.0), level)
+    typical = variance[known].mean(axis=0) if known.any() else variance.mean(axis=0)
+    own = np.where(alone, total(weight * variance, 0) / np.where(alone, s0, 1.0), typical)
+    return np.where(known[:, None], smooth, values), np.sqrt(own)
