@@ -40,6 +40,13 @@ def logged_motion(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
     number = len(range(*rows.indices(len(log))))
     motion = Motion(np.tile(robot.model.qpos0, (number, 1)), np.zeros((number, robot.model.nv)))
     if robot.has_free_base:
+        if BASE_QUATERNION[0] not in log:
+            raise InputError(
+                log.name,
+                f"no {', '.join(BASE_QUATERNION)}",
+                f"the attitude of the free base of {robot.name}",
+                "log it; a robot that hangs is diagnosed with robot.fix_base=true",
+            )
         motion.base_position[:] = log.stack(BASE_POSITION)[rows] if BASE_POSITION[0] in log else 0.0
         motion.base_quaternion[:] = quaternions(log)[rows]
         for part, columns in (
@@ -69,13 +76,6 @@ def estimated_base(log: Log, robot: Robot) -> BaseEstimate | None:
         return None
     known, found = log.__dict__.get("_base", (None, None))
     if known is not robot:
-        if BASE_QUATERNION[0] not in log:
-            raise InputError(
-                log.name,
-                f"no {', '.join(BASE_QUATERNION)}",
-                f"the attitude of the free base of {robot.name}",
-                "log it; a robot that hangs is diagnosed with robot.fix_base=true",
-            )
         check_base(log, robot)
         motion = logged_motion(log, robot)
         found = estimate_base(log, robot, motion, motor_torques(log, robot, motion))
