@@ -24,7 +24,7 @@ from tests.plain_simulation import BASE, BASE_RATES, by_motors, published
 
 SCENE = "robot_model/go2/scene_flat.xml"
 STEP_S, STEPS_A_ROW, STEPS_A_COMMAND = 0.001, 5, 20
-SECONDS, SETTLES_S, SWELLS_S = 4.0, 0.3, 0.5
+SECONDS, SETTLES_S, SWELLS_S = 3.2, 0.2, 0.4
 KP, KD = 60.0, 2.0
 SENSORS = {"joint_pos": 3e-4, "joint_vel": 0.02, "base_angvel": 0.01, "base_quat": 5e-4}
 """Standard deviations, rad and rad/s; of the imaginary part of the attitude."""
@@ -219,9 +219,9 @@ def test_a_walk_on_blocks_needs_the_position_of_the_base(go2: Robot) -> None:
 
 SETTINGS = Settings(
     effects=["joint_friction", "payload", "command_delay"],
-    pieces_per_log=5,
+    pieces_per_log=4,
     plan=SearchSettings(most_causes=1, shortlist=3),
-    bootstrap_draws=100,
+    bootstrap_draws=50,
 )
 
 
