@@ -207,13 +207,13 @@ def test_the_base_that_was_not_logged_is_compared_with_nothing(go2: Robot) -> No
 
 
 def test_a_walk_without_attitude_is_refused(go2: Robot) -> None:
-    with pytest.raises(InputError, match="no base_quat_w, .*the attitude of the free base"):
+    with pytest.raises(InputError, match=r"no base_quat_w, .*the attitude of the free base"):
         motion_of(without(walk(0, GAITS[0]).log, "base_quat"), go2)
 
 
 def test_a_walk_on_blocks_needs_the_position_of_the_base(go2: Robot) -> None:
     log = walk(0, GAITS[0]).log
-    with pytest.raises(InputError, match="no base_pos_x, .*level ground"):
+    with pytest.raises(InputError, match=r"no base_pos_x, .*level ground"):
         motion_of(replace(log, info=replace(log.info, terrain=(Box(1.0, 0.0, 0.1, (1.0, 1.0, 0.1)),))), go2)
 
 

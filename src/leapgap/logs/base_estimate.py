@@ -70,7 +70,7 @@ def estimate_base(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) ->
     place, velocity = soles(robot, motion)
     height = place[..., 2]
     stands = stance(log, robot, height)
-    planted, weight = stands.any(axis=1), weights(height, stands)
+    planted, weight = np.any(stands, axis=1), weights(height, stands)
     # Of each foot that stands: the base's velocity and height if this foot were at rest on the ground.
     told = np.concatenate([-velocity, -height[..., None]], axis=2)
     mean = np.einsum("rf,rfc->rc", weight, told)
@@ -95,7 +95,8 @@ def weights(height: np.ndarray, stands: np.ndarray) -> np.ndarray:
 def sinking(robot: Robot, motion: Motion, height: np.ndarray, stands: np.ndarray, torque: np.ndarray) -> float:
     """How far weighted soles are below the surface of the model's ground, m: the median over some poses.
 
-    The replay's ground is soft, whatever the real one is: a robot that starts on its surface would fall.
+    The replay's ground is soft, whatever the real one is: a robot that starts on its surface would fall. It is zero
+    where the ground bears the robot in no pose.
     """
     planted = np.flatnonzero(stands.any(axis=1))
     if not len(planted):
@@ -105,7 +106,9 @@ def sinking(robot: Robot, motion: Motion, height: np.ndarray, stands: np.ndarray
     qpos = motion.qpos[rows].copy()
     Motion(qpos, motion.qvel[rows]).base_position[:, 2] = lowest
     weighted = -(weights(height[rows], stands[rows]) * height[rows]).sum(axis=1)
-    return float(np.median(sinking_depths(robot, qpos, torque[rows]) - (lowest - weighted)))
+    depth = sinking_depths(robot, qpos, torque[rows])
+    borne = np.isfinite(depth)
+    return float(np.median((depth - (lowest - weighted))[borne])) if borne.any() else 0.0
 
 
 def through_flights(

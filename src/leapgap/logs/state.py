@@ -22,9 +22,9 @@ FIT_WINDOW_S, FIT_ROWS = 0.03, 7
 def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
     """The measured motion of the robot in some rows of a log.
 
-    A free base needs a logged attitude (``InputError`` otherwise). Velocities of which no component was logged come from
-    a fit through the positions (``fitted_velocities``); a base without a position, from its feet (``estimated_base``).
-    A single component that is missing is zero.
+    A free base needs a logged attitude (``InputError`` otherwise). Velocities of which no component was logged come
+    from a fit through the positions (``fitted_velocities``), the position and velocity of a base without a logged
+    position from its feet (``estimated_base``). A single component that is missing is zero.
     """
     motion, estimate = logged_motion(log, robot, rows), estimated_base(log, robot)
     if estimate is not None:

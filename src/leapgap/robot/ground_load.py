@@ -6,9 +6,9 @@ import numpy as np
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE
 
-DEEPEST_M = 0.03
-"""Soles are sought down to this depth below the surface of the ground."""
-HALVINGS = 10
+DEEPEST_M = 0.015
+"""Ground that bears the weight of a robot no sooner than at this depth does not: the motors give way instead."""
+HALVINGS = 9
 """Number of times that this depth is halved: to 0.03 mm."""
 
 
@@ -16,13 +16,13 @@ def sinking_depths(robot: Robot, qpos: np.ndarray, torque: np.ndarray) -> np.nda
     """How far the base is lower than in each given pose where the ground bears the weight, m, (poses,).
 
     ``qpos`` is (poses, nq), with the lowest soles just at the ground; ``torque`` (poses, nv) are the torques of the
-    motors. At the depth that is found, the model's ground pushes up as much as the robot weighs, at rest. It is zero
-    where the model has no ground.
+    motors. At the depth that is found, the model's ground pushes up as much as the robot weighs, at rest. It is NaN
+    where the model has no ground, or the motors do not hold the robot up.
     """
     model, data = robot.model, mujoco.MjData(robot.model)
     weight = robot.total_mass * float(-model.opt.gravity[2])
     up = POSITION_SLICE.stop - 1
-    found = np.zeros(len(qpos))
+    found = np.full(len(qpos), np.nan)
 
     def bears(pose: np.ndarray, motors: np.ndarray, depth: float) -> bool:
         mujoco.mj_resetData(model, data)
