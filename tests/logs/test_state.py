@@ -80,11 +80,23 @@ def test_a_part_of_a_log_is_the_part_of_its_motion(robot: Robot) -> None:
     assert np.array_equal(part.qvel, whole.qvel[3:17:5])
 
 
-def test_a_free_base_without_a_logged_pose_is_refused(robot: Robot) -> None:
+@pytest.mark.parametrize("missing", [("base_quat",), ("base_quat", "base_pos")])
+def test_a_free_base_without_a_logged_attitude_is_refused(robot: Robot, missing: tuple[str, ...]) -> None:
     log = standing(robot, 10)
-    without = replace(log, columns={n: v for n, v in log.columns.items() if not n.startswith("base_pos")})
-    with pytest.raises(InputError, match="no column base_pos_x"):
+    without = replace(log, columns={n: v for n, v in log.columns.items() if not n.startswith(missing)})
+    with pytest.raises(InputError, match=r"no base_quat_w, .*the attitude of the free base of a1"):
         motion_of(without, robot)
+
+
+def test_a_base_without_a_logged_position_stands_on_its_feet(robot: Robot) -> None:
+    """The model's ground gives way by some millimetres; a logged velocity stays as it is."""
+    log = standing(robot, 50)
+    bare = replace(log, columns={n: v for n, v in log.columns.items() if not n.startswith(("base_pos", "base_linvel"))})
+    found = motion_of(bare, robot)
+    assert np.abs(found.base_position[:, 2] - 0.1726).max() < 0.01
+    assert np.abs(found.base_velocity).max() < 1e-9
+    moved = replace(bare, columns=dict(bare.columns) | {"base_linvel_x": np.full(50, 0.3)})
+    assert np.all(motion_of(moved, robot).base_velocity == [0.3, 0.0, 0.0])
 
 
 def test_velocities_that_were_not_logged_are_the_slope_of_the_positions(robot: Robot) -> None:

@@ -10,7 +10,6 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import state_noise
 from leapgap.logs.log import Log
 from leapgap.logs.segments import segment_of_rows
-from leapgap.logs.state import motion_of
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
@@ -78,14 +77,14 @@ def localise(
     effect of sensor noise over ``draws`` is subtracted from the shares.
     """
     names, channels = phase_names(judged.logs), judged.mapped
-    pieces = [
-        Piece(piece, motion_of(piece, judged.robot), phases, len(names), sigma)
-        for log, sigma in enumerate(judged.noise(channels))
-        for piece, phases in pieces_of(judged.logs[log], names, horizon_s)
-    ]
-    starts = [state_noise(judged, log) for log, cut in enumerate(judged.logs) for _ in pieces_of(cut, names, horizon_s)]
+    pieces, starts = [], []
+    for log, sigma in enumerate(judged.noise(channels)):
+        for piece, phases, first in pieces_of(judged.logs[log], names, horizon_s):
+            measured = judged.motions[log][first : first + len(piece)]
+            pieces.append(Piece(piece, measured, phases, len(names), sigma))
+            starts.append(state_noise(judged, log, first))
     least = np.array([least_noise(c) for c in channels])
-    motions = replayer.motions([Rollout(piece.log) for piece in pieces])
+    motions = replayer.motions([Rollout(piece.log, first_state=piece.measured.first_state) for piece in pieces])
     errors = [
         channel_errors(motion, piece.measured, channels, judged.robot)
         for piece, motion in zip(pieces, motions, strict=True)
@@ -121,7 +120,7 @@ def noise_errors(
 
     Every piece is replayed from a first state with noise ``starts`` (nq + nv,), and compared with noisy rows.
     """
-    states = [replayer.first_state(Rollout(piece.log)) for piece in pieces]
+    states = [piece.measured.first_state for piece in pieces]
     trials = [
         Rollout(piece.log, first_state=state + rng.standard_normal(len(state)) * noise)
         for _ in range(draws)
@@ -142,13 +141,13 @@ def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:
     return np.sum(list(arrays), axis=0)
 
 
-def pieces_of(log: Log, names: Sequence[str], horizon_s: float) -> list[tuple[Log, np.ndarray]]:
-    """Pieces of one horizon of the judged rows, with the phase of each row."""
+def pieces_of(log: Log, names: Sequence[str], horizon_s: float) -> list[tuple[Log, np.ndarray, int]]:
+    """Pieces of one horizon of the judged rows, with the phase of each row, and the first row of each."""
     length = max(4, round(horizon_s / log.info.sample_period_s)) + 1
     phases = phase_of_rows(log, names)
     starts = range(0, len(log) - length + 1, length - 1)
     return [
-        (replace(log, columns={k: v[s : s + length] for k, v in log.columns.items()}), phases[s : s + length])
+        (replace(log, columns={k: v[s : s + length] for k, v in log.columns.items()}), phases[s : s + length], s)
         for s in starts
     ]
 

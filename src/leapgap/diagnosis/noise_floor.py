@@ -7,7 +7,7 @@ import numpy as np
 from leapgap.diagnosis.channels import BASE_TURNS, channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.logs.state import fitted_noise
-from leapgap.robot.motion import QUATERNION_SLICE, Motion
+from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 
@@ -41,14 +41,17 @@ def noise_floor(
     return total / draws
 
 
-def state_noise(judged: JudgedLogs, log: int) -> np.ndarray:
-    """Noise of the first state of a log, (nq + nv,), in the channels of the map.
+def state_noise(judged: JudgedLogs, log: int, row: int = 0) -> np.ndarray:
+    """Noise of the state in a row of a log, (nq + nv,), in the channels of the map and in what was not measured.
 
     An orientation is disturbed as the imaginary part of its quaternion, for small angles.
     """
     robot = judged.robot
     nq, nv = robot.model.nq, robot.model.nv
-    found = np.concatenate([np.zeros(nq), fitted_noise(judged.logs[log], judged.motions[log], robot, [0])[0, nv:]])
+    fitted = fitted_noise(judged.logs[log], judged.motions[log], robot, [row])[0]
+    found = np.concatenate([np.zeros(nq), fitted[nv:]])
+    if robot.has_free_base:
+        found[POSITION_SLICE] = fitted[VELOCITY_SLICE]
     for channel, sigma in zip(judged.mapped, judged.noise(judged.mapped)[log], strict=True):
         if channel.entry >= nv:
             found[nq + channel.entry - nv] = sigma

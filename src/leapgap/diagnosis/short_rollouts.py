@@ -125,7 +125,7 @@ class Pieces:
     start_noise: np.ndarray
     """Share of the noise that remains in the smoothed starts, (pieces,)."""
     fitted_noise: np.ndarray
-    """Standard deviation of velocities of the starts that were not logged, in their tangent, (pieces, 2 nv)."""
+    """Standard deviation of states of the starts that were not logged, in their tangent, (pieces, 2 nv)."""
     ages: np.ndarray
     """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
 
@@ -253,8 +253,10 @@ class ShortRollouts:
         errors = self.errors(trials)
         for own in self.pieces:
             base = next(errors)
-            displaced = len(self.state.channels) + int(own.fitted_noise.any(axis=0).sum())
+            fitted = int(own.fitted_noise.any(axis=0).sum())
+            displaced = len(self.state.channels) + 2 * fitted
             growth = np.nan_to_num(np.stack([next(errors) - base for _ in range(displaced)], axis=2))
+            growth[:, :, len(self.state.channels) :] /= np.sqrt(2)  # two directions of one state
             white = np.tile(own.noise, len(own.ages)) ** 2  # growth: (pieces, values, channels)
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
@@ -262,11 +264,13 @@ class ShortRollouts:
     def _displace_starts(self, own: Pieces) -> Iterator[Starts]:
         """The starts of a log, displaced in one entry after the other by a standard deviation of their noise.
 
-        First in the channels, then in velocities that were not logged.
+        First in the channels, then in both directions in states that were not logged: their noise is large enough to
+        change when a foot lands.
         """
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
         sizes = [(int(e), own.start_noise * own.noise[c]) for c, e in enumerate(self.state.entries)]
-        sizes += [(int(e), own.fitted_noise[:, e]) for e in np.flatnonzero(own.fitted_noise.any(axis=0))]
+        fitted = np.flatnonzero(own.fitted_noise.any(axis=0))
+        sizes += [(int(e), way * own.fitted_noise[:, e]) for e in fitted for way in (1, -1)]
         for entry, size in sizes:
             states = [self.state.displace(s, entry, b) for s, b in zip(own.starts.states, sign * size, strict=True)]
             yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))

@@ -14,7 +14,7 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log
-from leapgap.logs.state import fitted_velocities
+from leapgap.logs.state import estimated_base, fitted_velocities, has_base_velocity
 
 SIGMAS = 1.96
 """Half width of a 95 % interval in standard deviations."""
@@ -184,6 +184,10 @@ def not_judged(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
     named = [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking]
     fitted = {quantity for log in logs for quantity in fitted_velocities(log, robot)[1]}
     started = [f"{quantity} (at the start of replays from a fit through the positions)" for quantity in sorted(fitted)]
+    if any(estimated_base(log, robot) is not None for log in logs):
+        moves = "" if all(has_base_velocity(log) for log in logs) else " and velocity"
+        started.append(f"base position{moves} (at the start of replays, from planted feet and attitude)")
+        fitted |= {"base_pos", "base_linvel"} if moves else {"base_pos"}
     plain = [name for name in named if not any(name.startswith(quantity) for quantity in fitted)]
     return list(dict.fromkeys([*plain, *started])) + rows_left_out(judged, logs)
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from leapgap.logs.log import Log
 from leapgap.logs.segments import FLIGHT, segment_of_rows
+from leapgap.logs.stance import contact_columns
 from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
@@ -41,12 +42,6 @@ def sole_heights(log: Log, robot: Robot, rows: slice = slice(None)) -> np.ndarra
         )
         ground = np.where(inside, np.maximum(ground, box.top_m), ground)
     return feet[..., 2] - robot.foot_radius - ground
-
-
-def contact_columns(log: Log, robot: Robot) -> np.ndarray | None:
-    """Measured contact of each foot, bool, (rows, feet); None where the log lacks that of some foot."""
-    names = [f"contact/{foot}" for foot in robot.feet]
-    return log.stack(names) > 0 if names and all(name in log for name in names) else None
 
 
 def in_flight(log: Log, robot: Robot) -> np.ndarray:

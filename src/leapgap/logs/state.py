@@ -4,6 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from leapgap.errors import InputError
+from leapgap.logs.base_estimate import BaseEstimate, check_base, estimate_base
 from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.log import Log
 from leapgap.logs.missing_velocities import add_velocities
@@ -20,14 +22,33 @@ FIT_WINDOW_S, FIT_ROWS = 0.03, 7
 def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
     """The measured motion of the robot in some rows of a log.
 
-    A free base needs a logged pose (``InputError`` otherwise). Velocities of which no component was logged come from a
-    fit through the positions (``fitted_velocities``); a single component that is missing is zero.
+    A free base needs a logged attitude (``InputError`` otherwise). Velocities of which no component was logged come
+    from a fit through the positions (``fitted_velocities``), the position and velocity of a base without a logged
+    position from its feet (``estimated_base``). A single component that is missing is zero.
     """
+    motion, estimate = logged_motion(log, robot, rows), estimated_base(log, robot)
+    if estimate is not None:
+        motion.base_position[:] = estimate.position[rows]
+        if not has_base_velocity(log):
+            motion.base_velocity[:] = estimate.velocity[rows]
+    return motion
+
+
+def logged_motion(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
+    """The motion with its fitted velocities, and zero for the position of a base that was not logged."""
     log, _ = fitted_velocities(log, robot)
     number = len(range(*rows.indices(len(log))))
     motion = Motion(np.tile(robot.model.qpos0, (number, 1)), np.zeros((number, robot.model.nv)))
     if robot.has_free_base:
-        motion.base_position[:], motion.base_quaternion[:] = log.stack(BASE_POSITION)[rows], quaternions(log)[rows]
+        if BASE_QUATERNION[0] not in log:
+            raise InputError(
+                log.name,
+                f"no {', '.join(BASE_QUATERNION)}",
+                f"the attitude of the free base of {robot.name}",
+                "log it; a robot that hangs is diagnosed with robot.fix_base=true",
+            )
+        motion.base_position[:] = log.stack(BASE_POSITION)[rows] if BASE_POSITION[0] in log else 0.0
+        motion.base_quaternion[:] = quaternions(log)[rows]
         for part, columns in (
             (motion.base_velocity, BASE_VELOCITY),
             (motion.base_angular_velocity, BASE_ANGULAR_VELOCITY),
@@ -39,6 +60,38 @@ def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
     if f"joint_vel/{robot.joints[0]}" in log:
         motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)[rows]
     return motion
+
+
+def has_base_velocity(log: Log) -> bool:
+    """Whether any component of the base's velocity was logged."""
+    return any(column in log for column in BASE_VELOCITY)
+
+
+def estimated_base(log: Log, robot: Robot) -> BaseEstimate | None:
+    """The base of a floating robot by its planted feet, where its position was not logged; None elsewhere; cached.
+
+    It starts replays, and is compared with nothing.
+    """
+    if not robot.has_free_base or BASE_POSITION[0] in log:
+        return None
+    known, found = log.__dict__.get("_base", (None, None))
+    if known is not robot:
+        check_base(log, robot)
+        motion = logged_motion(log, robot)
+        found = estimate_base(log, robot, motion, motor_torques(log, robot, motion))
+        log.__dict__["_base"] = (robot, found)
+    return found
+
+
+def motor_torques(log: Log, robot: Robot, motion: Motion) -> np.ndarray:
+    """Torques that the log's commands ask for at a motion, within the limits of the motors, N·m, (rows, nv)."""
+    torque = np.zeros_like(motion.qvel)
+    at = [k for k, joint in enumerate(robot.joints) if joint in log.joints]
+    joints, dofs = tuple(robot.joints[k] for k in at), robot.joint_dofs[at]
+    spring, damper = pd_torques(log, joints, motion.qpos[:, robot.joint_qpos[at]], motion.qvel[:, dofs])
+    limits = robot.torque_limits[at]
+    torque[:, dofs] = np.clip(log.per_joint("cmd_tau", joints) + spring + damper, -limits, limits)
+    return torque
 
 
 def fitted_velocities(log: Log, robot: Robot) -> tuple[Log, frozenset[str]]:
@@ -57,20 +110,25 @@ def fitted_velocities(log: Log, robot: Robot) -> tuple[Log, frozenset[str]]:
 
 
 def fitted_noise(log: Log, motion: Motion, robot: Robot, rows: Sequence[int]) -> np.ndarray:
-    """Standard deviation of fitted velocities by the noise of the positions, in the tangent of states, (rows, 2 nv).
+    """Standard deviation of states that were not measured, in their tangent, (rows, 2 nv).
 
-    It is zero where velocities were logged, and largest at the ends of a log. ``motion`` is that of the log.
+    That of fitted velocities is by the noise of the positions, and largest at the ends of a log; that of an estimated
+    base by how far its feet disagree. It is zero for what was logged. ``motion`` is that of the log.
     """
     nv, found = robot.model.nv, np.zeros((len(rows), 2 * robot.model.nv))
     _, fitted = fitted_velocities(log, robot)
-    if not fitted:
-        return found
-    window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
-    gain = velocity_fit(log.time, log.time, window).noise_gain[list(rows)]
-    sigma = noise_of(np.diff(tangent_of(motion, robot), axis=0), log.info.sample_period_s)
-    for quantity, entries in entries_of(robot).items():
-        if quantity in fitted:
-            found[:, nv + entries] = gain[:, None] * sigma[entries]
+    if fitted:
+        window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
+        gain = velocity_fit(log.time, log.time, window).noise_gain[list(rows)]
+        sigma = noise_of(np.diff(tangent_of(motion, robot), axis=0), log.info.sample_period_s)
+        for quantity, entries in entries_of(robot).items():
+            if quantity in fitted:
+                found[:, nv + entries] = gain[:, None] * sigma[entries]
+    estimate = estimated_base(log, robot)
+    if estimate is not None:
+        found[:, VELOCITY_SLICE.stop - 1] = estimate.height_deviation[list(rows)]
+        if not has_base_velocity(log):
+            found[:, nv : nv + VELOCITY_SLICE.stop] = estimate.velocity_deviation[list(rows)]
     return found
 
 

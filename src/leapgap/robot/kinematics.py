@@ -86,6 +86,23 @@ def feet_positions(robot: Robot, qpos: np.ndarray) -> np.ndarray:
     return gather(len(qpos), positions, (len(robot.feet), 3))
 
 
+def soles(robot: Robot, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest point of each foot, m, and the velocity of its material there, m/s, world frame, (rows, feet, 3) each.
+
+    A foot that rolls on the ground has a sole at rest, while its centre moves.
+    """
+    model = robot.model
+    body = model.geom_bodyid[robot.foot_geoms]
+    root = model.body_rootid[body]
+    places, velocities = (np.empty((len(motion), len(robot.feet), 3)) for _ in range(2))
+    for row, data in enumerate(each_pose(robot, motion.qpos, motion.qvel)):
+        places[row] = robot.foot_shapes.positions(data)
+        places[row, :, 2] -= robot.foot_radius
+        turn, centre = data.cvel[body, :3], data.cvel[body, 3:]
+        velocities[row] = centre + np.cross(turn, places[row] - data.subtree_com[root])
+    return places, velocities
+
+
 def centre_of_mass(robot: Robot, qpos: np.ndarray) -> np.ndarray:
     """Centre of mass of the whole robot, m, world frame, (rows, 3); ``qpos`` is (rows, nq)."""
     centres = (data.subtree_com[robot.base_body] for data in each_pose(robot, qpos, com=True))

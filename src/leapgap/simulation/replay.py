@@ -267,7 +267,7 @@ class Replayer:
     def first_state(self, trial: Rollout) -> np.ndarray:
         """True positions and velocities at the log's first row, (nq + nv,), by what the log reports.
 
-        Velocities that were not logged start at zero; a robot whose base pose was not logged cannot be replayed.
+        What was not logged is fitted or estimated (``motion_of``); a floating robot needs its attitude.
         """
         return self.true_state(trial.effects, motion_of(trial.log, self.robot, slice(1)).first_state)
 

@@ -31,8 +31,8 @@ def true_localisation(
         noise = sensor_noise(measured, log.info.sample_period_s, channels, robot)
         scale = np.maximum(noise, [least_noise(c) for c in channels])
         pieces = pieces_of(trial.log.first_rows(rows), names, horizon_s)
-        motions = generator.motions([replace(trial, log=piece) for piece, _ in pieces])
-        for (piece, phases), motion in zip(pieces, motions, strict=True):
+        motions = generator.motions([replace(trial, log=piece) for piece, *_ in pieces])
+        for (piece, phases, _), motion in zip(pieces, motions, strict=True):
             half = len(piece) // 2
             error = channel_errors(motion, motion_of(piece, robot), channels, robot)
             for phase in np.unique(phases[half:]):

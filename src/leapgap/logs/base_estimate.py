@@ -1,0 +1,168 @@
+"""Where the base is and how fast it moves, where no log says so: from feet that stand, attitude, gyro and joints.
+
+The sole of a foot that stands is at rest on level ground. So the base moves as that sole seems to move, seen from the
+base, with the opposite sign, and it is as high as the sole is below it. The estimate starts replays and is compared
+with nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.logs.stance import stance
+from leapgap.robot.ground_load import sinking_depths
+from leapgap.robot.kinematics import soles
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+
+LEVEL_M = 0.002
+"""A foot that stands counts less by e for each such height of its sole above the lowest: it may have just lifted."""
+POSES = 60
+"""Number of poses, evenly over the log, of which the median depth in the ground is taken."""
+SMOOTHED_S = 0.025
+"""Each row is the value of a line through the rows up to this time before and after it. Those in which feet disagree,
+because some just lift or land, count less."""
+LEAST_DEVIATION = (0.01, 0.01, 0.03, 0.002)
+"""Smallest standard deviations of velocity x, y, z, m/s, and of height, m: feet slip, and the ground gives way under a
+changing load."""
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class BaseEstimate:
+    """The base in each row, with standard deviations."""
+
+    position: np.ndarray
+    """(rows, 3), m; x and y begin at zero."""
+    velocity: np.ndarray
+    """(rows, 3), m/s, of the origin of the base in the world."""
+    height_deviation: np.ndarray
+    """(rows,), m."""
+    velocity_deviation: np.ndarray
+    """(rows, 3), m/s."""
+
+
+def check_base(log: Log, robot: Robot) -> None:
+    """Raise ``InputError`` for a log from which the base of a floating robot cannot be estimated."""
+    lacks = [
+        (robot.feet, "feet of the model", "name them (names.feet), or log the position of the base"),
+        (not log.info.terrain, "level ground", "log the position of the base: it walks on blocks"),
+        (
+            all(f"joint_pos/{joint}" in log for joint in robot.joints),
+            "positions of all joints",
+            "log them, or the position of the base",
+        ),
+    ]
+    for has, what, do in lacks:
+        if not has:
+            found = "no base_pos_x, base_pos_y, base_pos_z"
+            raise InputError(log.name, found, f"the position of the base, or {what} to estimate it from", do)
+
+
+def estimate_base(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) -> BaseEstimate:
+    """Estimate position and velocity of the base.
+
+    ``motion`` has attitude, gyro and joints as logged, and a base at rest in the origin. ``torque`` (rows, nv) are the
+    torques of the motors.
+    """
+    place, velocity = soles(robot, motion)
+    height = place[..., 2]
+    stands = stance(log, robot, height)
+    planted, weight = np.any(stands, axis=1), weights(height, stands)
+    # Of each foot that stands: the base's velocity and height if this foot were at rest on the ground.
+    told = np.concatenate([-velocity, -height[..., None]], axis=2)
+    mean = np.einsum("rf,rfc->rc", weight, told)
+    spread = np.einsum("rf,rfc->rc", weight, (told - mean[:, None]) ** 2)
+    variance = spread + np.square(LEAST_DEVIATION)
+    smooth, deviation = weighted_lines(mean, variance, planted, log.info.rows(SMOOTHED_S))
+    above, seen = smooth[:, 3] - sinking(robot, motion, height, stands, torque), smooth[:, :3]
+    above, seen = through_flights(log.time, above, seen, planted)
+    steps = np.diff(log.time)[:, None] * (seen[1:, :2] + seen[:-1, :2]) / 2
+    position = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), above])
+    return BaseEstimate(position, seen, height_deviation=deviation[:, 3], velocity_deviation=deviation[:, :3])
+
+
+def weights(height: np.ndarray, stands: np.ndarray) -> np.ndarray:
+    """Weight of each foot, (rows, feet), sum 1: the lower a sole that stands the more; zero in flight."""
+    lowest = np.where(stands, height, np.inf).min(axis=1, keepdims=True)
+    lowest = np.where(np.isfinite(lowest), lowest, 0.0)
+    raw = np.where(stands, np.exp(-np.maximum(height - lowest, 0.0) / LEVEL_M), 0.0)
+    return np.asarray(raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-300))
+
+
+def sinking(robot: Robot, motion: Motion, height: np.ndarray, stands: np.ndarray, torque: np.ndarray) -> float:
+    """How far weighted soles are below the surface of the model's ground, m: the median over some poses.
+
+    The replay's ground is soft, whatever the real one is: a robot that starts on its surface would fall. It is zero
+    where the ground bears the robot in no pose.
+    """
+    planted = np.flatnonzero(stands.any(axis=1))
+    if not len(planted):
+        return 0.0
+    rows = planted[np.unique(np.linspace(0, len(planted) - 1, POSES).astype(int))]
+    lowest = -height[rows].min(axis=1)
+    qpos = motion.qpos[rows].copy()
+    Motion(qpos, motion.qvel[rows]).base_position[:, 2] = lowest
+    weighted = -(weights(height[rows], stands[rows]) * height[rows]).sum(axis=1)
+    depth = sinking_depths(robot, qpos, torque[rows])
+    borne = np.isfinite(depth)
+    return float(np.median((depth - (lowest - weighted))[borne])) if borne.any() else 0.0
+
+
+def through_flights(
+    time: np.ndarray, height: np.ndarray, velocity: np.ndarray, planted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Height (rows,) and velocity (rows, 3) with flights as arcs between the rows in which feet stand.
+
+    A flight at an end of the log goes on from the row beside it; a log without a stance rests at its first height.
+    """
+    height, velocity = height.copy(), velocity.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], planted, [True]]).astype(int)))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        rows, before, after = np.arange(begin, end), begin - 1, end
+        if before < 0 and after >= len(time):
+            continue
+        if before < 0 or after >= len(time):
+            at = after if before < 0 else before
+            velocity[rows, :2] = velocity[at, :2]
+            rise = velocity[at, 2]
+        else:
+            at, lasts = before, time[after] - time[before]
+            share = ((time[rows] - time[before]) / lasts)[:, None]
+            velocity[rows, :2] = (1 - share) * velocity[before, :2] + share * velocity[after, :2]
+            rise = (height[after] - height[before]) / lasts + GRAVITY * lasts / 2
+        age = time[rows] - time[at]
+        height[rows] = height[at] + rise * age - GRAVITY * age**2 / 2
+        velocity[rows, 2] = rise - GRAVITY * age
+    return height, velocity
+
+
+def weighted_lines(
+    values: np.ndarray, variance: np.ndarray, known: np.ndarray, reach: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lines through the neighbours of each row, and standard deviations, (rows, channels) each.
+
+    ``values`` and their ``variance`` are (rows, channels), ``known`` (rows,) says which rows count. A row up to
+    ``reach`` rows away counts the less the farther it is and the larger its variance. The deviation is the weighted
+    mean of these variances: errors of neighbours are alike. Without a known neighbour values stay, and the deviation
+    is that of the whole log.
+    """
+    age = np.arange(-reach, reach + 1)
+    near = 1 - np.abs(age) / (reach + 1)
+
+    def total(of: np.ndarray, power: int) -> np.ndarray:
+        kernel = (near * age**power)[::-1]
+        return np.stack([np.convolve(channel, kernel, "full")[reach : reach + len(of)] for channel in of.T], axis=1)
+
+    weight = known[:, None] / variance
+    s0, s1, s2 = (total(weight, power) for power in range(3))
+    v0, v1 = (total(weight * values, power) for power in range(2))
+    line = s0 * s2 - s1**2
+    sloped, alone = line > 1e-9 * np.maximum(s0 * s2, 1e-300), s0 > 0
+    level = np.where(alone, v0 / np.where(alone, s0, 1.0), values)
+    smooth = np.where(sloped, (s2 * v0 - s1 * v1) / np.where(sloped, line, 1.0), level)
+    typical = variance[known].mean(axis=0) if known.any() else variance.mean(axis=0)
+    own = np.where(alone, total(weight * variance, 0) / np.where(alone, s0, 1.0), typical)
+    return np.where(known[:, None], smooth, values), np.sqrt(own)

@@ -1,0 +1,47 @@
+"""Which feet stand, by what a log holds of them: contact, forces, or how low their soles are."""
+
+import numpy as np
+
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+LOADED = 0.3
+"""A foot stands while its force is above this share of its own range in the log."""
+OUTLIERS = 2
+"""Percent of the forces of a foot at either end that do not count in its range: impacts."""
+NEAR_M = 0.02
+"""Without contact or forces, soles that are higher than the lowest by less than this may stand."""
+
+
+def contact_columns(log: Log, robot: Robot) -> np.ndarray | None:
+    """Measured contact of each foot, bool, (rows, feet); None where the log lacks that of some foot."""
+    columns = columns_of_feet(log, robot, "contact")
+    return None if columns is None else columns > 0
+
+
+def stance_by_force(log: Log, robot: Robot) -> np.ndarray | None:
+    """Feet whose force is well above its least in the log, bool, (rows, feet); None where forces were not logged."""
+    force = columns_of_feet(log, robot, "foot_force")
+    if force is None:
+        return None
+    least, most = np.percentile(force, [OUTLIERS, 100 - OUTLIERS], axis=0)
+    always = least > LOADED * most  # a foot that is never lifted
+    return np.asarray(always | (force > least + LOADED * (most - least)))
+
+
+def stance(log: Log, robot: Robot, height: np.ndarray) -> np.ndarray:
+    """Feet that stand in each row, bool, (rows, feet); rows without one are a flight.
+
+    By contact, else by force, else those with the lowest soles, which tell no flight. ``height`` (rows, feet), m, is
+    the height of each sole above any level surface.
+    """
+    for measured in (contact_columns(log, robot), stance_by_force(log, robot)):
+        if measured is not None and measured.any():
+            return measured
+    return np.asarray(height < height.min(axis=1, keepdims=True) + NEAR_M)
+
+
+def columns_of_feet(log: Log, robot: Robot, quantity: str) -> np.ndarray | None:
+    """One quantity of all feet, (rows, feet); None where the log lacks that of some foot."""
+    names = [f"{quantity}/{foot}" for foot in robot.feet]
+    return log.stack(names) if names and all(name in log for name in names) else None
