@@ -45,7 +45,7 @@ def test_a_killed_stage_leaves_no_worker_and_no_half_output(name: str, inputs: P
     call = BY_NAME[name]
     run(call, inputs, tmp_path / "whole" / "out")
     expected = files(tmp_path / "whole" / "out")
-    tally = kill_and_resume(call, inputs, tmp_path / "killed", expected, 0.3)
+    tally = kill_and_resume(call, inputs, tmp_path / "killed", expected, 0.1)
     assert tally.kills == 1, "the stage ended before it was killed"
     assert (tally.orphans, tally.partial_visible, tally.bytes_differ) == (0, 0, 0)
 
