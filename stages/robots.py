@@ -1,4 +1,9 @@
-"""Logs of real robots with published answers: imported, diagnosed, and held against them."""
+"""Logs of real robots with published answers: imported, diagnosed, and held against them.
+
+Examples:
+
+    python -m stages.robots robots.raw=data/raw
+"""
 
 import time
 from dataclasses import dataclass

@@ -15,12 +15,16 @@ import numpy as np
 
 from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.goal_shift_jump import ShiftTracker
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.landing import LandingConfig, LandingMpc
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
@@ -133,7 +137,44 @@ def controllers(robot: Robot, reference: Reference, rng: np.random.Generator) ->
         yield ExcitedController(mpc("daqp"), Excitation(40.0), rng)
         yield LandingMpc(robot, reference.joint_pos[0], LandingConfig(), A1_BODY)
         jumps = [JointPd(reference, robot, gains), mpc("daqp")]
+        yield shift_tracker(robot, reference, gains)
         yield JumpSequence(jumps, robot, SequenceConfig(settle_s=0.2), A1_BODY)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A landing that follows from the shifts and from what the trunk does, of any size."""
+
+    authority: np.ndarray
+    authority_variance: np.ndarray
+
+    def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
+        """On the goal."""
+        return goal
+
+    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """Off the goal by the trunk's deviation."""
+        return goal + deviation[:3]
+
+    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        """A centimetre, a centimetre and 30 mrad."""
+        return np.array([0.01, 0.01, 0.03])
+
+
+def shift_tracker(robot: Robot, reference: Reference, gains: PhaseGains) -> ShiftTracker:
+    """Goal-shift MPC whose joints and trunk follow the goal by small waves, and whose torques and forces do not."""
+    slopes = {}
+    for name in QUANTITIES:
+        rows, columns = getattr(reference, name).shape
+        waves = np.sin(np.outer(np.linspace(0, 9, rows), np.arange(1, 3 * columns + 1) / columns))
+        size = 0.0 if name in ("torque", "force") else 1.0
+        slopes[name] = size * waves.reshape(rows, 3, columns).transpose(1, 0, 2)
+    plan, config = ShiftedPlan(reference, slopes), GoalShiftConfig()
+    updates = ShiftGrid(reference.schedule, config.period_s, config.steps).updates
+    across = np.array([[1.0, 0.2, 0.0], [0.1, 0.8, 0.0], [0.4, 0.3, 0.6]])
+    law = Law(np.linspace(2, 0, updates)[:, None, None] / updates * across, np.full((updates, 3, 3), 1e-4))
+    goal = np.array([0.6, 0.0, 0.0])
+    return ShiftTracker(plan, robot, gains, config, goal, 0.0, goal, law)
 
 
 def truth_at(reference: Reference, tick: int) -> StateEstimate:

@@ -75,7 +75,7 @@ def test_curves_have_a_point_every_4_ms_or_every_row(robot: Robot, rate_hz: int)
     still = standing(robot, rate_hz)
     columns = dict(still.columns) | {"time": np.arange(rate_hz) / rate_hz}
     jump = replace(still, columns=columns, info=replace(still.info, sample_period_s=1 / rate_hz))
-    report = SimpleNamespace(median_log=jump.name, answer=())
+    report = SimpleNamespace(median_log=jump.name, answer=(), headline=SimpleNamespace(preset="jump"))
     figure = overlay(report, [jump], {jump.name: jump}, {})  # type: ignore[arg-type]
     assert all(np.diff(curve.x) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9) for curve in figure.data)
 

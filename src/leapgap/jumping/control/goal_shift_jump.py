@@ -2,9 +2,11 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from leapgap.jumping.control.border import TORQUE_LIMIT
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor, believe
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
@@ -54,13 +56,14 @@ class ShiftTracker(JumpController):
         self._latest: list[np.ndarray] = []
         self._kept = max(1, round(config.average_s / plan.reference.period_s))
 
-    def command(self, estimate: StateEstimate) -> Command:
-        """See ``Controller``: set points, velocities and torques of the shifted plan."""
+    def _tracking(self, estimate: StateEstimate) -> Command:
+        """The command for a judged estimate: set points, velocities and torques of the shifted plan."""
         if self.start_s is None:
             self.start_s = estimate.time_s
         if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
             self.frame = self._start_frame(estimate)
         time_s, frame = estimate.time_s - self.start_s, self.frame or StartFrame(0.0, 0.0, 0.0)
+        self._jump_time_s = time_s
         update = self._update_at(time_s)
         before = self.shifts[update - 1] if update else np.zeros(GOAL_AXES)
         since_s = time_s - update * self.config.period_s
@@ -70,9 +73,14 @@ class ShiftTracker(JumpController):
             self._measure(time_s, estimate, frame, shift)
         if update >= self._updates:
             self._updates = update + 1
-            self._update(update, time_s, before)
+            self._update(update, before)
         rate = (self.shifts[update] - before) / self.config.period_s * (share < 1.0)
-        return self._shifted(time_s, shift, rate)
+        command = self._shifted(time_s, shift, rate)
+        torque, force, limited = self.border.within_limits(command.torque, command.planned_force)
+        if not limited:
+            return command
+        self.count_fallback(TORQUE_LIMIT)
+        return replace(command, torque=torque, planned_force=force)
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques (joints,), N·m, and pair forces (4,), N, of the plan with the shift of this moment."""
@@ -104,9 +112,9 @@ class ShiftTracker(JumpController):
         foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, shift)
         self._latest = [*self._latest, np.concatenate([state, foot])][-self._kept :]
 
-    def _update(self, update: int, time_s: float, before: np.ndarray) -> None:
+    def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the first of the QP's, or the one before where it has none."""
-        deviation = np.mean(self._latest, axis=0)
+        deviation = np.mean(self._latest, axis=0) if self._latest else np.full(DEVIATIONS, np.nan)
         self.deviations[update] = deviation
         explored = self.exploration[update] - (self.exploration[update - 1] if update else 0.0)
         self.shifts[update:] = before + explored
@@ -118,9 +126,7 @@ class ShiftTracker(JumpController):
         if result.fault is None and result.solution is not None:
             self.shifts[update:] += result.solution.x[:GOAL_AXES]
             return
-        reason = result.fault or NOT_FINITE
-        self.fallbacks[reason] += 1
-        self.substituted.append((time_s, reason))
+        self.count_fallback(result.fault or NOT_FINITE)
 
     def _problem(self, update: int, before: np.ndarray, deviation: np.ndarray) -> Qp | None:
         if not np.isfinite(deviation).all():
