@@ -33,7 +33,7 @@ class RobotsSettings:
     out: str | None
     metrics: str | None
     cases: dict[str, Any]
-    """Each a ``RealCase``."""
+    """Name of a case → its ``RealCase``, read one by one so that a wrong key is told with its case."""
 
 
 def robots(config: DictConfig) -> None:

@@ -60,7 +60,7 @@ class Tally:
     """Of what counts above, the first, in words."""
 
     def note(self, kind: str, says: str) -> None:
-        """Count one finding."""
+        """Count something that must not happen, by its kind, and keep the words of the first."""
         setattr(self, kind, getattr(self, kind) + 1)
         self.first = self.first or f"{kind}: {says}"
 
@@ -149,7 +149,7 @@ class Law:
     authority_variance: np.ndarray
 
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
-        """On the goal."""
+        """Where a jump lands that nothing disturbs: on its goal, x, z and pitch, (3,)."""
         return goal
 
     def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
