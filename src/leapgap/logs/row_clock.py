@@ -1,0 +1,422 @@
+"""When each row of a log was written, and each of its samples taken, by the motion of the joints.
+
+A joint's position changes by its velocity times the time that passed. Twelve joints agree on that time row by row, so
+a log whose rows last unequally long, or which repeats messages that it received, tells its own true clock. No model of
+the robot is needed. The base's state is placed by its own motion; it does not decide the clock of the rows.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import spsolve
+
+from leapgap.logs.log import Log
+from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
+
+BASE = "base"
+NOISE_WINDOW = 20
+"""Rows over which noise is taken; the quietest windows count, since uneven rows scatter moving joints."""
+QUIETEST = 0.02
+"""Share of the windows that is quieter than the noise."""
+CURVATURE = 0.1
+"""Error of a mean of two velocities, as a share of their difference."""
+FREE = 25.0
+"""Standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption."""
+LAG, LAG_SPREAD = 0.3, 0.4
+"""How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
+OUTLIER = 2.0
+"""An equation that misses by more standard deviations counts less and less."""
+ROUNDS = 3
+"""Solutions, each with the weights and the delay of velocities that the one before gives."""
+PRECISE = 0.15
+"""Instants known to this share of a step of a whole-number clock are precise."""
+MOVES = 3.0
+"""A channel moves where its velocity carries it by more than this many standard deviations of its noise in a row."""
+REPEATS = 0.02
+"""Share of repeated samples, while a joint moves, from which a log is one of messages."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Channels that one message brings: their positions and velocities are sampled at the same instants."""
+
+    name: str
+    columns: tuple[str, ...]
+    """All columns of the message."""
+    position: np.ndarray
+    """(rows, channels), rad or m."""
+    velocity: np.ndarray
+    """(rows, channels), per s."""
+
+    @cached_property
+    def fresh(self) -> np.ndarray:
+        """Whether each row shows a sample that the row before did not, bool, (rows,)."""
+        both = np.concatenate([self.position, self.velocity], axis=1)
+        return np.concatenate([[True], (np.diff(both, axis=0) != 0).any(axis=1)])
+
+    @cached_property
+    def noise(self) -> np.ndarray:
+        """Standard deviation of the positions' noise or rounding, (channels,)."""
+        second = np.diff(self.position[self.fresh], n=2, axis=0) / np.sqrt(6)
+        if len(second) < 2:
+            return np.full(self.position.shape[1], 1e-9)
+        windows = np.array_split(second, max(1, len(second) // NOISE_WINDOW))
+        spread = np.array([np.sqrt((window**2).mean(axis=0)) for window in windows])
+        return np.maximum(np.quantile(spread, QUIETEST, axis=0), 1e-9)
+
+    def moves(self, period_s: float) -> np.ndarray:
+        """Whether its velocity moves a channel visibly within a row, for each row after the first, bool, (rows − 1,)."""
+        return np.asarray((np.abs(self.velocity[:-1]) * period_s > MOVES * self.noise).any(axis=1))
+
+    def repeats(self, period_s: float) -> float:
+        """Share of the rows that repeat the sample of the row before, of those in which a channel moves."""
+        moves = self.moves(period_s)
+        return float((~self.fresh[1:])[moves].mean()) if moves.any() else 0.0
+
+
+def streams_of(log: Log, joints: Sequence[str]) -> list[Stream]:
+    """The messages that a log was written from: joints that repeat together come together, and the base."""
+    found = [
+        joint_stream(log, joint) for joint in joints if f"joint_pos/{joint}" in log and f"joint_vel/{joint}" in log
+    ]
+    together: dict[bytes, list[Stream]] = {}
+    for stream in found:
+        together.setdefault(stream.fresh.tobytes(), []).append(stream)
+    merged = [merge(streams) for streams in together.values()]
+    if all(name in log for name in (*BASE_POSITION, *BASE_VELOCITY)):
+        own = tuple(name for name in log.columns if name.startswith("base_"))
+        merged.append(Stream(BASE, own, log.stack(BASE_POSITION), log.stack(BASE_VELOCITY)))
+    return merged
+
+
+def joint_stream(log: Log, joint: str) -> Stream:
+    """The message of one joint."""
+    columns = (f"joint_pos/{joint}", f"joint_vel/{joint}")
+    position, velocity = (log[name][:, None] for name in columns)
+    return Stream(joint, columns, position, velocity)
+
+
+def merge(streams: Sequence[Stream]) -> Stream:
+    """One message with the channels of several."""
+    return Stream(
+        streams[0].name,
+        tuple(name for stream in streams for name in stream.columns),
+        np.concatenate([stream.position for stream in streams], axis=1),
+        np.concatenate([stream.velocity for stream in streams], axis=1),
+    )
+
+
+@dataclass(frozen=True)
+class RowClock:
+    """The clock of one log."""
+
+    instants: np.ndarray
+    """When each row was written, s since the first, never decreasing, (rows,)."""
+    sampled: Mapping[str, np.ndarray]
+    """Column → when the sample was taken that each row shows, s, (rows,)."""
+    spread_s: np.ndarray
+    """Standard deviation of the length of each row but the last, s, (rows − 1,)."""
+    step_s: float | None
+    """Step of which all instants are whole multiples; None where there is none."""
+    repeats: Mapping[str, float]
+    """Message → share of the rows, while it moves, that repeat the sample of the row before."""
+    velocity_delay_s: Mapping[str, float]
+    """Message → how long before its position the motion was as fast as its velocity says, s; none for whole rows."""
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """How long each row but the last lasted, s, (rows − 1,)."""
+        return np.diff(self.instants)
+
+    @property
+    def repeated(self) -> float:
+        """Median share of repeated samples over the messages."""
+        return float(np.median(list(self.repeats.values()))) if self.repeats else 0.0
+
+
+def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
+    """The clock of a log by its joints; None where no joint has position and velocity."""
+    streams = streams_of(log, joints)
+    of_joints = [stream for stream in streams if stream.name != BASE]
+    if not of_joints or len(log) < 2 * NOISE_WINDOW:
+        return None
+    if max(stream.repeats(log.info.sample_period_s) for stream in of_joints) < REPEATS:
+        return clock_of_whole_rows(log, of_joints)
+    return clock_of_messages(log, streams)
+
+
+def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock:
+    """The clock of a log whose rows are sampled at once: the length of each row by least squares over the joints.
+
+    Lengths are drawn towards their mean as far as noise asks for it (empirical Bayes), so that rows in which little
+    moves last as long as others.
+    """
+    every = merge(streams)
+    nominal = np.diff(log.time)
+    mean = (every.velocity[1:] + every.velocity[:-1]) / 2
+    bend = np.diff(every.velocity, axis=0)
+    noise = np.sqrt(2) * every.noise
+    weight = 1 / (noise**2 + (CURVATURE * np.abs(bend) * nominal[:, None]) ** 2)
+    moved = np.diff(every.position, axis=0)
+    precision = (weight * mean**2).sum(axis=1)
+    lengths = (weight * mean * moved).sum(axis=1) / np.maximum(precision, 1e-300)
+    known = precision > 0
+    scale = float(
+        np.sum((weight * mean * moved)[known]) / np.sum((weight * mean * nominal[:, None])[known] * mean[known])
+    )
+    around = scale * nominal
+    variance = 1 / np.maximum(precision, 1e-300)
+    sharp = variance < np.quantile(variance, 0.5)
+    excess = max(float(np.median((lengths - around)[sharp] ** 2) / 0.455 - np.median(variance[sharp])), 0.0)
+    keep = excess / (excess + variance)
+    shrunk = np.maximum(around + keep * (lengths - around), 0.0)
+    instants = np.concatenate([[0.0], np.cumsum(shrunk)])
+    names = [name for stream in streams for name in stream.columns]
+    return RowClock(instants, dict.fromkeys(names, instants), np.sqrt(keep * variance), None, {}, {})
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Weighted linear equations for the instants of rows and samples."""
+
+    matrix: sp.csr_matrix
+    right: np.ndarray
+    weight: np.ndarray
+    """1 over the standard deviation of each equation."""
+    bend: np.ndarray
+    """Change of velocity in equations of motion, by which its delay acts on their right side; 0 elsewhere."""
+    stream: np.ndarray
+    """Index of the message of each equation of motion; −1 elsewhere."""
+    first: np.ndarray
+    """Index of the first sample of each message among the unknowns; before them stand the rows."""
+    sharpness: tuple[np.ndarray, ...]
+    """For each message, standard deviation of the time between its samples by their motion alone, s."""
+
+
+def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
+    """The clock of a log that shows the latest message of each kind, whether it is new or not.
+
+    Unknown are the instants of all rows and of all samples. Motion between the samples of a message says how much time
+    passed; a row is written a little after the samples that it shows first.
+    """
+    period = mean_row(log, streams)
+    equations = equations_of(streams, period)
+    found = solve(equations, streams, period)
+    step = whole_step(found.samples, equations.sharpness, period)
+    if step is not None:
+        found = solve(with_whole_steps(equations, found.samples, step), streams, period)
+    shown = {stream.name: found.samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
+    instants = instants_of_rows(found, streams, shown, equations.sharpness, step or period)
+    if step is not None:
+        instants = step * np.round((instants - instants[0]) / step)
+    return RowClock(
+        instants - instants[0],
+        {name: shown[stream.name] - instants[0] for stream in streams for name in stream.columns},
+        np.full(len(log) - 1, 0.0 if step else LAG_SPREAD * period),
+        step,
+        {stream.name: stream.repeats(log.info.sample_period_s) for stream in streams},
+        {stream.name: float(delay) for stream, delay in zip(streams, found.delay, strict=True)},
+    )
+
+
+def mean_row(log: Log, streams: Sequence[Stream]) -> float:
+    """Mean length of a row by the motion of all joints, s."""
+    moved = span = 0.0
+    for stream in (stream for stream in streams if stream.name != BASE):
+        rows = np.flatnonzero(stream.fresh)
+        mean = (stream.velocity[rows][1:] + stream.velocity[rows][:-1]) / 2
+        moved += float((np.diff(stream.position[rows], axis=0) * mean).sum())
+        span += float((mean**2 * np.diff(rows)[:, None]).sum())
+    return moved / span if moved > 0 else log.info.sample_period_s
+
+
+def equations_of(streams: Sequence[Stream], period: float) -> Equations:
+    """All equations of a log of so many rows; ``period`` is the mean length of a row, s."""
+    rows = len(streams[0].fresh)
+    counts = [int(stream.fresh.sum()) for stream in streams]
+    first = rows + np.concatenate([[0], np.cumsum(counts)])
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]] = []
+
+    def add(
+        plus: np.ndarray, minus: np.ndarray, by: np.ndarray, right: np.ndarray, spread: np.ndarray, bend=None, of=-1
+    ):  # type: ignore[no-untyped-def]
+        bends = np.zeros(len(plus)) if bend is None else bend
+        parts.append((plus, minus, by, np.broadcast_to(right, len(plus)), 1 / spread, bends, np.full(len(plus), of), 0))
+
+    sharpness = []
+    for k, stream in enumerate(streams):
+        at = np.flatnonzero(stream.fresh)
+        after, between = first[k] + np.arange(1, len(at)), np.diff(at)
+        sharp = np.full(len(between), np.inf)
+        for channel in range(stream.position.shape[1]):
+            q, v = stream.position[at, channel], stream.velocity[at, channel]
+            mean, bend = (v[1:] + v[:-1]) / 2, np.diff(v)
+            spread = np.hypot(np.sqrt(2) * stream.noise[channel], CURVATURE * period * np.abs(bend))
+            spread = np.hypot(spread, CURVATURE / 5 * period * between * np.abs(bend))
+            add(after, after - 1, mean, np.diff(q), spread, bend, k)
+            sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
+        sharpness.append(sharp)
+        one = np.ones(len(between))
+        add(after, after - 1, one, period * between, FREE * period * one)
+        every, shown = np.arange(rows), first[k] + np.cumsum(stream.fresh) - 1
+        late = np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD) * period
+        add(every, shown, np.ones(rows), np.full(rows, LAG * period), late)
+    return assemble(parts, first, tuple(sharpness))
+
+
+def assemble(parts: list, first: np.ndarray, sharpness: tuple[np.ndarray, ...]) -> Equations:  # type: ignore[type-arg]
+    """One system from equations ``by · (plus − minus) = right``; the first row is written at instant 0."""
+    plus, minus, by, right, weight, bend, stream = (np.concatenate([part[i] for part in parts]) for i in range(7))
+    number = np.arange(len(plus))
+    origin = len(plus)
+    matrix = sp.csr_matrix(
+        (
+            np.concatenate([by, -by, [1.0]]),
+            (np.concatenate([number, number, [origin]]), np.concatenate([plus, minus, [0]])),
+        ),
+        shape=(origin + 1, int(first[-1])),
+    )
+    return Equations(
+        matrix,
+        np.append(right, 0.0),
+        np.append(weight, 1e5 / np.median(np.diff(first) ** 0)),
+        np.append(bend, 0.0),
+        np.append(stream, -1),
+        first,
+        sharpness,
+    )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Instants that fit the equations."""
+
+    rows: np.ndarray
+    """When each row was written, s, (rows,)."""
+    samples: tuple[np.ndarray, ...]
+    """When the samples of each message were taken, s, (samples,) each."""
+    delay: np.ndarray
+    """Delay of the velocities of each message, s, (messages,)."""
+
+
+def solve(equations: Equations, streams: Sequence[Stream], period: float) -> Solution:
+    """Solve the equations by robust least squares.
+
+    A velocity may be that of a moment before its position; this delay of each message is found on the way.
+    """
+    delay = np.full(len(streams), period / 2)
+    weight, found = equations.weight, np.zeros(0)
+    for _ in range(ROUNDS):
+        right = equations.right - delay_term(equations, delay)
+        weighted = sp.diags(weight) @ equations.matrix
+        found = spsolve((weighted.T @ weighted).tocsc(), weighted.T @ (weight * right), permc_spec="MMD_AT_PLUS_A")
+        missed = equations.matrix @ found - right
+        weight = equations.weight / np.sqrt(1 + (missed * equations.weight / OUTLIER) ** 2)
+        delay = delay - delay_change(equations, weight, missed, len(streams))
+    ends = zip(equations.first, equations.first[1:], strict=False)
+    return Solution(found[: equations.first[0]], tuple(found[a:b] for a, b in ends), delay)
+
+
+def delay_term(equations: Equations, delay: np.ndarray) -> np.ndarray:
+    """What the delay of velocities (messages,) adds to the motion in each equation."""
+    return np.where(equations.stream >= 0, delay[equations.stream] * equations.bend, 0.0)
+
+
+def delay_change(equations: Equations, weight: np.ndarray, missed: np.ndarray, streams: int) -> np.ndarray:
+    """By how much the delay of each message's velocities would have to fall to explain what is missed, s, (messages,)."""
+    change = np.zeros(streams)
+    for k in range(streams):
+        own = equations.stream == k
+        square = float((weight[own] ** 2 * equations.bend[own] ** 2).sum())
+        change[k] = float((weight[own] ** 2 * equations.bend[own] * missed[own]).sum()) / square if square > 0 else 0.0
+    return change
+
+
+STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
+"""Steps of simulations and control loops that are looked for, s, longest first."""
+LEAST_WHOLE = 0.85
+"""Share of the precise times between samples that are one or more whole steps, from which all are."""
+
+
+def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], period: float) -> float | None:
+    """The longest step of which the times between samples are whole multiples; None where there is none.
+
+    ``period`` is the mean length of a row, s; steps much shorter than it would fit anything.
+    """
+    for step in (step for step in STEPS_S if step > period / 5):
+        sharp = [np.diff(own)[spread < PRECISE * step] for own, spread in zip(samples, sharpness, strict=True)]
+        steps = np.concatenate(sharp) / step
+        whole = (np.abs(steps - np.round(steps)) < PRECISE) & (steps > 0.5)
+        if len(steps) >= NOISE_WINDOW and whole.mean() > LEAST_WHOLE:
+            return step
+    return None
+
+
+def with_whole_steps(equations: Equations, samples: Sequence[np.ndarray], step: float) -> Equations:
+    """The equations with one more for each time between samples that is precisely so many steps."""
+    plus, right = [], []
+    for first, own, sharp in zip(equations.first, samples, equations.sharpness, strict=False):
+        number = np.round(np.diff(own) / step)
+        near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
+        plus.append(first + 1 + np.flatnonzero(near))
+        right.append(step * number[near])
+    after, known = np.concatenate(plus), np.concatenate(right)
+    number = np.arange(len(after))
+    more = sp.csr_matrix(
+        (np.repeat([1.0, -1.0], len(after)), (np.tile(number, 2), np.concatenate([after, after - 1]))),
+        shape=(len(after), equations.matrix.shape[1]),
+    )
+    none = np.zeros(len(after))
+    return replace(
+        equations,
+        matrix=sp.vstack([equations.matrix, more]).tocsr(),
+        right=np.concatenate([equations.right, known]),
+        weight=np.concatenate([equations.weight, np.full(len(after), 100 / step)]),
+        bend=np.concatenate([equations.bend, none]),
+        stream=np.concatenate([equations.stream, none.astype(int) - 1]),
+    )
+
+
+def instants_of_rows(
+    found: Solution,
+    streams: Sequence[Stream],
+    shown: Mapping[str, np.ndarray],
+    sharpness: Sequence[np.ndarray],
+    step: float,
+) -> np.ndarray:
+    """When each row was written, s, never decreasing, (rows,): at the latest sample that it shows.
+
+    The second latest of the precise ones is taken, since a single one may err; where fewer are precise, the solution.
+    """
+    columns = []
+    for stream, sharp in zip(streams, sharpness, strict=True):
+        precise = np.concatenate([[False], sharp < PRECISE * step])[np.cumsum(stream.fresh) - 1]
+        columns.append(np.where(precise, shown[stream.name], -np.inf))
+    latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
+    return np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * step))
+
+
+def with_clock(log: Log, clock: RowClock) -> tuple[Log, np.ndarray]:
+    """The log by its own clock, and which rows are kept, bool, (rows,).
+
+    Rows that were written at one instant become one with the last of their commands. Measured columns are those at the
+    instants of the rows, on straight lines between the samples.
+    """
+    keep = np.append(clock.lengths > 0, True)
+    instants = clock.instants[keep]
+    columns: dict[str, np.ndarray] = {"time": instants}
+    for name, values in log.columns.items():
+        if name in clock.sampled:
+            taken = clock.sampled[name]
+            new = np.concatenate([[True], np.diff(np.maximum.accumulate(taken)) > 0])
+            columns[name] = np.interp(instants, taken[new], values[new])
+        elif name != "time":
+            columns[name] = values[keep]
+    if all(name in columns for name in BASE_QUATERNION):
+        length = np.linalg.norm(np.stack([columns[name] for name in BASE_QUATERNION]), axis=0)
+        columns |= {name: columns[name] / length for name in BASE_QUATERNION}
+    period = float(instants[-1] / (len(instants) - 1))
+    return replace(log, columns=columns, info=replace(log.info, sample_period_s=period)), keep
