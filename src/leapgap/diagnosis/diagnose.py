@@ -128,9 +128,7 @@ def diagnose(
     slots = max((len(log.info.terrain) for log in logs), default=0)
     replayer = Replayer(robot, max(1, slots), threads)
     judged = JudgedLogs.of(logs, robot, settings.sizes)
-    heldout_gap = HeldOutGap.of(
-        logs, judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng
-    )
+    heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
     gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
@@ -139,7 +137,7 @@ def diagnose(
     hypotheses = list_hypotheses(kinds, robot, clock)
     most = settings.pieces(len(logs))
     whole, coarse = (
-        ShortRollouts.of(judged.logs, replayer, settings.horizon_s, settings.every_s, pieces)
+        ShortRollouts.of(judged.states, replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
@@ -172,7 +170,7 @@ def diagnose(
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(checks),
         next_experiment=next_experiment(conclusion.answer, logs),
-        not_judged=tuple(not_judged(judged, logs)),
+        not_judged=tuple(not_judged(judged)),
         profiles=tuple(profiles_of(judgement.result)),
         gap_per_log=by_log[0],
         landing_misplaced_m=by_log[1],

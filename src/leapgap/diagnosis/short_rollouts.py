@@ -20,7 +20,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
-from leapgap.logs.state import fitted_noise, motion_of
+from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
@@ -130,12 +130,12 @@ class Pieces:
     """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
 
     @staticmethod
-    def of(log: Log, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
+    def of(states: States, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
         """Pieces of a log that start at these rows, and are compared after ``ages`` rows."""
-        logged = motion_of(log, state.robot)
+        log, logged = states.log, states.motion
         starts, kept = smooth_starts(logged, rows, log, state.robot)
-        fitted = fitted_noise(log, logged, state.robot, rows)
-        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept, fitted, ages)
+        noise = state.noise(logged, log.info.sample_period_s)
+        return Pieces(log, logged, starts, noise, kept, states.deviation[list(rows)], ages)
 
     def downsample(self, rows: int) -> "Pieces":
         """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
@@ -168,8 +168,11 @@ class ShortRollouts:
     """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
 
     @staticmethod
-    def of(logs: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
+    def of(
+        states: Sequence[States], replayer: Replayer, horizon_s: float, every_s: float, most: int
+    ) -> "ShortRollouts":
         """Cut logs to at most ``most`` pieces of a horizon, compared every ``every_s``; without whitening yet."""
+        logs = [of_log.log for of_log in states]
         state = StateChannels.of(logs, replayer.robot)
         number = np.arange(1, round(horizon_s / every_s) + 1)
         ages = [number * log.info.rows(every_s) for log in logs]
@@ -179,7 +182,7 @@ class ShortRollouts:
             raise InputError(
                 "diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions"
             )
-        pieces = [Pieces.of(log, own.tolist(), a, state) for log, own, a in zip(logs, rows, ages, strict=True)]
+        pieces = [Pieces.of(of, own.tolist(), a, state) for of, own, a in zip(states, rows, ages, strict=True)]
         return ShortRollouts(state, replayer, tuple(pieces), ())
 
     def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":

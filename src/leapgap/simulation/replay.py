@@ -42,6 +42,8 @@ class Rollout:
     effects: tuple[Effect, ...] = ()
     first_state: np.ndarray | None = None
     """(nq + nv,): true first state; None: by the log's first row."""
+    measured: Motion | None = None
+    """The log's measured motion, where it is known already; None: read from the log."""
 
     @property
     def structure(self) -> tuple[Hashable, ...]:
@@ -269,7 +271,8 @@ class Replayer:
 
         What was not logged is fitted or estimated (``motion_of``); a floating robot needs its attitude.
         """
-        return self.true_state(trial.effects, motion_of(trial.log, self.robot, slice(1)).first_state)
+        measured = motion_of(trial.log, self.robot, slice(1)) if trial.measured is None else trial.measured
+        return self.true_state(trial.effects, measured.first_state)
 
     def foot_depths(self, trial: Rollout) -> np.ndarray:
         """Penetration of each foot into the ground at the start, m, (feet,); 0 above it."""
