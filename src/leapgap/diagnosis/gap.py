@@ -188,7 +188,7 @@ class HeldOutGap:
         trials = judged.whole_trials()
         at_horizons = [(horizon, replayer_at(base, horizon).motions(trials)) for horizon in horizons_of(judged)]
         gaps = [horizon_gap(horizon, motions, judged) for horizon, motions in at_horizons]
-        chosen = gaps[0] if judged.preset == "jump" else longest_informative(gaps)
+        chosen = longest_informative(gaps)
         motions, replayer = at_horizons[gaps.index(chosen)][1], replayer_at(base, chosen.horizon_s)
         nominal = motion_squares(motions, judged)
         floor = noise_floor(judged, replayer, noise_draws, rng, motions)

@@ -36,7 +36,12 @@ class HorizonGap:
 
 
 def horizons_of(judged: JudgedLogs) -> list[float | None]:
-    """Horizons that are shorter than the longest log, longest first, whole logs before them."""
+    """Horizons that are shorter than the longest log, longest first, whole logs before them; of jumps the latter alone.
+
+    The gap of jumps is that of whole logs by definition, so that no other horizon is worth the time of its replays.
+    """
+    if judged.preset == "jump":
+        return [None]
     longest = max(float(log.time[-1]) for log in judged.logs)
     return [None, *(horizon for horizon in sorted(HORIZONS_S, reverse=True) if horizon < longest)]
 
