@@ -105,6 +105,8 @@ class Diagnosis:
     """Replay of each log with the answer as fitted without it."""
     correction: tuple[Effect, ...]
     """The answer fitted on all logs; the median where values differ by log."""
+    sensors: tuple[str, ...] = ()
+    """Columns of sensors beside the state that the replays hold."""
 
 
 def diagnose(
@@ -126,8 +128,8 @@ def diagnose(
     check_tolerances(settings, own)
     rng = np.random.default_rng(settings.seed)
     slots = max((len(log.info.terrain) for log in logs), default=0)
-    replayer = Replayer(robot, max(1, slots), threads)
     judged = JudgedLogs.of(logs, robot, settings.sizes)
+    replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
     gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
@@ -181,6 +183,7 @@ def diagnose(
         nominal=dict(zip(names, heldout_gap.nominal_motions, strict=True)),
         corrected=dict(zip(names, replays, strict=True)),
         correction=selected.typical_effects(names),
+        sensors=judged.sensors.columns,
     )
 
 

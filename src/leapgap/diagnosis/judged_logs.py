@@ -15,6 +15,7 @@ from leapgap.diagnosis.channels import (
     sensor_noise,
     sized_channels,
 )
+from leapgap.diagnosis.scored_sensors import ScoredSensors
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.contacts import has_feet_in_world, sole_heights
@@ -64,6 +65,8 @@ class JudgedLogs:
     """States of all rows of each log."""
     states: tuple[States, ...]
     """Those of the judged rows."""
+    sensors: ScoredSensors
+    """Columns beside the state that are compared."""
     logged: tuple[Channel, ...]
     """Channels that every log has."""
     channels: tuple[Channel, ...]
@@ -85,14 +88,17 @@ class JudgedLogs:
         if not logged:
             expected = "positions of the joints, or the state of the base, in every log"
             raise InputError(logs[0].name, "nothing measured that every log has", expected, "log it")
-        whole = tuple(States.of(log, robot) for log in logs)
-        states = tuple(of_log.first_rows(headline_rows(of_log.log, robot)) for of_log in whole)
         planar = jump_channels(logged)
-        if planar and not sizes and all(is_jump(log) for log in logs):
+        of_jumps = bool(planar) and not sizes and all(is_jump(log) for log in logs)
+        sensors = ScoredSensors() if of_jumps else ScoredSensors.of(logs, robot)
+        whole = tuple(States.of(log, robot, sensors.columns) for log in logs)
+        states = tuple(of_log.first_rows(headline_rows(of_log.log, robot)) for of_log in whole)
+        if of_jumps:
             joints = tuple(channel for channel in logged if channel.name in planar_and_joints(robot))
-            return JudgedLogs(robot, whole, states, logged, planar, joints, "jump")
+            return JudgedLogs(robot, whole, states, sensors, logged, planar, joints, "jump")
+        logged = logged_channels(logs, robot, sensors.columns)
         every = sized_channels([of_log.motion for of_log in states], logged, robot, sizes or {})
-        return JudgedLogs(robot, whole, states, logged, every, every, "all")
+        return JudgedLogs(robot, whole, states, sensors, logged, every, every, "all")
 
     @cached_property
     def logs(self) -> tuple[Log, ...]:
@@ -142,7 +148,7 @@ class JudgedLogs:
         found = np.concatenate([np.zeros(nq), deviation[nv:]])
         if robot.has_free_base:
             found[POSITION_SLICE] = deviation[VELOCITY_SLICE]
-        for channel in self.mapped:
+        for channel in filter(lambda channel: channel.is_state, self.mapped):
             sigma = self.noise[log][channel.name]
             if channel.entry >= nv:
                 found[nq + channel.entry - nv] = sigma

@@ -153,4 +153,4 @@ def pieces_of(log: Log, names: Sequence[str], horizon_s: float) -> list[tuple[Lo
 
 def least_noise(channel: Channel) -> float:
     """Lower bound of a channel's noise, since logs are rounded to a last digit."""
-    return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2}[channel.unit]
+    return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2, "m/s²": 1e-1, "N": 1.0}[channel.unit]

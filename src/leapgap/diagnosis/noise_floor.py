@@ -44,8 +44,9 @@ def noisy_replays(judged: JudgedLogs, replayer: Replayer | RestartedReplayer, rn
         starts = [replayer.first_state(trial) for trial in trials]
         noisy = [start + rng.standard_normal(len(start)) * judged.start_noise(log) for log, start in enumerate(starts)]
         return replayer.motions([replace(trial, first_state=state) for trial, state in zip(trials, noisy, strict=True)])
-    steps, entries = [], [channel.entry for channel in judged.mapped]
-    for states, sigma, trial in zip(judged.states, judged.noise_in(judged.mapped), trials, strict=True):
+    of_state = [channel for channel in judged.mapped if channel.is_state]
+    steps, entries = [], [channel.entry for channel in of_state]
+    for states, sigma, trial in zip(judged.states, judged.noise_in(of_state), trials, strict=True):
         pieces, share = replayer.starts(trial)
         by = states.deviation[list(pieces.rows)]
         by[:, entries] = sigma * share[:, None]

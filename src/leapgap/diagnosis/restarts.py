@@ -58,7 +58,12 @@ class RestartedReplayer:
         if len(whole) < len(starts.rows):  # the last one ends with the log
             pieces += self._pieces(trial, starts, [len(starts.rows) - 1], len(log) - starts.rows[-1])
         kept = [piece[:rows] for piece in pieces[:-1]] + pieces[-1:]
-        return Motion(np.concatenate([one.qpos for one in kept]), np.concatenate([one.qvel for one in kept]))
+        sensors = [one.sensors for one in kept if one.sensors is not None]
+        return Motion(
+            np.concatenate([one.qpos for one in kept]),
+            np.concatenate([one.qvel for one in kept]),
+            np.concatenate(sensors) if sensors else None,
+        )
 
     def _pieces(self, trial: Rollout, starts: Starts, which: Sequence[int], rows: int) -> list[Motion]:
         some = Starts([starts.rows[k] for k in which], starts.states[list(which)])

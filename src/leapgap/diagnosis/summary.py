@@ -189,7 +189,7 @@ def not_judged(judged: JudgedLogs) -> list[str]:
         started.append(f"base position{moves} (at the start of replays, from planted feet and attitude)")
         fitted |= estimated
     plain = [name for name in named if not any(name.startswith(quantity) for quantity in fitted)]
-    return list(dict.fromkeys([*plain, *started])) + rows_left_out(judged)
+    return [*dict.fromkeys([*plain, *started]), *judged.sensors.notes, *rows_left_out(judged)]
 
 
 def rows_left_out(judged: JudgedLogs) -> list[str]:

@@ -1,6 +1,7 @@
 """Conversion between the columns of a log and the motion of a robot; no other file does it."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,8 +34,8 @@ class States:
     """Standard deviation of states that were not measured, in their tangent, (rows, 2 nv); zero for what was logged."""
 
     @staticmethod
-    def of(log: Log, robot: Robot) -> "States":
-        """The states of every row.
+    def of(log: Log, robot: Robot, sensors: Sequence[str] = ()) -> "States":
+        """The states of every row, with the columns of some further sensors.
 
         A free base needs a logged attitude (``InputError`` otherwise). Velocities of which no component was logged are
         slopes of parabolas through the positions. Position and velocity of a base whose position was not logged come
@@ -53,6 +54,8 @@ class States:
         deviation = np.broadcast_to(0.0, (len(log), 2 * robot.model.nv))
         if fitted or base is not None:
             deviation = unmeasured_deviation(log, motion, robot, fitted, base, window)
+        if sensors:
+            motion = replace(motion, sensors=log.stack(sensors))
         return States(log, motion, fitted, base, deviation)
 
     def first_rows(self, rows: int) -> "States":
