@@ -131,9 +131,7 @@ def diagnose(
     judged = JudgedLogs.of(logs, robot, settings.sizes)
     replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
-    gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
-    progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged.logs, robot, settings.check_thresholds)
     clock = clock_of(checks)
     hypotheses = list_hypotheses(kinds, robot, clock)
@@ -143,6 +141,11 @@ def diagnose(
         for pieces in (most, (most + 1) // 2)
     )
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
+    heldout_gap = heldout_gap.at_stable_horizon(
+        result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
+    )
+    gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
+    progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])

@@ -26,6 +26,8 @@ DIVERGED_ERROR = 100.0
 """Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors."""
 
 
+STABLE = 0.7
+"""A horizon is stable where a right answer would close this share of the gap, by the noise of its own replays."""
 LEAST_ABOVE = 0.05
 """Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated."""
 
@@ -194,6 +196,38 @@ class HeldOutGap:
         floor = noise_floor(judged, replayer, noise_draws, rng, motions)
         resampled = resamples(len(judged.logs), draws, rng)
         return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, motions, gaps)
+
+    def at_stable_horizon(self, answer: Candidate, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
+        """The same at the longest horizon, up to this one, at which a right answer would show to be right.
+
+        Noise of the start alone may send a corrected robot into another limit cycle, so that a replay over a long time
+        is far from the log however right the correction is. The floor of the robot with ``answer`` says what gap a
+        right one leaves. Where no horizon is stable, the one at which it closes most is taken.
+        """
+        shorter = [gap.horizon_s for gap in self.horizons]
+        if not answer.hypotheses or not self.has_gap or len(shorter) == 1:
+            return self
+        effects, best, most = self.effects_on_logs([answer])[0], self, -np.inf
+        for horizon_s in shorter[shorter.index(self.horizon_s) :]:
+            at = self if horizon_s == self.horizon_s else self.at(horizon_s, noise_draws, rng)
+            floor = noise_floor(at.judged, at.replayer, noise_draws, rng, effects=effects)
+            closes = at.closure_value(floor) if at.has_gap else -np.inf
+            if closes > most:
+                best, most = at, closes
+            if most >= STABLE:
+                break
+        return best
+
+    def at(self, horizon_s: float | None, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
+        """The same at another horizon."""
+        base = self.replayer.replayer if isinstance(self.replayer, RestartedReplayer) else self.replayer
+        replayer = replayer_at(base, horizon_s)
+        motions = replayer.motions(self.judged.whole_trials())
+        floor = noise_floor(self.judged, replayer, noise_draws, rng, motions)
+        nominal = motion_squares(motions, self.judged)
+        return replace(
+            self, replayer=replayer, nominal=nominal, floor=floor, nominal_motions=motions, cache={}, motions={}
+        )
 
     @property
     def names(self) -> list[str]:

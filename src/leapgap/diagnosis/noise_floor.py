@@ -8,8 +8,9 @@ import numpy as np
 from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.restarts import RestartedReplayer
+from leapgap.effects.base import Effect
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer
+from leapgap.simulation.replay import Replayer, Rollout
 
 
 def noise_floor(
@@ -17,19 +18,22 @@ def noise_floor(
     replayer: Replayer | RestartedReplayer,
     draws: int,
     rng: np.random.Generator,
-    nominal: Sequence[Motion] | None = None,
+    motions: Sequence[Motion] | None = None,
+    effects: Sequence[tuple[Effect, ...]] | None = None,
 ) -> np.ndarray:
     """Mean sum of squares that sensor noise alone gives for each log, (logs,), summed over rows and channels.
 
-    The motion of the nominal robot plus noise of each channel is taken as measured, and replayed from its noisy first
-    row, or rows where the replayer restarts. ``nominal`` are its motions, where they are known already.
+    The motion of the nominal robot, or of one with ``effects`` on each log, plus noise of each channel is taken as
+    measured, and replayed from its noisy first row, or rows where the replayer restarts. ``motions`` are those of that
+    robot, where they are known already.
     """
     total, restarted = np.zeros(len(judged.logs)), isinstance(replayer, RestartedReplayer)
     of_rows = judged.noise_in(judged.channels)
-    motions = nominal or replayer.motions(judged.trials())
+    trials = judged.trials(effects)
+    motions = motions or replayer.motions(trials)
     true = [motion[:rows] for motion, rows in zip(motions, judged.rows, strict=True)]
     for _ in range(draws):
-        for j, motion in enumerate(noisy_replays(judged, replayer, rng)):
+        for j, motion in enumerate(noisy_replays(judged, replayer, trials, rng)):
             error = channel_errors(motion, true[j], judged.channels, judged.robot)
             of_draw = rng.standard_normal(error.shape if restarted else error.T.shape)
             error -= (of_draw if restarted else of_draw.T) * of_rows[j]
@@ -37,9 +41,10 @@ def noise_floor(
     return total / draws
 
 
-def noisy_replays(judged: JudgedLogs, replayer: Replayer | RestartedReplayer, rng: np.random.Generator) -> list[Motion]:
-    """Replays of the judged rows by the nominal robot from starts with noise."""
-    trials = judged.trials()
+def noisy_replays(
+    judged: JudgedLogs, replayer: Replayer | RestartedReplayer, trials: Sequence[Rollout], rng: np.random.Generator
+) -> list[Motion]:
+    """Replays of the judged rows from starts with noise."""
     if isinstance(replayer, Replayer):
         starts = [replayer.first_state(trial) for trial in trials]
         noisy = [start + rng.standard_normal(len(start)) * judged.start_noise(log) for log, start in enumerate(starts)]
