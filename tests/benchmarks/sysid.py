@@ -48,7 +48,7 @@ def peer(logs: Sequence[Log], robot: Robot, settings: Settings) -> tuple[dict[st
     replayer = Replayer(robot)
     judged = JudgedLogs.of(logs, robot)
     most = min(settings.most_pieces, settings.pieces_per_log * len(logs))
-    bare = ShortRollouts.of(judged.logs, replayer, settings.horizon_s, settings.every_s, most)
+    bare = ShortRollouts.of(judged.states, replayer, settings.horizon_s, settings.every_s, most)
     evidence = bare.whiten_for(bare.on_every_log(()))
     names = [(h, k, p) for h in everything for k, p in enumerate(h.parameters)]
     scale = np.array([h.moderate[k] for h, k, _ in names])

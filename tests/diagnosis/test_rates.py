@@ -13,6 +13,7 @@ from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.short_rollouts import Pieces, StateChannels
 from leapgap.jumping.task import ContactSchedule, Target, jump_info, schedule_of
 from leapgap.logs.log import Log
+from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -72,7 +73,7 @@ def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> 
     wave = 0.01 * np.sin(2 * np.pi * 10 * jump.time)
     jump = replace(jump, columns=dict(jump.columns) | {"base_pos_x": wave})
     row = round(0.325 * rate_hz)  # the crest
-    pieces = Pieces.of(jump, [row], np.array([1]), StateChannels.of([jump], robot))
+    pieces = Pieces.of(States.of(jump, robot), [row], np.array([1]), StateChannels.of([jump], robot))
     assert pieces.starts.states[0, 0] == pytest.approx(wave[row], abs=0.04 * 0.01)
 
 

@@ -8,6 +8,7 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.restarts import RestartedReplayer
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -36,7 +37,10 @@ def test_no_whole_jump_is_replayed_twice_with_the_same_effects(
         return original(self, trials, rows)  # type: ignore[return-value]
 
     monkeypatch.setattr(Replayer, "true_motions", counting)
+    restarted: list[float] = []
+    monkeypatch.setattr(RestartedReplayer, "motions", lambda self, *_: restarted.append(self.horizon_s))
     found = diagnose(damped_logs, robot, FEW)
+    assert restarted == []  # jumps are judged as whole logs
     assert found.report.answer
     assert asked[damped_logs[0].name, ()] == 1
     assert set(asked.values()) == {1}

@@ -129,7 +129,7 @@ def test_covariance_is_the_curvature_unless_errors_scatter_more() -> None:
 def search(robot: Robot, reference: Log) -> Search:
     """Two jumps of a robot with a heavier trunk."""
     jumps = hardware(robot, reference, effects.effect("payload", mass_kg=0.8), noise=SensorNoise(), jumps=2)
-    evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).logs, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
+    evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).states, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
     hypotheses = list_hypotheses(["payload", "torque_gain"], robot, None)
     return Search(
         Sensitivities.of(evidence, hypotheses, {"payload.mass_kg": 0.02 / TRUNK_KG}),

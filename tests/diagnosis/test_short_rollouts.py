@@ -8,7 +8,7 @@ from leapgap import effects
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.short_rollouts import ShortRollouts, StateChannels, smooth_start, thin_evenly
 from leapgap.logs.log import Log
-from leapgap.logs.state import motion_of
+from leapgap.logs.state import States, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotations import turn_between
@@ -20,7 +20,7 @@ from tests.diagnosis.test_gap import hardware
 @pytest.fixture(scope="module")
 def evidence(robot: Robot, reference: Log) -> ShortRollouts:
     judged = JudgedLogs.of(hardware(robot, reference, noise=SensorNoise(), jumps=2), robot)
-    return ShortRollouts.of(judged.logs, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
+    return ShortRollouts.of(judged.states, Replayer(robot, terrain_slots=1), 0.1, 0.01, 8)
 
 
 def test_noise_explains_the_errors_of_the_robot_that_made_the_logs(evidence: ShortRollouts) -> None:
@@ -57,8 +57,7 @@ def test_pieces_that_begin_at_odd_rows_keep_every_row(evidence: ShortRollouts) -
 
 def test_a_piece_may_end_with_the_log(robot: Robot, reference: Log) -> None:
     """Of 201 rows the last is compared and has no command to follow, by steps of two rows too."""
-    jumps = hardware(robot, reference, jumps=2)
-    jumps = [jump.first_rows(201) for jump in jumps]
+    jumps = [States.of(jump.first_rows(201), robot) for jump in hardware(robot, reference, jumps=2)]
     for step_s in (0.0011, 0.0022):
         ends = ShortRollouts.of(jumps, Replayer(robot), 0.1, 0.01, 8).with_steps(step_s)
         assert [of.starts.rows[-1] + int(of.ages[-1]) for of in ends.pieces] == [

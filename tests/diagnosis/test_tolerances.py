@@ -66,7 +66,7 @@ def test_a_tolerance_of_nothing_is_refused(robot: Robot, name: str) -> None:
 
 def test_a_nuisance_is_one_tolerance_of_its_column(robot: Robot, reference: Log) -> None:
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
-    evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).logs, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
+    evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).states, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
     shares = {"payload.mass_kg": 0.01, "foot_friction.mu": 0.02}
     responses = Sensitivities.of(evidence, list_hypotheses(["payload"], robot, None), shares)
     by_place = {(key.effect, key.place): i for i, key in enumerate(responses.keys)}

@@ -17,7 +17,7 @@ from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.state import estimated_base, motion_of
+from leapgap.logs.state import States, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
 from tests.plain_simulation import BASE, BASE_RATES, by_motors, published
@@ -155,7 +155,7 @@ def without(log: Log, *begins: str) -> Log:
 
 def errors(of: Walk, robot: Robot, log: Log | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Error of the estimated velocity, m/s, (rows, 3), and height, m, (rows,)."""
-    found = estimated_base(log or of.log, robot)
+    found = States.of(log or of.log, robot).base
     assert found is not None
     return found.velocity - of.velocity, found.position[:, 2] - of.position[:, 2]
 
@@ -170,7 +170,7 @@ def test_planted_feet_tell_how_the_base_moves(go2: Robot, gait: Gait) -> None:
     velocity, height = errors(of, go2)
     assert rms(velocity).max() < 0.05
     assert rms(height) < 0.003  # the ground gives way by 5 mm
-    found = estimated_base(of.log, go2)
+    found = States.of(of.log, go2).base
     assert 0.2 < rms(velocity / found.velocity_deviation).max() < 2
     assert 0.2 < rms(height / found.height_deviation) < 2
     drift = np.linalg.norm((found.position - of.position)[:, :2] - (found.position - of.position)[0, :2], axis=1)
@@ -191,7 +191,7 @@ def test_a_flight_between_two_stances_is_an_arc(go2: Robot) -> None:
     of = walk(0, GAITS[0])
     stands = np.ones(len(of.log))
     stands[20:40] = 0.0
-    found = estimated_base(with_columns(of.log, {f"contact/{foot}": stands for foot in go2.feet}), go2)
+    found = States.of(with_columns(of.log, {f"contact/{foot}": stands for foot in go2.feet}), go2).base
     time = of.log.time[19:41] - of.log.time[19]
     straight = np.interp(time, time[[0, -1]], found.position[[19, 40], 2])
     arc = 9.81 / 2 * time * (time[-1] - time)

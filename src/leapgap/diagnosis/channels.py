@@ -34,6 +34,10 @@ SPREAD_SHARE = 0.1
 """The size of a channel for which none is given: this share of its standard deviation within the logs."""
 LEAST_SHARE = 0.1
 """A channel's size is at least this share of the largest size among the channels of its quantity."""
+SENSORS = ("imu_acc", "foot_force")
+"""Quantities that are compared and are no part of the state."""
+FAST_S = 0.01
+"""What a sensor beside the state does faster than this is not told from noise: impacts, vibration, its own filter."""
 LEAST_SPREAD = 1e-6
 """Smallest spread, so that a channel in which nothing moves can be divided by its size."""
 
@@ -45,12 +49,19 @@ class Channel:
     name: str
     """Name of the column; ``base_roll``, ``base_pitch`` and ``base_yaw`` for the orientation of the base."""
     quantity: str
-    """``base_pos``, ``base_turn``, ``base_linvel``, ``base_angvel``, ``joint_pos`` or ``joint_vel``."""
+    """``base_pos``, ``base_turn``, ``base_linvel``, ``base_angvel``, ``joint_pos``, ``joint_vel``; beside the state
+    ``imu_acc`` and ``foot_force``."""
     unit: str
     entry: int
-    """Index in the tangent of the state: position 3, rotation in base axes 3, joints; then their velocities."""
+    """Index in the tangent of the state: position 3, rotation in base axes 3, joints; then their velocities; then what
+    sensors beside the state measure."""
     scale: float = 1.0
     """Size of the channel: its errors are divided by it in the headline gap."""
+
+    @property
+    def is_state(self) -> bool:
+        """Whether it is a component of the robot's state, and not a further sensor."""
+        return self.quantity not in SENSORS
 
 
 def state_channels(robot: Robot) -> tuple[Channel, ...]:
@@ -72,9 +83,19 @@ def state_channels(robot: Robot) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-def logged_channels(logs: Sequence[Log], robot: Robot) -> tuple[Channel, ...]:
-    """Channels of the state that every log has."""
-    return tuple(c for c in state_channels(robot) if all(is_logged(log, c.name) for log in logs))
+def logged_channels(logs: Sequence[Log], robot: Robot, sensors: Sequence[str] = ()) -> tuple[Channel, ...]:
+    """Channels of the state that every log has, then those of some columns of sensors, which every log has."""
+    of_state = tuple(c for c in state_channels(robot) if all(is_logged(log, c.name) for log in logs))
+    return (*of_state, *sensor_channels(sensors, robot))
+
+
+def sensor_channels(columns: Sequence[str], robot: Robot) -> tuple[Channel, ...]:
+    """Channels of some columns of sensors, in their order."""
+    found = []
+    for k, column in enumerate(columns):
+        quantity = next(name for name in SENSORS if column.startswith(name))
+        found.append(Channel(column, quantity, QUANTITIES[quantity].unit, 2 * robot.model.nv + k))
+    return tuple(found)
 
 
 def is_logged(log: Log, channel: str) -> bool:
@@ -86,7 +107,10 @@ def is_logged(log: Log, channel: str) -> bool:
 
 
 def tangent_difference(simulated: Motion, measured: Motion, robot: Robot) -> np.ndarray:
-    """Simulated − measured in the tangent of the state, (rows, 2 nv); orientations as turns in base axes, rad."""
+    """Simulated − measured in the tangent of the state, (rows, 2 nv); orientations as turns in base axes, rad.
+
+    Where both have further sensors, their differences follow, (rows, 2 nv + sensors).
+    """
     nv = robot.model.nv
     found = np.zeros((len(simulated), 2 * nv))
     if robot.has_free_base:
@@ -94,7 +118,9 @@ def tangent_difference(simulated: Motion, measured: Motion, robot: Robot) -> np.
         found[:, ANGULAR_VELOCITY_SLICE] = turn_between(measured.base_quaternion, simulated.base_quaternion)
     found[:, robot.joint_dofs] = simulated.qpos[:, robot.joint_qpos] - measured.qpos[:, robot.joint_qpos]
     found[:, nv:] = simulated.qvel - measured.qvel
-    return found
+    if simulated.sensors is None or measured.sensors is None:
+        return found
+    return np.concatenate([found, simulated.sensors - measured.sensors], axis=1)
 
 
 def displaced(motion: Motion, by: np.ndarray, robot: Robot) -> Motion:
@@ -124,7 +150,26 @@ def logged_values(log: Log, channel: str) -> np.ndarray:
 
 def sensor_noise(measured: Motion, period_s: float, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
     """Standard deviation of each channel's sensor noise, (channels,)."""
-    return noise_of(channel_errors(measured[1:], measured[:-1], channels, robot), period_s)
+    found = noise_of(channel_errors(measured[1:], measured[:-1], channels, robot), period_s)
+    return with_fast_parts(found, measured, period_s, channels)
+
+
+def with_fast_parts(found: np.ndarray, measured: Motion, period_s: float, channels: Sequence[Channel]) -> np.ndarray:
+    """Noise (channels,), with that of sensors beside the state replaced by what they do within ``FAST_S``.
+
+    It is the root mean square departure from the mean over that time, or over three rows.
+    """
+    of_sensors = [k for k, channel in enumerate(channels) if not channel.is_state]
+    if not of_sensors or measured.sensors is None:
+        return found
+    reach = max(1, round(FAST_S / period_s / 2))
+    kernel, ones = np.ones(2 * reach + 1), np.ones(len(measured))
+    number = np.convolve(ones, kernel, "same")
+    mean = np.stack([np.convolve(column, kernel, "same") / number for column in measured.sensors.T], axis=1)
+    fast = np.sqrt(((measured.sensors - mean) ** 2).mean(axis=0))
+    noise = found.copy()
+    noise[of_sensors] = fast[[k - of_sensors[0] for k in of_sensors]]
+    return noise
 
 
 def jump_channels(channels: Sequence[Channel]) -> tuple[Channel, ...]:

@@ -105,6 +105,8 @@ class Diagnosis:
     """Replay of each log with the answer as fitted without it."""
     correction: tuple[Effect, ...]
     """The answer fitted on all logs; the median where values differ by log."""
+    sensors: tuple[str, ...] = ()
+    """Columns of sensors beside the state that the replays hold."""
 
 
 def diagnose(
@@ -126,23 +128,24 @@ def diagnose(
     check_tolerances(settings, own)
     rng = np.random.default_rng(settings.seed)
     slots = max((len(log.info.terrain) for log in logs), default=0)
-    replayer = Replayer(robot, max(1, slots), threads)
     judged = JudgedLogs.of(logs, robot, settings.sizes)
-    heldout_gap = HeldOutGap.of(
-        logs, judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng
-    )
-    gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
+    replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
+    heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
-    progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     checks = run_checks(judged.logs, robot, settings.check_thresholds)
     clock = clock_of(checks)
     hypotheses = list_hypotheses(kinds, robot, clock)
     most = settings.pieces(len(logs))
     whole, coarse = (
-        ShortRollouts.of(judged.logs, replayer, settings.horizon_s, settings.every_s, pieces)
+        ShortRollouts.of(judged.states, replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
+    heldout_gap = heldout_gap.at_stable_horizon(
+        result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
+    )
+    gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
+    progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
@@ -172,7 +175,7 @@ def diagnose(
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(checks),
         next_experiment=next_experiment(conclusion.answer, logs),
-        not_judged=tuple(not_judged(judged, logs)),
+        not_judged=tuple(not_judged(judged)),
         profiles=tuple(profiles_of(judgement.result)),
         gap_per_log=by_log[0],
         landing_misplaced_m=by_log[1],
@@ -183,6 +186,7 @@ def diagnose(
         nominal=dict(zip(names, heldout_gap.nominal_motions, strict=True)),
         corrected=dict(zip(names, replays, strict=True)),
         correction=selected.typical_effects(names),
+        sensors=judged.sensors.columns,
     )
 
 

@@ -9,25 +9,25 @@ from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.horizons import (
     HorizonGap,
-    RestartedReplayer,
     gap_of,
     horizons_of,
     longest_informative,
-    noise_floor_at,
-    replayer_at,
     unmoved_errors,
 )
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.noise_floor import noise_floor
+from leapgap.diagnosis.restarts import RestartedReplayer, replayer_at
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.logs.log import Log
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
 
 DIVERGED_ERROR = 100.0
 """Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors."""
 
 
+STABLE = 0.7
+"""A horizon is stable where a right answer would close this share of the gap, by the noise of its own replays."""
 LEAST_ABOVE = 0.05
 """Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated."""
 
@@ -57,11 +57,7 @@ def scaled_errors(
 
     ``candidates[c][j]`` are the effects of candidate c on log j; all of them roll out as one batch.
     """
-    trials = [
-        Rollout(log, effects)
-        for of_candidate in candidates
-        for log, effects in zip(judged.logs, of_candidate, strict=True)
-    ]
+    trials = [trial for of_candidate in candidates for trial in judged.trials(of_candidate)]
     motions = iter(replayer.motions(trials))
     return [[scaled_error(next(motions), judged, log) for log in range(len(judged.logs))] for _ in candidates]
 
@@ -168,8 +164,6 @@ class HeldOutGap:
     """Sums of squares of noise alone, (logs,)."""
     draws: np.ndarray
     """Bootstrap resamples of logs, (draws, logs)."""
-    logs: Sequence[Log] = ()
-    """The logs with all their rows, beyond those that are judged."""
     nominal_motions: Sequence[Motion] = ()
     """Their replays by the nominal robot."""
     horizons: Sequence[HorizonGap] = ()
@@ -181,7 +175,6 @@ class HeldOutGap:
 
     @staticmethod
     def of(
-        logs: Sequence[Log],
         judged: JudgedLogs,
         base: Replayer,
         folds: int,
@@ -193,33 +186,77 @@ class HeldOutGap:
 
         The gap of jumps is that of whole logs; of other motions, at the longest horizon that is informative.
         """
-        fold_of_log = folds_of(len(logs), folds)
-        trials = [Rollout(log) for log in logs]
+        fold_of_log = folds_of(len(judged.logs), folds)
+        trials = judged.whole_trials()
         at_horizons = [(horizon, replayer_at(base, horizon).motions(trials)) for horizon in horizons_of(judged)]
         gaps = [horizon_gap(horizon, motions, judged) for horizon, motions in at_horizons]
-        chosen = gaps[0] if judged.preset == "jump" else longest_informative(gaps)
+        chosen = longest_informative(gaps)
         motions, replayer = at_horizons[gaps.index(chosen)][1], replayer_at(base, chosen.horizon_s)
         nominal = motion_squares(motions, judged)
-        floor = noise_floor_at(replayer, judged, noise_draws, rng, motions)
-        resampled = resamples(len(logs), draws, rng)
-        return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, logs, motions, horizons=gaps)
+        floor = noise_floor(judged, replayer, noise_draws, rng, motions)
+        resampled = resamples(len(judged.logs), draws, rng)
+        return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, motions, gaps)
+
+    def at_stable_horizon(self, answer: Candidate, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
+        """The same at the longest horizon, up to this one, at which a right answer would show to be right.
+
+        Noise of the start alone may send a corrected robot into another limit cycle, so that a replay over a long time
+        is far from the log however right the correction is. The floor of the robot with ``answer`` says what gap a
+        right one leaves. Where no horizon is stable, the one at which it closes most is taken.
+        """
+        shorter = [gap.horizon_s for gap in self.horizons]
+        if not answer.hypotheses or not self.has_gap or len(shorter) == 1:
+            return self
+        effects, best, most = self.effects_on_logs([answer])[0], self, -np.inf
+        for horizon_s in shorter[shorter.index(self.horizon_s) :]:
+            at = self if horizon_s == self.horizon_s else self.at(horizon_s, noise_draws, rng)
+            floor = noise_floor(at.judged, at.replayer, noise_draws, rng, effects=effects)
+            closes = at.closure_value(floor) if at.has_gap else -np.inf
+            if closes > most:
+                best, most = at, closes
+            if most >= STABLE:
+                break
+        return best
+
+    def at(self, horizon_s: float | None, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
+        """The same at another horizon."""
+        base = self.replayer.replayer if isinstance(self.replayer, RestartedReplayer) else self.replayer
+        replayer = replayer_at(base, horizon_s)
+        motions = replayer.motions(self.judged.whole_trials())
+        floor = noise_floor(self.judged, replayer, noise_draws, rng, motions)
+        nominal = motion_squares(motions, self.judged)
+        return replace(
+            self, replayer=replayer, nominal=nominal, floor=floor, nominal_motions=motions, cache={}, motions={}
+        )
 
     @property
     def names(self) -> list[str]:
         """Names of the logs."""
         return [log.name for log in self.judged.logs]
 
+    def effects_on_logs(self, candidates: Sequence[Candidate]) -> list[list[tuple[Effect, ...]]]:
+        """Effects ``[candidate][log]``, each log with the numbers fitted without its fold."""
+        return [
+            [candidate.effects_on(log, fold) for log, fold in zip(self.names, self.folds.tolist(), strict=True)]
+            for candidate in candidates
+        ]
+
     def replays(self, candidates: Sequence[Candidate]) -> list[Sequence[Motion]]:
         """Replays of all rows by several candidates, each log with the numbers fitted without its fold."""
         new = list({id(c): c for c in candidates if id(c) not in self.motions and c.hypotheses}.values())
         trials = [
-            Rollout(log, extend_to_whole_log(candidate.effects_on(log.name, fold), rows, len(log)))
-            for candidate in new
-            for log, fold, rows in zip(self.logs, self.folds.tolist(), self.judged.rows, strict=True)
+            trial
+            for effects in self.effects_on_logs(new)
+            for trial in self.judged.whole_trials(
+                [
+                    tuple(effect.extend_to(rows, len(states.log)) for effect in own)
+                    for own, rows, states in zip(effects, self.judged.rows, self.judged.whole, strict=True)
+                ]
+            )
         ]
         found = iter(self.replayer.motions(trials))
         for candidate in new:
-            motions = [next(found) for _ in self.logs]
+            motions = [next(found) for _ in self.names]
             self.motions[id(candidate)] = motions
             self.cache[id(candidate)] = candidate, motion_squares(motions, self.judged)
         return [
@@ -229,11 +266,7 @@ class HeldOutGap:
     def squares(self, candidates: Sequence[Candidate]) -> list[np.ndarray]:
         """Sums of squares (logs,) on held-out logs; candidates that are not in the cache are replayed as one batch."""
         new = list({id(c): c for c in candidates if id(c) not in self.cache and c.hypotheses}.values())
-        effect_sets = [
-            [candidate.effects_on(log, fold) for log, fold in zip(self.names, self.folds.tolist(), strict=True)]
-            for candidate in new
-        ]
-        for candidate, found in zip(new, self.squares_with(effect_sets), strict=True):
+        for candidate, found in zip(new, self.squares_with(self.effects_on_logs(new)), strict=True):
             self.cache[id(candidate)] = candidate, found
         return [self.cache[id(candidate)][1] if candidate.hypotheses else self.nominal for candidate in candidates]
 
@@ -271,8 +304,7 @@ class HeldOutGap:
 
     def gaps_at_horizons(self, candidate: Candidate) -> list[tuple[HorizonGap, float]]:
         """The nominal gap at each horizon, and that of a candidate on held-out logs."""
-        effects = [candidate.effects_on(log, fold) for log, fold in zip(self.names, self.folds.tolist(), strict=True)]
-        trials = [Rollout(log, own) for log, own in zip(self.judged.logs, effects, strict=True)]
+        trials = self.judged.trials(*self.effects_on_logs([candidate]))
         base = self.replayer.replayer if isinstance(self.replayer, RestartedReplayer) else self.replayer
         found = []
         for gap in self.horizons:
@@ -328,8 +360,3 @@ class HeldOutGap:
         replayer = self.replayer.with_steps(largest_step_s)
         nominal = candidate_squares(self.judged, replayer, [[()] * len(self.judged.logs)])[0]
         return replace(self, replayer=replayer, nominal=nominal, cache={}, motions={})
-
-
-def extend_to_whole_log(effects: Sequence[Effect], rows: int, all_rows: int) -> tuple[Effect, ...]:
-    """Effects fitted on the first ``rows`` rows of a log, extended to all its rows."""
-    return tuple(effect.extend_to(rows, all_rows) for effect in effects)

@@ -1,124 +1,22 @@
-"""Replays that start anew from the log after a horizon, and the longest horizon at which they say anything.
+"""The horizons at which replays are judged, and the longest one at which they say anything.
 
 A robot under tight joint control is replayed over a whole log. One that is driven by torques, or falls, soon does
 something else for reasons as small as noise; over a shorter time its replay still says what the model lacks.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.diagnosis.channels import channel_errors, displaced
+from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
-from leapgap.diagnosis.short_rollouts import smooth_starts
-from leapgap.logs.log import Log
-from leapgap.logs.state import fitted_noise, motion_of
-from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.diagnosis.restarts import restarts
 
 HORIZONS_S = (0.1, 0.3, 1.0)
 """Horizons at which errors are told, beside whole logs."""
 INFORMATIVE = 0.5
 """A replay is informative while its error is below this share of that of a robot that stays as it was."""
-
-
-StartNoise = np.ndarray
-"""Small steps of each start in the tangent of its state, (starts, 2 nv)."""
-
-
-@dataclass(frozen=True)
-class RestartedReplayer:
-    """Replays logs as ``Replayer`` does, but starts anew from the log after each horizon."""
-
-    replayer: Replayer
-    horizon_s: float
-
-    @property
-    def largest_step_s(self) -> float:
-        """Largest step of the simulation, s."""
-        return self.replayer.largest_step_s
-
-    def with_steps(self, largest_step_s: float) -> "RestartedReplayer":
-        """The same with another largest step of the simulation."""
-        return replace(self, replayer=self.replayer.with_steps(largest_step_s))
-
-    def motions(self, trials: Sequence[Rollout], noise: Sequence[StartNoise | None] | None = None) -> list[Motion]:
-        """Motion of every trial over all rows of its log, made of pieces; equal at any number of threads.
-
-        ``noise`` disturbs the starts of each trial's pieces.
-        """
-        with ThreadPoolExecutor(self.replayer.threads) as pool:
-            return list(pool.map(self._motion, trials, noise or [None] * len(trials)))
-
-    def starts(self, log: Log) -> tuple[Starts, np.ndarray]:
-        """Smoothed starts of the pieces of a log, and the share of the sensor noise that remains in each."""
-        robot = self.replayer.robot
-        begins = restarts(len(log), log.info.rows(self.horizon_s))
-        return smooth_starts(motion_of(log, robot), begins, log, robot)
-
-    def _motion(self, trial: Rollout, noise: StartNoise | None) -> Motion:
-        log, rows = trial.log, trial.log.info.rows(self.horizon_s)
-        starts, _ = self.starts(log)
-        if noise is not None:
-            starts = disturbed(starts, noise, self.replayer.robot)
-        whole = [k for k, begin in enumerate(starts.rows) if begin + rows < len(log)]
-        pieces = self._pieces(trial, starts, whole, rows + 1)
-        if len(whole) < len(starts.rows):  # the last one ends with the log
-            pieces += self._pieces(trial, starts, [len(starts.rows) - 1], len(log) - starts.rows[-1])
-        kept = [piece[:rows] for piece in pieces[:-1]] + pieces[-1:]
-        return Motion(np.concatenate([one.qpos for one in kept]), np.concatenate([one.qvel for one in kept]))
-
-    def _pieces(self, trial: Rollout, starts: Starts, which: Sequence[int], rows: int) -> list[Motion]:
-        some = Starts([starts.rows[k] for k in which], starts.states[list(which)])
-        return self.replayer.replay_pieces([trial], [some], rows)[0] if which else []
-
-
-def restarts(length: int, rows: int) -> list[int]:
-    """First rows of the pieces of ``rows`` rows of a log; the grid does not depend on where the log ends."""
-    return list(range(0, max(length - 1, 1), rows))
-
-
-def disturbed(starts: Starts, noise: StartNoise, robot: Robot) -> Starts:
-    """Starts with noise."""
-    states = Motion(*np.split(starts.states, [robot.model.nq], axis=1))
-    moved = displaced(states, noise, robot)
-    return Starts(starts.rows, np.concatenate([moved.qpos, moved.qvel], axis=1))
-
-
-def noise_floor_at(
-    replayer: Replayer | RestartedReplayer,
-    judged: JudgedLogs,
-    draws: int,
-    rng: np.random.Generator,
-    nominal: Sequence[Motion],
-) -> np.ndarray:
-    """Mean sum of squares that sensor noise alone gives for each log, (logs,); ``nominal`` as in ``noise_floor``."""
-    if isinstance(replayer, Replayer):
-        return noise_floor(judged, replayer, draws, rng, nominal)
-    total = np.zeros(len(judged.logs))
-    of_rows, of_map = judged.noise(judged.channels), judged.noise(judged.mapped)
-    starts = [replayer.starts(log) for log in judged.logs]
-    shares = [share for _, share in starts]
-    fitted = [
-        fitted_noise(log, motion, judged.robot, start.rows)
-        for log, motion, (start, _) in zip(judged.logs, judged.motions, starts, strict=True)
-    ]
-    trials = [Rollout(log) for log in judged.logs]
-    for _ in range(draws):
-        noise = []
-        for sigma, share, own in zip(of_map, shares, fitted, strict=True):
-            by = own.copy()
-            by[:, [channel.entry for channel in judged.mapped]] = sigma * share[:, None]
-            noise.append(by * rng.standard_normal(by.shape))
-        for j, motion in enumerate(replayer.motions(trials, noise)):
-            error = channel_errors(motion, nominal[j][: len(motion)], judged.channels, judged.robot)
-            error -= rng.standard_normal(error.shape) * of_rows[j]
-            total[j] += float(((error / judged.scales) ** 2).sum())
-    return total / draws
 
 
 @dataclass(frozen=True)
@@ -137,13 +35,13 @@ class HorizonGap:
         return self.nominal < INFORMATIVE * self.unmoved
 
 
-def replayer_at(replayer: Replayer, horizon_s: float | None) -> Replayer | RestartedReplayer:
-    """A replayer of whole logs, or one that restarts."""
-    return replayer if horizon_s is None else RestartedReplayer(replayer, horizon_s)
-
-
 def horizons_of(judged: JudgedLogs) -> list[float | None]:
-    """Horizons that are shorter than the longest log, longest first, whole logs before them."""
+    """Horizons that are shorter than the longest log, longest first, whole logs before them; of jumps the latter alone.
+
+    The gap of jumps is that of whole logs by definition, so that no other horizon is worth the time of its replays.
+    """
+    if judged.preset == "jump":
+        return [None]
     longest = max(float(log.time[-1]) for log in judged.logs)
     return [None, *(horizon for horizon in sorted(HORIZONS_S, reverse=True) if horizon < longest)]
 

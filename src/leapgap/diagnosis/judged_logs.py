@@ -2,17 +2,29 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.channels import JUMP, Channel, jump_channels, logged_channels, sensor_noise, sized_channels
+from leapgap.diagnosis.channels import (
+    BASE_TURNS,
+    JUMP,
+    Channel,
+    jump_channels,
+    logged_channels,
+    sensor_noise,
+    sized_channels,
+)
+from leapgap.diagnosis.scored_sensors import ScoredSensors
+from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.contacts import has_feet_in_world, sole_heights
 from leapgap.logs.log import Log
 from leapgap.logs.segments import FLIGHT, TOUCH_DOWN
-from leapgap.logs.state import motion_of
+from leapgap.logs.state import States
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
+from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
+from leapgap.simulation.replay import Rollout
 
 GAIN_CHANGE_MARGIN_S = 0.010
 """Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
@@ -46,17 +58,21 @@ def touch_down_row(log: Log, robot: Robot) -> int:
 
 @dataclass(frozen=True)
 class JudgedLogs:
-    """Logs with the rows and channels that are compared."""
+    """Logs with the rows and channels that are compared; the one holder of each log's states and noise."""
 
     robot: Robot
-    logs: tuple[Log, ...]
-    """Logs, cut after the judged rows."""
-    motions: tuple[Motion, ...]
-    """Their measured motions."""
+    whole: tuple[States, ...]
+    """States of all rows of each log."""
+    states: tuple[States, ...]
+    """Those of the judged rows."""
+    sensors: ScoredSensors
+    """Columns beside the state that are compared."""
+    logged: tuple[Channel, ...]
+    """Channels that every log has."""
     channels: tuple[Channel, ...]
-    """Channels of the headline gap, which every log has, with their sizes."""
+    """Those of the headline gap, with their sizes."""
     mapped: tuple[Channel, ...]
-    """Channels of the map of where the gap lies."""
+    """Those of the map of where the gap lies."""
     preset: str
     """``jump`` for the planar channels of jumps at fixed sizes, ``all`` for every channel by its spread."""
 
@@ -72,36 +88,92 @@ class JudgedLogs:
         if not logged:
             expected = "positions of the joints, or the state of the base, in every log"
             raise InputError(logs[0].name, "nothing measured that every log has", expected, "log it")
-        cut = tuple(log.first_rows(headline_rows(log, robot)) for log in logs)
-        motions = tuple(motion_of(log, robot) for log in cut)
         planar = jump_channels(logged)
-        if planar and not sizes and all(is_jump(log) for log in logs):
-            joints = [channel for channel in logged if channel.name in planar_and_joints(robot)]
-            return JudgedLogs(robot, cut, motions, planar, tuple(joints), "jump")
-        every = sized_channels(motions, logged, robot, sizes or {})
-        return JudgedLogs(robot, cut, motions, every, every, "all")
+        of_jumps = bool(planar) and not sizes and all(is_jump(log) for log in logs)
+        sensors = ScoredSensors() if of_jumps else ScoredSensors.of(logs, robot)
+        whole = tuple(States.of(log, robot, sensors.columns) for log in logs)
+        states = tuple(of_log.first_rows(headline_rows(of_log.log, robot)) for of_log in whole)
+        if of_jumps:
+            joints = tuple(channel for channel in logged if channel.name in planar_and_joints(robot))
+            return JudgedLogs(robot, whole, states, sensors, logged, planar, joints, "jump")
+        logged = logged_channels(logs, robot, sensors.columns)
+        every = sized_channels([of_log.motion for of_log in states], logged, robot, sizes or {})
+        return JudgedLogs(robot, whole, states, sensors, logged, every, every, "all")
 
-    @property
+    @cached_property
+    def logs(self) -> tuple[Log, ...]:
+        """Logs, cut after the judged rows."""
+        return tuple(of_log.log for of_log in self.states)
+
+    @cached_property
+    def motions(self) -> tuple[Motion, ...]:
+        """Measured motions of the judged rows."""
+        return tuple(of_log.motion for of_log in self.states)
+
+    @cached_property
     def rows(self) -> tuple[int, ...]:
         """Number of judged rows of each log."""
         return tuple(len(log) for log in self.logs)
 
-    @property
+    @cached_property
     def value_counts(self) -> np.ndarray:
         """Number of compared values of each log, (logs,)."""
         return np.array(self.rows) * len(self.channels)
 
-    @property
+    @cached_property
     def scales(self) -> np.ndarray:
         """Size of each channel, (channels,)."""
         return np.array([c.scale for c in self.channels], dtype=float)
 
-    def noise(self, channels: Sequence[Channel]) -> list[np.ndarray]:
+    @cached_property
+    def noise(self) -> tuple[dict[str, float], ...]:
+        """Standard deviation of the sensor noise of each log by channel, for all that were logged."""
+        names = [channel.name for channel in self.logged]
+        return tuple(
+            dict(zip(names, sensor_noise(of.motion, of.log.info.sample_period_s, self.logged, self.robot), strict=True))
+            for of in self.states
+        )
+
+    def noise_in(self, channels: Sequence[Channel]) -> list[np.ndarray]:
         """Standard deviation of the sensor noise of each log in some channels, (channels,) each."""
-        return [
-            sensor_noise(motion, log.info.sample_period_s, channels, self.robot)
-            for motion, log in zip(self.motions, self.logs, strict=True)
-        ]
+        return [np.array([of_log[channel.name] for channel in channels]) for of_log in self.noise]
+
+    def start_noise(self, log: int, row: int = 0) -> np.ndarray:
+        """Noise of the state in a row of a log, (nq + nv,), in the channels of the map and in what was not measured.
+
+        An orientation is disturbed as the imaginary part of its quaternion, for small angles.
+        """
+        robot, deviation = self.robot, self.states[log].deviation[row]
+        nq, nv = robot.model.nq, robot.model.nv
+        found = np.concatenate([np.zeros(nq), deviation[nv:]])
+        if robot.has_free_base:
+            found[POSITION_SLICE] = deviation[VELOCITY_SLICE]
+        for channel in filter(lambda channel: channel.is_state, self.mapped):
+            sigma = self.noise[log][channel.name]
+            if channel.entry >= nv:
+                found[nq + channel.entry - nv] = sigma
+            elif channel.quantity == "base_turn":
+                found[QUATERNION_SLICE][1 + BASE_TURNS.index(channel.name)] = sigma / 2
+            elif channel.quantity == "base_pos":
+                found[channel.entry] = sigma
+            else:
+                (joint,) = np.flatnonzero(robot.joint_dofs == channel.entry)
+                found[robot.joint_qpos[joint]] = sigma
+        return found
+
+    def trials(self, effects: Sequence[tuple[Effect, ...]] | None = None) -> list[Rollout]:
+        """Replays of the judged rows of each log, with its own effects."""
+        return trials_of(self.states, effects)
+
+    def whole_trials(self, effects: Sequence[tuple[Effect, ...]] | None = None) -> list[Rollout]:
+        """Replays of all rows of each log, with its own effects."""
+        return trials_of(self.whole, effects)
+
+
+def trials_of(states: Sequence[States], effects: Sequence[tuple[Effect, ...]] | None) -> list[Rollout]:
+    """One replay of each log, from its measured states; None: by the nominal robot."""
+    own = [()] * len(states) if effects is None else effects
+    return [Rollout(of.log, acting, measured=of.motion) for of, acting in zip(states, own, strict=True)]
 
 
 def is_jump(log: Log) -> bool:

@@ -7,7 +7,6 @@ import numpy as np
 
 from leapgap.diagnosis.channels import Channel, channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import state_noise
 from leapgap.logs.log import Log
 from leapgap.logs.segments import segment_of_rows
 from leapgap.robot.motion import Motion
@@ -78,11 +77,11 @@ def localise(
     """
     names, channels = phase_names(judged.logs), judged.mapped
     pieces, starts = [], []
-    for log, sigma in enumerate(judged.noise(channels)):
+    for log, sigma in enumerate(judged.noise_in(channels)):
         for piece, phases, first in pieces_of(judged.logs[log], names, horizon_s):
             measured = judged.motions[log][first : first + len(piece)]
             pieces.append(Piece(piece, measured, phases, len(names), sigma))
-            starts.append(state_noise(judged, log, first))
+            starts.append(judged.start_noise(log, first))
     least = np.array([least_noise(c) for c in channels])
     motions = replayer.motions([Rollout(piece.log, first_state=piece.measured.first_state) for piece in pieces])
     errors = [
@@ -154,4 +153,4 @@ def pieces_of(log: Log, names: Sequence[str], horizon_s: float) -> list[tuple[Lo
 
 def least_noise(channel: Channel) -> float:
     """Lower bound of a channel's noise, since logs are rounded to a last digit."""
-    return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2}[channel.unit]
+    return {"m": 1e-3, "rad": 1e-3, "m/s": 1e-2, "rad/s": 1e-2, "m/s²": 1e-1, "N": 1.0}[channel.unit]

@@ -15,12 +15,12 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.channels import Channel, logged_channels, tangent_difference
+from leapgap.diagnosis.channels import Channel, logged_channels, tangent_difference, with_fast_parts
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
-from leapgap.logs.state import fitted_noise, motion_of
+from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
@@ -38,8 +38,10 @@ LEAST_NOISE = {
     "base_angvel": 1e-3,
     "joint_pos": 1e-4,
     "joint_vel": 1e-3,
+    "imu_acc": 1e-2,
+    "foot_force": 0.1,
 }
-"""Lower bound of a quantity's noise, m, rad, m/s, rad/s, since logs are rounded to a last digit."""
+"""Lower bound of a quantity's noise, m, rad, m/s, rad/s, m/s², N, since logs are rounded to a last digit."""
 ROLLOUTS_AT_ONCE = 200
 """Largest number of rollouts in one batch of a thread; it bounds memory."""
 SHARES = 3
@@ -48,20 +50,25 @@ SHARES = 3
 
 @dataclass(frozen=True)
 class StateChannels:
-    """Channels of the robot's state that every log has, and their differences between two motions."""
+    """Channels that every log has, those of the robot's state first, and their differences between two motions."""
 
     robot: Robot
     channels: tuple[Channel, ...]
 
     @staticmethod
-    def of(logs: Sequence[Log], robot: Robot) -> "StateChannels":
-        """Channels that every log has."""
-        return StateChannels(robot, logged_channels(logs, robot))
+    def of(logs: Sequence[Log], robot: Robot, sensors: Sequence[str] = ()) -> "StateChannels":
+        """Channels that every log has, with some columns of sensors beside the state."""
+        return StateChannels(robot, logged_channels(logs, robot, sensors))
 
     @cached_property
     def entries(self) -> np.ndarray:
-        """Indices of the channels in the tangent of the state (2 nv,), (channels,)."""
+        """Indices of the channels in the tangent of the state (2 nv,) and the sensors behind it, (channels,)."""
         return np.array([channel.entry for channel in self.channels])
+
+    @cached_property
+    def state_entries(self) -> np.ndarray:
+        """Those of the state alone, which can be displaced; they stand first."""
+        return np.array([channel.entry for channel in self.channels if channel.is_state], dtype=int)
 
     def differences(self, simulated: Motion, logged: Motion) -> np.ndarray:
         """Simulated − logged in the channels, (rows, channels)."""
@@ -79,6 +86,7 @@ class StateChannels:
     def noise(self, logged: Motion, period_s: float) -> np.ndarray:
         """Standard deviation of each channel's sensor noise, (channels,)."""
         found = noise_of(self.differences(logged[1:], logged[:-1]), period_s)
+        found = with_fast_parts(found, logged, period_s, self.channels)
         return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
 
 
@@ -130,12 +138,12 @@ class Pieces:
     """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
 
     @staticmethod
-    def of(log: Log, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
+    def of(states: States, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
         """Pieces of a log that start at these rows, and are compared after ``ages`` rows."""
-        logged = motion_of(log, state.robot)
+        log, logged = states.log, states.motion
         starts, kept = smooth_starts(logged, rows, log, state.robot)
-        fitted = fitted_noise(log, logged, state.robot, rows)
-        return Pieces(log, logged, starts, state.noise(logged, log.info.sample_period_s), kept, fitted, ages)
+        noise = state.noise(logged, log.info.sample_period_s)
+        return Pieces(log, logged, starts, noise, kept, states.deviation[list(rows)], ages)
 
     def downsample(self, rows: int) -> "Pieces":
         """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
@@ -168,9 +176,12 @@ class ShortRollouts:
     """For each log, (pieces, values, values): whitened = W @ error, values = ages × channels."""
 
     @staticmethod
-    def of(logs: Sequence[Log], replayer: Replayer, horizon_s: float, every_s: float, most: int) -> "ShortRollouts":
+    def of(
+        states: Sequence[States], replayer: Replayer, horizon_s: float, every_s: float, most: int
+    ) -> "ShortRollouts":
         """Cut logs to at most ``most`` pieces of a horizon, compared every ``every_s``; without whitening yet."""
-        state = StateChannels.of(logs, replayer.robot)
+        logs = [of_log.log for of_log in states]
+        state = StateChannels.of(logs, replayer.robot, replayer.sensors)
         number = np.arange(1, round(horizon_s / every_s) + 1)
         ages = [number * log.info.rows(every_s) for log in logs]
         rows = thin_evenly([np.arange(0, len(log) - a[-1], a[-1]) for log, a in zip(logs, ages, strict=True)], most)
@@ -179,7 +190,7 @@ class ShortRollouts:
             raise InputError(
                 "diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions"
             )
-        pieces = [Pieces.of(log, own.tolist(), a, state) for log, own, a in zip(logs, rows, ages, strict=True)]
+        pieces = [Pieces.of(of, own.tolist(), a, state) for of, own, a in zip(states, rows, ages, strict=True)]
         return ShortRollouts(state, replayer, tuple(pieces), ())
 
     def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":
@@ -253,10 +264,10 @@ class ShortRollouts:
         errors = self.errors(trials)
         for own in self.pieces:
             base = next(errors)
-            fitted = int(own.fitted_noise.any(axis=0).sum())
-            displaced = len(self.state.channels) + 2 * fitted
+            fitted, measured = int(own.fitted_noise.any(axis=0).sum()), len(self.state.state_entries)
+            displaced = measured + 2 * fitted
             growth = np.nan_to_num(np.stack([next(errors) - base for _ in range(displaced)], axis=2))
-            growth[:, :, len(self.state.channels) :] /= np.sqrt(2)  # two directions of one state
+            growth[:, :, measured:] /= np.sqrt(2)  # two directions of one state
             white = np.tile(own.noise, len(own.ages)) ** 2  # growth: (pieces, values, channels)
             covariance = growth @ growth.transpose(0, 2, 1) + np.diag(white)
             yield np.linalg.inv(np.linalg.cholesky(covariance))
@@ -268,7 +279,7 @@ class ShortRollouts:
         change when a foot lands.
         """
         sign = np.where(np.arange(len(own.starts.rows)) % 2, -1.0, 1.0)
-        sizes = [(int(e), own.start_noise * own.noise[c]) for c, e in enumerate(self.state.entries)]
+        sizes = [(int(e), own.start_noise * own.noise[c]) for c, e in enumerate(self.state.state_entries)]
         fitted = np.flatnonzero(own.fitted_noise.any(axis=0))
         sizes += [(int(e), way * own.fitted_noise[:, e]) for e in fitted for way in (1, -1)]
         for entry, size in sizes:

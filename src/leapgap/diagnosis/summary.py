@@ -14,7 +14,6 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log
-from leapgap.logs.state import estimated_base, fitted_velocities, has_base_velocity
 
 SIGMAS = 1.96
 """Half width of a 95 % interval in standard deviations."""
@@ -167,9 +166,9 @@ def next_experiment(answer: Answer, logs: Sequence[Log]) -> dict[str, Any] | Non
     return {"sentence": sentence, "separates": separates, "collect": collect}
 
 
-def not_judged(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
+def not_judged(judged: JudgedLogs) -> list[str]:
     """What could not be judged, in words: columns that some log lacks, and rows that are left out."""
-    robot = judged.robot
+    robot, logs = judged.robot, [states.log for states in judged.whole]
     wanted = [channel.name for channel in state_channels(robot) if channel.name.startswith("base_")]
     wanted += [f"{quantity}/{robot.joints[0]}" for quantity in ("joint_pos", "joint_vel", "tau")]
     wanted += ["imu_acc_z", "supply_voltage"]
@@ -182,19 +181,21 @@ def not_judged(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
         "supply_voltage": "sag of the supply",
     }
     named = [meaning.get(name.split("/")[0], name.split("/")[0]) for name in lacking]
-    fitted = {quantity for log in logs for quantity in fitted_velocities(log, robot)[1]}
+    fitted = {quantity for states in judged.whole for quantity in states.fitted}
     started = [f"{quantity} (at the start of replays from a fit through the positions)" for quantity in sorted(fitted)]
-    if any(estimated_base(log, robot) is not None for log in logs):
-        moves = "" if all(has_base_velocity(log) for log in logs) else " and velocity"
+    estimated = {quantity for states in judged.whole for quantity in states.estimated}
+    if estimated:
+        moves = " and velocity" if "base_linvel" in estimated else ""
         started.append(f"base position{moves} (at the start of replays, from planted feet and attitude)")
-        fitted |= {"base_pos", "base_linvel"} if moves else {"base_pos"}
+        fitted |= estimated
     plain = [name for name in named if not any(name.startswith(quantity) for quantity in fitted)]
-    return list(dict.fromkeys([*plain, *started])) + rows_left_out(judged, logs)
+    return [*dict.fromkeys([*plain, *started]), *judged.sensors.notes, *rows_left_out(judged)]
 
 
-def rows_left_out(judged: JudgedLogs, logs: Sequence[Log]) -> list[str]:
+def rows_left_out(judged: JudgedLogs) -> list[str]:
     """One line on the rows after those that are judged; nothing where all are."""
-    ends = [log.time[-1] - log.time[rows - 1] for log, rows in zip(logs, judged.rows, strict=True)]
+    times = [states.log.time for states in judged.whole]
+    ends = [time[-1] - time[rows - 1] for time, rows in zip(times, judged.rows, strict=True)]
     if max(ends) <= 0:
         return []
     return [f"the last {min(ends):.2f} to {max(ends):.2f} s of the logs, after touch-down or a change of gains"]

@@ -43,6 +43,12 @@ class BaseEstimate:
     velocity_deviation: np.ndarray
     """(rows, 3), m/s."""
 
+    def first_rows(self, rows: int) -> "BaseEstimate":
+        """The estimate of the first rows."""
+        return BaseEstimate(
+            self.position[:rows], self.velocity[:rows], self.height_deviation[:rows], self.velocity_deviation[:rows]
+        )
+
 
 def check_base(log: Log, robot: Robot) -> None:
     """Raise ``InputError`` for a log from which the base of a floating robot cannot be estimated."""

@@ -1,6 +1,7 @@
 """Conversion between the columns of a log and the motion of a robot; no other file does it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,26 +20,65 @@ FIT_WINDOW_S, FIT_ROWS = 0.03, 7
 """Velocities that were not logged are slopes of parabolas through the positions within this time, or so many rows."""
 
 
+@dataclass(frozen=True)
+class States:
+    """The states of a robot in the rows of a log, and how surely those are known that nobody measured."""
+
+    log: Log
+    motion: Motion
+    fitted: frozenset[str]
+    """Quantities that are slopes of a fit through others, here or by the importer."""
+    base: BaseEstimate | None
+    """Of a floating base whose position was not logged, by its planted feet; None elsewhere."""
+    deviation: np.ndarray
+    """Standard deviation of states that were not measured, in their tangent, (rows, 2 nv); zero for what was logged."""
+
+    @staticmethod
+    def of(log: Log, robot: Robot, sensors: Sequence[str] = ()) -> "States":
+        """The states of every row, with the columns of some further sensors.
+
+        A free base needs a logged attitude (``InputError`` otherwise). Velocities of which no component was logged are
+        slopes of parabolas through the positions. Position and velocity of a base whose position was not logged come
+        from its feet (``estimate_base``). Both start replays, and are compared with nothing. A single component that
+        is missing is zero.
+        """
+        window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
+        joints = [joint for joint in robot.joints if f"joint_pos/{joint}" in log]
+        full, derived = add_velocities(log, joints, window) if len(log) >= FIT_ROWS else (log, {})
+        motion, fitted = logged_motion(full, robot), frozenset([*derived, *log.derived])
+        base = estimated_base(log, robot, motion)
+        if base is not None:
+            motion.base_position[:] = base.position
+            if not has_base_velocity(log):
+                motion.base_velocity[:] = base.velocity
+        deviation = np.broadcast_to(0.0, (len(log), 2 * robot.model.nv))
+        if fitted or base is not None:
+            deviation = unmeasured_deviation(log, motion, robot, fitted, base, window)
+        if sensors:
+            motion = replace(motion, sensors=log.stack(sensors))
+        return States(log, motion, fitted, base, deviation)
+
+    def first_rows(self, rows: int) -> "States":
+        """Those of the first rows of the log."""
+        base = None if self.base is None else self.base.first_rows(rows)
+        return States(self.log.first_rows(rows), self.motion[:rows], self.fitted, base, self.deviation[:rows])
+
+    @property
+    def estimated(self) -> frozenset[str]:
+        """Quantities of the base that come from its planted feet."""
+        if self.base is None:
+            return frozenset()
+        return frozenset({"base_pos"} if has_base_velocity(self.log) else {"base_pos", "base_linvel"})
+
+
 def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
-    """The measured motion of the robot in some rows of a log.
-
-    A free base needs a logged attitude (``InputError`` otherwise). Velocities of which no component was logged come
-    from a fit through the positions (``fitted_velocities``), the position and velocity of a base without a logged
-    position from its feet (``estimated_base``). A single component that is missing is zero.
-    """
-    motion, estimate = logged_motion(log, robot, rows), estimated_base(log, robot)
-    if estimate is not None:
-        motion.base_position[:] = estimate.position[rows]
-        if not has_base_velocity(log):
-            motion.base_velocity[:] = estimate.velocity[rows]
-    return motion
+    """The motion of the robot in some rows of a log: ``States``, without what is known of their noise."""
+    return States.of(log, robot).motion[rows]
 
 
-def logged_motion(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
-    """The motion with its fitted velocities, and zero for the position of a base that was not logged."""
-    log, _ = fitted_velocities(log, robot)
-    number = len(range(*rows.indices(len(log))))
-    motion = Motion(np.tile(robot.model.qpos0, (number, 1)), np.zeros((number, robot.model.nv)))
+def logged_motion(log: Log, robot: Robot) -> Motion:
+    """The columns of a log as a motion; zero for what it lacks."""
+    motion = Motion(np.tile(robot.model.qpos0, (len(log), 1)), np.zeros((len(log), robot.model.nv)))
     if robot.has_free_base:
         if BASE_QUATERNION[0] not in log:
             raise InputError(
@@ -47,18 +87,18 @@ def logged_motion(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
                 f"the attitude of the free base of {robot.name}",
                 "log it; a robot that hangs is diagnosed with robot.fix_base=true",
             )
-        motion.base_position[:] = log.stack(BASE_POSITION)[rows] if BASE_POSITION[0] in log else 0.0
-        motion.base_quaternion[:] = quaternions(log)[rows]
+        motion.base_position[:] = log.stack(BASE_POSITION) if BASE_POSITION[0] in log else 0.0
+        motion.base_quaternion[:] = quaternions(log)
         for part, columns in (
             (motion.base_velocity, BASE_VELOCITY),
             (motion.base_angular_velocity, BASE_ANGULAR_VELOCITY),
         ):
             for axis, column in enumerate(columns):
                 if column in log:
-                    part[:, axis] = log[column][rows]
-    motion.qpos[:, robot.joint_qpos] = log.per_joint("joint_pos", robot.joints)[rows]
+                    part[:, axis] = log[column]
+    motion.qpos[:, robot.joint_qpos] = log.per_joint("joint_pos", robot.joints)
     if f"joint_vel/{robot.joints[0]}" in log:
-        motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)[rows]
+        motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)
     return motion
 
 
@@ -67,20 +107,15 @@ def has_base_velocity(log: Log) -> bool:
     return any(column in log for column in BASE_VELOCITY)
 
 
-def estimated_base(log: Log, robot: Robot) -> BaseEstimate | None:
-    """The base of a floating robot by its planted feet, where its position was not logged; None elsewhere; cached.
+def estimated_base(log: Log, robot: Robot, motion: Motion) -> BaseEstimate | None:
+    """The base of a floating robot by its planted feet, where its position was not logged; None elsewhere.
 
-    It starts replays, and is compared with nothing.
+    ``motion`` has attitude, gyro and joints of the log, and a base at rest in the origin.
     """
     if not robot.has_free_base or BASE_POSITION[0] in log:
         return None
-    known, found = log.__dict__.get("_base", (None, None))
-    if known is not robot:
-        check_base(log, robot)
-        motion = logged_motion(log, robot)
-        found = estimate_base(log, robot, motion, motor_torques(log, robot, motion))
-        log.__dict__["_base"] = (robot, found)
-    return found
+    check_base(log, robot)
+    return estimate_base(log, robot, motion, motor_torques(log, robot, motion))
 
 
 def motor_torques(log: Log, robot: Robot, motion: Motion) -> np.ndarray:
@@ -94,41 +129,25 @@ def motor_torques(log: Log, robot: Robot, motion: Motion) -> np.ndarray:
     return torque
 
 
-def fitted_velocities(log: Log, robot: Robot) -> tuple[Log, frozenset[str]]:
-    """The log with velocities from its positions where it has none, and the quantities that were fitted; cached.
-
-    They start replays, and are compared with nothing.
-    """
-    if "_fitted" not in log.__dict__:
-        window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
-        joints = [joint for joint in robot.joints if f"joint_pos/{joint}" in log]
-        enough = len(log) >= FIT_ROWS
-        full, derived = add_velocities(log, joints, window) if enough else (log, {})
-        log.__dict__["_fitted"] = (full, frozenset([*derived, *log.derived]))
-    found: tuple[Log, frozenset[str]] = log.__dict__["_fitted"]
-    return found
-
-
-def fitted_noise(log: Log, motion: Motion, robot: Robot, rows: Sequence[int]) -> np.ndarray:
+def unmeasured_deviation(
+    log: Log, motion: Motion, robot: Robot, fitted: frozenset[str], base: BaseEstimate | None, window_s: float
+) -> np.ndarray:
     """Standard deviation of states that were not measured, in their tangent, (rows, 2 nv).
 
     That of fitted velocities is by the noise of the positions, and largest at the ends of a log; that of an estimated
-    base by how far its feet disagree. It is zero for what was logged. ``motion`` is that of the log.
+    base by how far its feet disagree.
     """
-    nv, found = robot.model.nv, np.zeros((len(rows), 2 * robot.model.nv))
-    _, fitted = fitted_velocities(log, robot)
+    nv, found = robot.model.nv, np.zeros((len(log), 2 * robot.model.nv))
     if fitted:
-        window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
-        gain = velocity_fit(log.time, log.time, window).noise_gain[list(rows)]
+        gain = velocity_fit(log.time, log.time, window_s).noise_gain
         sigma = noise_of(np.diff(tangent_of(motion, robot), axis=0), log.info.sample_period_s)
         for quantity, entries in entries_of(robot).items():
             if quantity in fitted:
                 found[:, nv + entries] = gain[:, None] * sigma[entries]
-    estimate = estimated_base(log, robot)
-    if estimate is not None:
-        found[:, VELOCITY_SLICE.stop - 1] = estimate.height_deviation[list(rows)]
+    if base is not None:
+        found[:, VELOCITY_SLICE.stop - 1] = base.height_deviation
         if not has_base_velocity(log):
-            found[:, nv : nv + VELOCITY_SLICE.stop] = estimate.velocity_deviation[list(rows)]
+            found[:, nv : nv + VELOCITY_SLICE.stop] = base.velocity_deviation
     return found
 
 

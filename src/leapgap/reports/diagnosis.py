@@ -139,7 +139,7 @@ def diagnose_logs(
     for note in robot.notes:
         progress(f"{robot.name}: {note}")
     diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
-    replayer = Replayer(robot)
+    replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
         return {log.name: replayer.as_log(motions[log.name], log) for log in logs}

@@ -39,8 +39,11 @@ LABELS = {
     "base_angvel_x": "roll rate",
     "base_angvel_y": "pitch rate",
     "base_angvel_z": "yaw rate",
+    "imu_acc_x": "acceleration x of the IMU",
+    "imu_acc_y": "acceleration y of the IMU",
+    "imu_acc_z": "acceleration z of the IMU",
 }
-JOINT_WORDS = {"joint_pos": "position", "joint_vel": "velocity"}
+JOINT_WORDS = {"joint_pos": "position", "joint_vel": "velocity", "foot_force": "force"}
 HALF_OF_CHI2_95 = 1.92
 """Loss of log likelihood at the end of a parameter's 95 % interval, for errors that are noise alone."""
 OVERLAID = 6
@@ -118,6 +121,8 @@ def row_of(channel: str, robot: Robot) -> str:
         return LABELS[channel]
     quantity, _, joint = channel.partition("/")
     what = JOINT_WORDS[quantity]
+    if quantity == "foot_force":
+        return f"{joint} foot {what}"
     group = next((name for name, alike in robot.topology.groups.items() if joint in alike), None)
     if group is None:
         return f"{joint} {what}"

@@ -21,13 +21,15 @@ class Motion:
     """(rows, nq): position and quaternion w x y z of a free base, then joints, in MuJoCo's order."""
     qvel: np.ndarray
     """(rows, nv): velocity of a free base in the world, its angular velocity in base axes, then joints."""
+    sensors: np.ndarray | None = None
+    """(rows, sensors): what sensors beside the state measured, in an order that the caller knows; None without any."""
 
     def __len__(self) -> int:
         return len(self.qpos)
 
     def __getitem__(self, rows: slice | np.ndarray) -> "Motion":
         """Some of the rows."""
-        return Motion(self.qpos[rows], self.qvel[rows])
+        return Motion(self.qpos[rows], self.qvel[rows], None if self.sensors is None else self.sensors[rows])
 
     def __iter__(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Positions and velocities row by row."""
@@ -55,7 +57,7 @@ class Motion:
 
     def copy(self) -> "Motion":
         """A copy with arrays of its own."""
-        return Motion(self.qpos.copy(), self.qvel.copy())
+        return Motion(self.qpos.copy(), self.qvel.copy(), None if self.sensors is None else self.sensors.copy())
 
     @property
     def first_state(self) -> np.ndarray:

@@ -22,6 +22,7 @@ from leapgap.logs.log import Log
 from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
+from leapgap.robot.model_sensors import add_sensors, sensor_addresses
 from leapgap.robot.motion import Motion
 
 LARGEST_STEP_S = 0.0011
@@ -42,6 +43,8 @@ class Rollout:
     effects: tuple[Effect, ...] = ()
     first_state: np.ndarray | None = None
     """(nq + nv,): true first state; None: by the log's first row."""
+    measured: Motion | None = None
+    """The log's measured motion, where it is known already; None: read from the log."""
 
     @property
     def structure(self) -> tuple[Hashable, ...]:
@@ -95,8 +98,8 @@ class Replayer:
     """Replays logs on one robot; keeps compiled models and working memory between calls.
 
     ``terrain_slots`` boxes are in every model, so that logs on different terrain share one batch. A control period
-    longer than ``largest_step_s`` is simulated in several equal steps. Several threads may call
-    ``replay_pieces`` at once.
+    longer than ``largest_step_s`` is simulated in several equal steps. Motions hold ``sensors``, which are columns of a
+    log (``robot.model_sensors``). Several threads may call ``replay_pieces`` at once.
     """
 
     def __init__(
@@ -105,8 +108,9 @@ class Replayer:
         terrain_slots: int = 1,
         threads: int | None = None,
         largest_step_s: float | None = None,
+        sensors: Sequence[str] = (),
     ) -> None:
-        self.robot = robot
+        self.robot, self.sensors = robot, tuple(sensors)
         own = ROUNDING * float(robot.model.opt.timestep)
         self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
         self.slots = terrain_slots
@@ -145,7 +149,8 @@ class Replayer:
     def measure(self, trial: Rollout, motion: Motion) -> Motion:
         """A true motion as the sensors of the trial's robot report it."""
         for effect in trial.effects:
-            motion = effect.change_measured(motion, trial.period_s, self.robot)
+            sensors = motion.sensors
+            motion = replace(effect.change_measured(motion, trial.period_s, self.robot), sensors=sensors)
         return motion
 
     def replay_pieces(self, trials: Sequence[Rollout], starts: Sequence["Starts"], rows: int) -> list[list[Motion]]:
@@ -166,8 +171,9 @@ class Replayer:
                 found |= {i: [] for i in chosen}
                 continue
             data = self._own_data(trials[chosen[0]])
-            out, _ = mujoco.rollout.rollout(models, data, np.stack(states), hold_controls(controls, counts))
-            pieces = zip(states, counts, out, strict=True)
+            out, read = mujoco.rollout.rollout(models, data, np.stack(states), hold_controls(controls, counts))
+            readings = [self._readings(*one) for one in zip(models, read, counts, strict=True)]
+            pieces = zip(states, counts, out, readings, strict=True)
             for i in chosen:
                 found[i] = [self._motion(trials[i], *next(pieces)) for _ in starts[i].rows]
         return [found[i] for i in range(len(trials))]
@@ -194,10 +200,22 @@ class Replayer:
             counts.append(steps[row : row + rows - 1])
         return models, states, controls, counts
 
-    def _motion(self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray) -> Motion:
+    def _motion(
+        self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray, readings: np.ndarray | None
+    ) -> Motion:
         """A piece, of its full first state and those after every step, as the trial's robot would log it."""
         nq, piece = self.bare.nq, np.concatenate([state[None], out[np.cumsum(counts) - 1]])
-        return self.measure(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv]))
+        return self.measure(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv], readings))
+
+    def _readings(self, model: mujoco.MjModel, read: np.ndarray, counts: np.ndarray) -> np.ndarray | None:
+        """Sensors in the last step before each row, (rows + 1, sensors), in the first step for the first row.
+
+        ``read`` are MuJoCo's readings in every step, (steps, values).
+        """
+        if not self.sensors:
+            return None
+        at = np.concatenate([[0], np.cumsum(counts) - 1])
+        return np.asarray(read[at][:, sensor_addresses(model, self.sensors)])
 
     def true_state(self, effects: Sequence[Effect], state: np.ndarray) -> np.ndarray:
         """The true state (nq + nv,) behind one that was reported."""
@@ -218,6 +236,7 @@ class Replayer:
         data = self._data(trials[0])
         counts = [self.row_steps(trial)[: rows - 1] for trial in trials]
         history: list[list[np.ndarray]] = []
+        readings: list[list[np.ndarray]] = [[] for _ in trials]
         for start, end in itertools.pairwise(switches):
             models = [self.model(trial, row=start) for trial in trials]
             if not history:
@@ -225,14 +244,20 @@ class Replayer:
                     [self.full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
                 ]
             control = hold_controls([c[start:end] for c in controls], [n[start:end] for n in counts])
-            out, _ = mujoco.rollout.rollout(
+            out, read = mujoco.rollout.rollout(
                 models, data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
             )
             for i, of_trial in enumerate(out):
                 history[i].append(of_trial[np.cumsum(counts[i][start:end]) - 1])
+                own = self._readings(models[i], read[i], counts[i][start:end])
+                readings[i] += [] if own is None else [own[1 if readings[i] else 0 :]]
         nq = self.bare.nq
         wholes = [np.concatenate(h) for h in history]
-        return [Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv]) for whole in wholes]
+        measured = [np.concatenate(r) if r else None for r in readings]
+        return [
+            Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv], own)
+            for whole, own in zip(wholes, measured, strict=True)
+        ]
 
     def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
         """MuJoCo's full state: time, positions, velocities, and the torque of motors that have a state.
@@ -269,7 +294,8 @@ class Replayer:
 
         What was not logged is fitted or estimated (``motion_of``); a floating robot needs its attitude.
         """
-        return self.true_state(trial.effects, motion_of(trial.log, self.robot, slice(1)).first_state)
+        measured = motion_of(trial.log, self.robot, slice(1)) if trial.measured is None else trial.measured
+        return self.true_state(trial.effects, measured.first_state)
 
     def foot_depths(self, trial: Rollout) -> np.ndarray:
         """Penetration of each foot into the ground at the start, m, (feet,); 0 above it."""
@@ -368,6 +394,7 @@ class Replayer:
         with self.compiling:
             if key not in self.compiled:
                 spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
+                add_sensors(spec, self.robot, self.sensors)
                 for effect in trial.effects:
                     if effect.structure is not None:
                         effect.change_spec(spec, self.robot)
@@ -385,5 +412,7 @@ class Replayer:
             for name, values in log.columns.items()
             if name == "time" or name.startswith("cmd_")
         }
+        if motion.sensors is not None:
+            columns |= dict(zip(self.sensors, motion.sensors.T, strict=True))
         info = replace(log.info, source=f"replay of {log.name}")
         return Log(log.name, columns | columns_of(motion, self.robot), info)
