@@ -100,11 +100,11 @@ def test_a_displaced_state_differs_in_its_channel_alone(evidence: ShortRollouts,
 def test_smoothing_keeps_parabolas_and_less_than_half_the_noise() -> None:
     rows = np.arange(60.0)
     logged = Motion((rows**2)[:, None], (3 * rows)[:, None])
-    value, kept = smooth_start(logged, 30, 60, 9)
+    value, kept = smooth_start(logged, 30, np.arange(60) - 30, 9)
     assert value == pytest.approx([900.0, 90.0])
     assert 0.2 < kept < 0.5
     draws = np.random.default_rng(0).standard_normal((4000, 60))
-    assert np.std([smooth_start(Motion(d[:, None], d[:, None]), 30, 60, 9)[0][0] for d in draws]) == pytest.approx(
+    assert np.std([smooth_start(Motion(d[:, None], d[:, None]), 30, np.arange(60) - 30, 9)[0][0] for d in draws]) == pytest.approx(
         kept, rel=0.05
     )
 
@@ -131,7 +131,7 @@ def test_noise_of_every_channel_is_read_off_the_log(robot: Robot, reference: Log
     noise = SensorNoise(base_pos_m=0.002, base_angle_rad=0.003, joint_vel_rad_s=0.07)
     (jump,) = hardware(robot, reference, noise=noise)
     state = StateChannels.of([jump], robot)
-    noise_of_channel = state.noise(motion_of(jump, robot), jump.info.sample_period_s)
+    noise_of_channel = state.noise(motion_of(jump, robot), jump)
     found = dict(zip((channel.name for channel in state.channels), noise_of_channel, strict=True))
     assert found["base_pos_y"] == pytest.approx(0.002, rel=0.15)
     assert found["base_pitch"] == pytest.approx(0.003, rel=0.15)

@@ -148,9 +148,11 @@ def logged_values(log: Log, channel: str) -> np.ndarray:
     return log.angles[channel] if channel in BASE_TURNS else log[channel]
 
 
-def sensor_noise(measured: Motion, period_s: float, channels: Sequence[Channel], robot: Robot) -> np.ndarray:
-    """Standard deviation of each channel's sensor noise, (channels,)."""
-    found = noise_of(channel_errors(measured[1:], measured[:-1], channels, robot), period_s)
+def sensor_noise(
+    measured: Motion, period_s: float, channels: Sequence[Channel], robot: Robot, lengths: np.ndarray | None = None
+) -> np.ndarray:
+    """Standard deviation of each channel's sensor noise, (channels,); ``lengths`` of uneven steps."""
+    found = noise_of(channel_errors(measured[1:], measured[:-1], channels, robot), period_s, lengths)
     return with_fast_parts(found, measured, period_s, channels)
 
 

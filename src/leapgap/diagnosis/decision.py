@@ -9,6 +9,7 @@ from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.robust_least_squares import losses
 from leapgap.diagnosis.sensitivities import FINE
 
@@ -189,7 +190,7 @@ def judge(
     result = drop_contradicted_causes(result, closed, thresholds)
     shares = best_set_shares(result, heldout_gap.draws) if result.rivals else np.zeros(0)
     heldout_gap.squares([*result.steps, *result.alternatives])
-    gap = heldout_gap.gap(heldout_gap.nominal) / heldout_gap.gap(heldout_gap.floor)
+    gap = heldout_gap.gap(heldout_gap.before) / heldout_gap.gap(heldout_gap.floor)
     # The nominal step's own error may hide what a small effect closes.
     closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure, FINE)
     conclusion = decide(result, shares, gap, closes, thresholds)
@@ -197,6 +198,28 @@ def judge(
         causes = FullRollouts(heldout_gap, full, progress).search(result.before(1), hypotheses, thresholds.rival_share)
         conclusion = conclude_from(causes)
     return Judgement(result, shares, conclusion)
+
+
+def judge_jointly(
+    judgement: Judgement, fit: JointFit, hypotheses: Sequence[Hypothesis], thresholds: DecisionThresholds
+) -> Judgement:
+    """The judgement, or that of all effects fitted together where it leaves much and they close more on held-out logs.
+
+    The causes of a joint fit that leave more than ``enough_closure`` explains are told as such (``partly``).
+    """
+    gap = fit.heldout_gap
+    (before,) = gap.squares([judgement.selected])
+    if gap.closure_value(before) >= thresholds.enough_closure:
+        return judgement
+    causes = fit.search(hypotheses)
+    after = causes[-1].fit.heldout
+    sure = float((before[gap.draws].sum(axis=1) > after[gap.draws].sum(axis=1)).mean())
+    closes = gap.closure_value(after)
+    if closes - gap.closure_value(before) < fit.plan.least_closure or sure < fit.plan.least_sure:
+        return judgement
+    conclusion = conclude_from(causes)
+    verdict = "named" if closes >= thresholds.enough_closure else "partly"
+    return replace(judgement, conclusion=replace(conclusion, verdict=verdict))
 
 
 def conclude_from(causes: Sequence[FullRolloutCause]) -> Conclusion:

@@ -1,18 +1,21 @@
 """The diagnosis from end to end: logs and a robot in, a report out."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.checks import clock_of, run_checks
-from leapgap.diagnosis.decision import DecisionThresholds, judge
+from leapgap.diagnosis.decision import DecisionThresholds, judge, judge_jointly
+from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.full_rollouts import FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
+from leapgap.diagnosis.own_clock import own_clock
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
@@ -72,6 +75,9 @@ class Settings:
     even_threshold: float = 0.03
     whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
     """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
+    joint: JointFitSettings = field(default_factory=JointFitSettings)
+    """Settings of the fit of all effects together, used where logs have a clock of their own."""
+    rows_threshold: float = 0.2
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
     noise_draws: int = 3
@@ -86,6 +92,7 @@ class Settings:
     def check_thresholds(self) -> dict[str, float]:
         """Thresholds of the consistency checks by name."""
         return {
+            "row_clock": self.rows_threshold,
             "joint_clock": self.clock_threshold,
             "base_clock": self.clock_threshold,
             "even_clock": self.even_threshold,
@@ -99,6 +106,8 @@ class Diagnosis:
     """A report with the replays made for it."""
 
     report: ReportContent
+    logs: tuple[Log, ...]
+    """The logs, by their own clock where that is another than they claim."""
     nominal: Mapping[str, Motion]
     """Replay of each log by the nominal robot, all rows."""
     corrected: Mapping[str, Motion]
@@ -132,9 +141,14 @@ def diagnose(
     replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
-    checks = run_checks(judged.logs, robot, settings.check_thresholds)
-    clock = clock_of(checks)
-    hypotheses = list_hypotheses(kinds, robot, clock)
+    checks = run_checks(judged.logs, robot, settings.check_thresholds, logs)
+    clock = own_clock(judged, checks, settings.sizes)
+    if clock is not None:
+        judged, kinds = clock.judged, [kind for kind in kinds if not kind.differs_per_log]
+        heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
+        progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
+    hypotheses = list_hypotheses(kinds, robot, clock_of(checks) if clock is None else None)
+    evidence = gather([states.log for states in judged.whole], robot)
     most = settings.pieces(len(logs))
     whole, coarse = (
         ShortRollouts.of(judged.states, replayer, settings.horizon_s, settings.every_s, pieces)
@@ -144,13 +158,17 @@ def diagnose(
     heldout_gap = heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
     )
-    gap, floor = heldout_gap.gap(heldout_gap.nominal), heldout_gap.gap(heldout_gap.floor)
+    gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
+    if clock is not None:
+        joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)
+        judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
+        judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
     judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
-    shared = heldout_gap.shared_closure(selected) if conclusion.answer else None
+    shared = heldout_gap.shared_closure(selected) if conclusion.answer and clock is None else None
     horizons = tuple(
         HorizonError(at.horizon_s, at.nominal, own, at.unmoved) for at, own in heldout_gap.gaps_at_horizons(selected)
     )
@@ -174,6 +192,7 @@ def diagnose(
         where=tuple(places),
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(checks),
+        evidence=tuple(evidence),
         next_experiment=next_experiment(conclusion.answer, logs),
         not_judged=tuple(not_judged(judged)),
         profiles=tuple(profiles_of(judgement.result)),
@@ -183,6 +202,7 @@ def diagnose(
     )
     return Diagnosis(
         report,
+        tuple(states.log for states in judged.whole),
         nominal=dict(zip(names, heldout_gap.nominal_motions, strict=True)),
         corrected=dict(zip(names, replays, strict=True)),
         correction=selected.typical_effects(names),

@@ -168,6 +168,8 @@ class HeldOutGap:
     """Their replays by the nominal robot."""
     horizons: Sequence[HorizonGap] = ()
     """The nominal robot's gap at several horizons."""
+    claimed: "HeldOutGap | None" = None
+    """The same of the logs as they claim to be, where they are judged by their own clock."""
     cache: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
     """Sums of squares by identity of the candidate, whose arrays cannot be hashed."""
     motions: dict[int, Sequence[Motion]] = field(default_factory=dict)
@@ -197,6 +199,30 @@ class HeldOutGap:
         resampled = resamples(len(judged.logs), draws, rng)
         return HeldOutGap(judged, replayer, fold_of_log, nominal, floor, resampled, motions, gaps)
 
+    def by_own_clock(self, judged: JudgedLogs, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
+        """The same logs by their own clock; what it makes of the gap is closed by whatever is judged from here on."""
+        motions = self.replayer.motions(judged.whole_trials())
+        return replace(
+            self,
+            judged=judged,
+            nominal=motion_squares(motions, judged),
+            floor=noise_floor(judged, self.replayer, noise_draws, rng, motions),
+            nominal_motions=motions,
+            claimed=self,
+            cache={},
+            motions={},
+        )
+
+    @property
+    def before(self) -> np.ndarray:
+        """Sums of squares, (logs,), of the simulation as it was given: nominal robot, claimed clock.
+
+        A log has fewer rows by its own clock; the sums are those of as many rows.
+        """
+        if self.claimed is None:
+            return self.nominal
+        return self.claimed.nominal * self.judged.value_counts / self.claimed.judged.value_counts
+
     def at_stable_horizon(self, answer: Candidate, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
         """The same at the longest horizon, up to this one, at which a right answer would show to be right.
 
@@ -225,8 +251,16 @@ class HeldOutGap:
         motions = replayer.motions(self.judged.whole_trials())
         floor = noise_floor(self.judged, replayer, noise_draws, rng, motions)
         nominal = motion_squares(motions, self.judged)
+        claimed = self.claimed and self.claimed.at(horizon_s, noise_draws, rng)
         return replace(
-            self, replayer=replayer, nominal=nominal, floor=floor, nominal_motions=motions, cache={}, motions={}
+            self,
+            replayer=replayer,
+            nominal=nominal,
+            floor=floor,
+            nominal_motions=motions,
+            claimed=claimed,
+            cache={},
+            motions={},
         )
 
     @property
@@ -296,11 +330,11 @@ class HeldOutGap:
 
     def closure(self, corrected: np.ndarray) -> Interval:
         """Share of the gap that is closed where sums of squares (logs,) remain, with its interval."""
-        return closure(self.nominal, corrected, self.floor, self.judged, self.draws)
+        return closure(self.before, corrected, self.floor, self.judged, self.draws)
 
     def closure_value(self, corrected: np.ndarray) -> float:
         """Share of the gap that is closed, without an interval."""
-        return closure(self.nominal, corrected, self.floor, self.judged, self.draws[:1]).value
+        return closure(self.before, corrected, self.floor, self.judged, self.draws[:1]).value
 
     def gaps_at_horizons(self, candidate: Candidate) -> list[tuple[HorizonGap, float]]:
         """The nominal gap at each horizon, and that of a candidate on held-out logs."""
@@ -337,7 +371,7 @@ class HeldOutGap:
     @property
     def has_gap(self) -> bool:
         """Whether replays of whole logs have a gap above noise."""
-        return above_noise(self.gap(self.nominal), self.gap(self.floor))
+        return above_noise(self.gap(self.before), self.gap(self.floor))
 
     def gap(self, corrected: np.ndarray) -> float:
         """Headline gap from sums of squares (logs,)."""
@@ -345,12 +379,13 @@ class HeldOutGap:
 
     def gap_by_log(self, corrected: np.ndarray) -> dict[str, dict[str, float]]:
         """Headline gap of each log, nominal and corrected."""
-        both = np.sqrt(np.stack([self.nominal, corrected]) / self.judged.value_counts)
+        both = np.sqrt(np.stack([self.before, corrected]) / self.judged.value_counts)
         return {n: {"nominal": float(a), "corrected": float(b)} for n, a, b in zip(self.names, *both, strict=True)}
 
     def misplaced_by_log(self, corrected: Sequence[Motion]) -> dict[str, dict[str, float]]:
         """Error of the trunk's x in the last judged row of each log, m, nominal and corrected; empty without a base."""
-        before = final_position_errors(self.nominal_motions, self.judged)
+        given = self.claimed or self
+        before = final_position_errors(given.nominal_motions, given.judged)
         after = final_position_errors(corrected, self.judged)
         of_logs = zip(self.names, before, after, strict=False)
         return {log: {"nominal": nominal, "corrected": own} for log, nominal, own in of_logs}

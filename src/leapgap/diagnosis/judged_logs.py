@@ -77,10 +77,16 @@ class JudgedLogs:
     """``jump`` for the planar channels of jumps at fixed sizes, ``all`` for every channel by its spread."""
 
     @staticmethod
-    def of(logs: Sequence[Log], robot: Robot, sizes: Mapping[str, float] | None = None) -> "JudgedLogs":
+    def of(
+        logs: Sequence[Log],
+        robot: Robot,
+        sizes: Mapping[str, float] | None = None,
+        rows: Sequence[int] | None = None,
+    ) -> "JudgedLogs":
         """Choose rows and channels from the logs alone, so that every hypothesis is judged on the same ones.
 
-        ``sizes`` of channels, by name or quantity, stand in place of their spread.
+        ``sizes`` of channels, by name or quantity, stand in place of their spread; ``rows`` of the logs that are judged
+        in place of those that the logs ask for.
         """
         if not logs:
             raise InputError("diagnose.logs", "no log", "one or more", "import or collect logs first")
@@ -92,7 +98,8 @@ class JudgedLogs:
         of_jumps = bool(planar) and not sizes and all(is_jump(log) for log in logs)
         sensors = ScoredSensors() if of_jumps else ScoredSensors.of(logs, robot)
         whole = tuple(States.of(log, robot, sensors.columns) for log in logs)
-        states = tuple(of_log.first_rows(headline_rows(of_log.log, robot)) for of_log in whole)
+        judged = [headline_rows(log, robot) for log in logs] if rows is None else rows
+        states = tuple(of_log.first_rows(number) for of_log, number in zip(whole, judged, strict=True))
         if of_jumps:
             joints = tuple(channel for channel in logged if channel.name in planar_and_joints(robot))
             return JudgedLogs(robot, whole, states, sensors, logged, planar, joints, "jump")
@@ -129,10 +136,12 @@ class JudgedLogs:
     def noise(self) -> tuple[dict[str, float], ...]:
         """Standard deviation of the sensor noise of each log by channel, for all that were logged."""
         names = [channel.name for channel in self.logged]
-        return tuple(
-            dict(zip(names, sensor_noise(of.motion, of.log.info.sample_period_s, self.logged, self.robot), strict=True))
-            for of in self.states
-        )
+        return tuple(dict(zip(names, self.noise_of(of), strict=True)) for of in self.states)
+
+    def noise_of(self, states: States) -> np.ndarray:
+        """Standard deviation of the sensor noise of one log, (channels that were logged,)."""
+        log = states.log
+        return sensor_noise(states.motion, log.info.sample_period_s, self.logged, self.robot, log.uneven_steps)
 
     def noise_in(self, channels: Sequence[Channel]) -> list[np.ndarray]:
         """Standard deviation of the sensor noise of each log in some channels, (channels,) each."""

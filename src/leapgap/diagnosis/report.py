@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from leapgap.diagnosis.checks import CheckResult
+from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.provenance import Provenance
@@ -99,6 +100,8 @@ class ReportContent:
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     checks: tuple[CheckResult, ...]
+    evidence: tuple[Evidence, ...]
+    """What the logs say of the robot's numbers without a simulation."""
     next_experiment: Mapping[str, Any] | None
     not_judged: tuple[str, ...]
     """What could not be judged because columns are missing."""
@@ -150,6 +153,7 @@ class ReportContent:
                     for cause in self.causes
                 ],
                 "checks": [check.to_json() for check in self.checks],
+                "evidence": [one.to_json() for one in self.evidence],
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
                 "gap_per_log": self.gap_per_log,

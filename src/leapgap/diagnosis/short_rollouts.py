@@ -83,9 +83,10 @@ class StateChannels:
         mujoco.mj_integratePos(self.robot.model, qpos, tangent[:nv], 1.0)
         return np.concatenate([qpos, state[nq:] + tangent[nv:]])
 
-    def noise(self, logged: Motion, period_s: float) -> np.ndarray:
+    def noise(self, logged: Motion, log: Log) -> np.ndarray:
         """Standard deviation of each channel's sensor noise, (channels,)."""
-        found = noise_of(self.differences(logged[1:], logged[:-1]), period_s)
+        period_s = log.info.sample_period_s
+        found = noise_of(self.differences(logged[1:], logged[:-1]), period_s, log.uneven_steps)
         found = with_fast_parts(found, logged, period_s, self.channels)
         return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
 
@@ -99,13 +100,13 @@ def thin_evenly(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
     return [own[k] for own, k in zip(rows, np.split(kept, np.cumsum(lengths)[:-1]), strict=True)]
 
 
-def smooth_start(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.ndarray, float]:
+def smooth_start(logged: Motion, row: int, ages: np.ndarray, reach: int) -> tuple[np.ndarray, float]:
     """State at a row by a parabola through its neighbours, (nq + nv,), and the share of their noise that stays.
 
-    The log has ``rows`` rows; neighbours are those at most ``reach`` rows away.
+    ``ages`` of all rows after this one are in mean rows, (rows,); neighbours are those at most ``reach`` rows away.
     """
-    first, last = max(0, row - reach), min(rows, row + reach + 1)
-    age = np.arange(first, last) - row
+    first, last = max(0, row - reach), min(len(ages), row + reach + 1)
+    age = ages[first:last]
     degree = 2 if first < row else 1  # at the log's beginning a parabola would swing
     weights = np.linalg.pinv(np.vander(age, degree + 1, increasing=True))[0]
     qpos, qvel = weights @ logged.qpos[first:last], weights @ logged.qvel[first:last]
@@ -114,7 +115,8 @@ def smooth_start(logged: Motion, row: int, rows: int, reach: int) -> tuple[np.nd
 
 def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -> tuple[Starts, np.ndarray]:
     """Smoothed states at some rows of a log, and the share of the noise that remains in each, (rows,)."""
-    found = [smooth_start(logged, row, len(log), log.info.rows(SMOOTHED_S)) for row in rows]
+    when = np.arange(len(log)) if log.is_even else log.time / log.info.sample_period_s
+    found = [smooth_start(logged, row, when - when[row], log.info.rows(SMOOTHED_S)) for row in rows]
     states = np.array([start for start, _ in found]).reshape(len(rows), robot.model.nq + robot.model.nv)
     if robot.has_free_base:
         states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
@@ -142,7 +144,7 @@ class Pieces:
         """Pieces of a log that start at these rows, and are compared after ``ages`` rows."""
         log, logged = states.log, states.motion
         starts, kept = smooth_starts(logged, rows, log, state.robot)
-        noise = state.noise(logged, log.info.sample_period_s)
+        noise = state.noise(logged, log)
         return Pieces(log, logged, starts, noise, kept, states.deviation[list(rows)], ages)
 
     def downsample(self, rows: int) -> "Pieces":

@@ -55,6 +55,17 @@ def is_even(time: np.ndarray, period_s: float) -> bool:
     return bool(np.abs(np.diff(time) - period_s).max() <= EVEN * period_s)
 
 
+TICKS_S = (0.001, 0.0005, 0.00025)
+"""Steps of other people's simulations that rows of uneven length may be whole multiples of, s, longest first."""
+
+
+def whole_tick(time: np.ndarray) -> float | None:
+    """The longest of some usual steps of which every row of uneven length lasts a whole number, s; None: of none."""
+    lengths = np.diff(time)
+    whole = (tick for tick in TICKS_S if (np.abs(lengths / tick - np.round(lengths / tick)) < 1e-6).all())
+    return next(whole, None)
+
+
 def row_lengths(time: np.ndarray, period_s: float) -> np.ndarray:
     """How long each row lasted by the log's own time, in sample periods, (rows,); the last one as a mean row."""
     if is_even(time, period_s):

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
-from leapgap.logs.clock import check_period, is_even, row_lengths
+from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
@@ -174,6 +174,16 @@ class Log:
     def row_lengths(self) -> np.ndarray:
         """How long each row lasted by the log's own time, in sample periods, (rows,)."""
         return row_lengths(self.time, self.info.sample_period_s)
+
+    @cached_property
+    def uneven_steps(self) -> np.ndarray | None:
+        """Time from each row to the next, s, (rows − 1,), where rows are uneven; None where they are even."""
+        return None if self.is_even else np.diff(self.time)
+
+    @cached_property
+    def tick_s(self) -> float | None:
+        """Step, s, of which rows of uneven length last whole numbers; None where there is none, or rows are even."""
+        return None if self.is_even else whole_tick(self.time)
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:

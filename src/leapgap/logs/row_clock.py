@@ -6,14 +6,15 @@ the robot is needed. The base's state is placed by its own motion; it does not d
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu
 
 from leapgap.logs.log import Log
+from leapgap.logs.noise import NORMAL_MEDIAN
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 
 BASE = "base"
@@ -29,8 +30,12 @@ LAG, LAG_SPREAD = 0.3, 0.4
 """How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
 OUTLIER = 2.0
 """An equation that misses by more standard deviations counts less and less."""
+CALM = 0.25
+"""Share of the pairs of samples, those with the least change of velocity, that show the noise of positions."""
 ROUNDS = 3
 """Solutions, each with the weights and the delay of velocities that the one before gives."""
+ORIGIN = 1e5
+"""Weight, 1/s, with which the first row is put at instant 0."""
 PRECISE = 0.15
 """Instants known to this share of a step of a whole-number clock are precise."""
 MOVES = 3.0
@@ -50,6 +55,8 @@ class Stream:
     """(rows, channels), rad or m."""
     velocity: np.ndarray
     """(rows, channels), per s."""
+    known_noise: np.ndarray | None = None
+    """Noise of the positions, where a clock was found that shows it, (channels,)."""
 
     @cached_property
     def fresh(self) -> np.ndarray:
@@ -60,6 +67,8 @@ class Stream:
     @cached_property
     def noise(self) -> np.ndarray:
         """Standard deviation of the positions' noise or rounding, (channels,)."""
+        if self.known_noise is not None:
+            return self.known_noise
         second = np.diff(self.position[self.fresh], n=2, axis=0) / np.sqrt(6)
         if len(second) < 2:
             return np.full(self.position.shape[1], 1e-9)
@@ -68,7 +77,7 @@ class Stream:
         return np.maximum(np.quantile(spread, QUIETEST, axis=0), 1e-9)
 
     def moves(self, period_s: float) -> np.ndarray:
-        """Whether its velocity moves a channel visibly within a row, for each row after the first, bool, (rows − 1,)."""
+        """Whether its velocity moves a channel visibly within a row, for all rows but the last, bool, (rows − 1,)."""
         return np.asarray((np.abs(self.velocity[:-1]) * period_s > MOVES * self.noise).any(axis=1))
 
     def repeats(self, period_s: float) -> float:
@@ -125,6 +134,8 @@ class RowClock:
     """Message → share of the rows, while it moves, that repeat the sample of the row before."""
     velocity_delay_s: Mapping[str, float]
     """Message → how long before its position the motion was as fast as its velocity says, s; none for whole rows."""
+    filters: Mapping[str, "VelocityFilter"] = field(default_factory=dict)
+    """Message → how its velocities follow from its positions, where they do to the last digit."""
 
     @property
     def lengths(self) -> np.ndarray:
@@ -219,6 +230,7 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
         step,
         {stream.name: stream.repeats(log.info.sample_period_s) for stream in streams},
         {stream.name: float(delay) for stream, delay in zip(streams, found.delay, strict=True)},
+        {} if step is None else velocity_filters(streams, found, step),
     )
 
 
@@ -233,45 +245,66 @@ def mean_row(log: Log, streams: Sequence[Stream]) -> float:
     return moved / span if moved > 0 else log.info.sample_period_s
 
 
+@dataclass(frozen=True)
+class Differences:
+    """Equations ``by · (plus − minus) = right`` between two unknowns each."""
+
+    plus: np.ndarray
+    minus: np.ndarray
+    by: np.ndarray
+    right: np.ndarray
+    spread: np.ndarray
+    """Standard deviation of each equation."""
+    bend: np.ndarray | float = 0.0
+    """Change of velocity, by which its delay acts on the right side."""
+    stream: int = -1
+    """Index of the message whose motion they tell; −1 where they tell none."""
+
+    def column(self, values: np.ndarray | float) -> np.ndarray:
+        """One value for each equation."""
+        return np.broadcast_to(np.asarray(values, dtype=float), len(self.plus))
+
+
 def equations_of(streams: Sequence[Stream], period: float) -> Equations:
     """All equations of a log of so many rows; ``period`` is the mean length of a row, s."""
     rows = len(streams[0].fresh)
-    counts = [int(stream.fresh.sum()) for stream in streams]
-    first = rows + np.concatenate([[0], np.cumsum(counts)])
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]] = []
-
-    def add(
-        plus: np.ndarray, minus: np.ndarray, by: np.ndarray, right: np.ndarray, spread: np.ndarray, bend=None, of=-1
-    ):  # type: ignore[no-untyped-def]
-        bends = np.zeros(len(plus)) if bend is None else bend
-        parts.append((plus, minus, by, np.broadcast_to(right, len(plus)), 1 / spread, bends, np.full(len(plus), of), 0))
-
-    sharpness = []
+    first = rows + np.concatenate([[0], np.cumsum([int(stream.fresh.sum()) for stream in streams])])
+    parts, sharpness = [], []
     for k, stream in enumerate(streams):
+        moves, sharp = motion_equations(stream, k, int(first[k]), period)
         at = np.flatnonzero(stream.fresh)
-        after, between = first[k] + np.arange(1, len(at)), np.diff(at)
-        sharp = np.full(len(between), np.inf)
-        for channel in range(stream.position.shape[1]):
-            q, v = stream.position[at, channel], stream.velocity[at, channel]
-            mean, bend = (v[1:] + v[:-1]) / 2, np.diff(v)
-            spread = np.hypot(np.sqrt(2) * stream.noise[channel], CURVATURE * period * np.abs(bend))
-            spread = np.hypot(spread, CURVATURE / 5 * period * between * np.abs(bend))
-            add(after, after - 1, mean, np.diff(q), spread, bend, k)
-            sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
-        sharpness.append(sharp)
-        one = np.ones(len(between))
-        add(after, after - 1, one, period * between, FREE * period * one)
-        every, shown = np.arange(rows), first[k] + np.cumsum(stream.fresh) - 1
+        after = first[k] + np.arange(1, len(at))
+        lasts = period * np.diff(at)
+        shown, one = first[k] + np.cumsum(stream.fresh) - 1, np.ones(rows)
         late = np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD) * period
-        add(every, shown, np.ones(rows), np.full(rows, LAG * period), late)
+        parts += [
+            *moves,
+            Differences(after, after - 1, one[: len(after)], lasts, FREE * period * one[: len(after)]),
+            Differences(np.arange(rows), shown, one, LAG * period * one, late),
+        ]
+        sharpness.append(sharp)
     return assemble(parts, first, tuple(sharpness))
 
 
-def assemble(parts: list, first: np.ndarray, sharpness: tuple[np.ndarray, ...]) -> Equations:  # type: ignore[type-arg]
-    """One system from equations ``by · (plus − minus) = right``; the first row is written at instant 0."""
-    plus, minus, by, right, weight, bend, stream = (np.concatenate([part[i] for part in parts]) for i in range(7))
-    number = np.arange(len(plus))
-    origin = len(plus)
+def motion_equations(stream: Stream, index: int, first: int, period: float) -> tuple[list[Differences], np.ndarray]:
+    """What the motion of each channel says of the times between samples, and how precisely the best one does, s."""
+    at = np.flatnonzero(stream.fresh)
+    after, between = first + np.arange(1, len(at)), np.diff(at)
+    found, sharp = [], np.full(len(between), np.inf)
+    for channel in range(stream.position.shape[1]):
+        q, v = stream.position[at, channel], stream.velocity[at, channel]
+        mean, bend = (v[1:] + v[:-1]) / 2, np.diff(v)
+        curved = CURVATURE * period * np.abs(bend) * np.hypot(1.0, between / 5)
+        spread = np.hypot(np.sqrt(2) * stream.noise[channel], curved)
+        found.append(Differences(after, after - 1, mean, np.diff(q), spread, bend, index))
+        sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
+    return found, sharp
+
+
+def assemble(parts: Sequence[Differences], first: np.ndarray, sharpness: tuple[np.ndarray, ...]) -> Equations:
+    """One system of all equations; the first row is written at instant 0."""
+    plus, minus, by = (np.concatenate([getattr(part, name) for part in parts]) for name in ("plus", "minus", "by"))
+    number, origin = np.arange(len(plus)), len(plus)
     matrix = sp.csr_matrix(
         (
             np.concatenate([by, -by, [1.0]]),
@@ -281,10 +314,10 @@ def assemble(parts: list, first: np.ndarray, sharpness: tuple[np.ndarray, ...]) 
     )
     return Equations(
         matrix,
-        np.append(right, 0.0),
-        np.append(weight, 1e5 / np.median(np.diff(first) ** 0)),
-        np.append(bend, 0.0),
-        np.append(stream, -1),
+        np.concatenate([*(part.column(part.right) for part in parts), [0.0]]),
+        np.concatenate([*(1 / part.column(part.spread) for part in parts), [ORIGIN]]),
+        np.concatenate([*(part.column(part.bend) for part in parts), [0.0]]),
+        np.concatenate([*(np.full(len(part.plus), part.stream) for part in parts), [-1]]),
         first,
         sharpness,
     )
@@ -309,15 +342,40 @@ def solve(equations: Equations, streams: Sequence[Stream], period: float) -> Sol
     """
     delay = np.full(len(streams), period / 2)
     weight, found = equations.weight, np.zeros(0)
+    row_of_unknown = [np.arange(equations.first[0]) + 0.5, *(np.flatnonzero(stream.fresh) for stream in streams)]
+    order = np.argsort(np.concatenate(row_of_unknown), kind="stable")
     for _ in range(ROUNDS):
         right = equations.right - delay_term(equations, delay)
         weighted = sp.diags(weight) @ equations.matrix
-        found = spsolve((weighted.T @ weighted).tocsc(), weighted.T @ (weight * right), permc_spec="MMD_AT_PLUS_A")
+        found = solve_in_order(weighted.T @ weighted, weighted.T @ (weight * right), order)
         missed = equations.matrix @ found - right
         weight = equations.weight / np.sqrt(1 + (missed * equations.weight / OUTLIER) ** 2)
         delay = delay - delay_change(equations, weight, missed, len(streams))
     ends = zip(equations.first, equations.first[1:], strict=False)
     return Solution(found[: equations.first[0]], tuple(found[a:b] for a, b in ends), delay)
+
+
+def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Solve a symmetric positive definite system whose unknowns, in this order, depend on near ones alone."""
+    options = {"SymmetricMode": True}
+    factors = splu(matrix[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
+    found = np.empty(len(right))
+    found[order] = factors.solve(right[order])
+    return found
+
+
+def with_noise(stream: Stream, samples: np.ndarray, delay: float) -> Stream:
+    """The message with the noise of its positions by what its motion misses on a clock that was found.
+
+    Pairs of samples between which the velocity changes least tell it.
+    """
+    at = np.flatnonzero(stream.fresh)
+    velocity, bend = stream.velocity[at], np.diff(stream.velocity[at], axis=0)
+    expected = (velocity[1:] + velocity[:-1]) / 2 * np.diff(samples)[:, None] + delay * bend
+    missed = np.abs(np.diff(stream.position[at], axis=0) - expected)
+    calm = np.abs(bend) <= np.quantile(np.abs(bend), CALM, axis=0)
+    spread = [np.median(off[still]) / NORMAL_MEDIAN / np.sqrt(2) for off, still in zip(missed.T, calm.T, strict=True)]
+    return replace(stream, known_noise=np.clip(spread, 1e-9, stream.noise))
 
 
 def delay_term(equations: Equations, delay: np.ndarray) -> np.ndarray:
@@ -326,7 +384,7 @@ def delay_term(equations: Equations, delay: np.ndarray) -> np.ndarray:
 
 
 def delay_change(equations: Equations, weight: np.ndarray, missed: np.ndarray, streams: int) -> np.ndarray:
-    """By how much the delay of each message's velocities would have to fall to explain what is missed, s, (messages,)."""
+    """By how much the delay of each message's velocities has to fall to explain what is missed, s, (messages,)."""
     change = np.zeros(streams)
     for k in range(streams):
         own = equations.stream == k
@@ -337,6 +395,43 @@ def delay_change(equations: Equations, weight: np.ndarray, missed: np.ndarray, s
 
 STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Steps of simulations and control loops that are looked for, s, longest first."""
+
+
+@dataclass(frozen=True)
+class VelocityFilter:
+    """A velocity that is ``kept`` times the one before and the rest the last difference of positions over a step."""
+
+    kept: float
+    share: float
+    """Of the pairs of samples one step apart, those that obey this to their last digits."""
+
+
+LEAST_OBEYED = 0.8
+"""Share of the pairs of samples from which a rule counts as that which made them."""
+DIGITS = 3.0
+"""A pair obeys where it is off by fewer standard deviations of the rounding of positions, over the step."""
+
+
+def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, VelocityFilter]:
+    """Rules by which velocities were computed from positions, of the messages that obey one."""
+    kept = {}
+    for rough, samples, delay in zip(streams, found.samples, found.delay, strict=True):
+        stream, at = with_noise(rough, samples, delay), np.flatnonzero(rough.fresh)
+        next_step = np.round(np.diff(samples) / step) == 1
+        moved = np.diff(stream.position[at], axis=0)[next_step] / step
+        before, after = stream.velocity[at][:-1][next_step], stream.velocity[at][1:][next_step]
+        rounding = DIGITS * np.sqrt(2) * stream.noise / step
+        tells = np.abs(moved - before) > 20 * rounding
+        if tells.sum() < NOISE_WINDOW:
+            continue
+        share_kept = float(np.median(((moved - after) / np.where(tells, moved - before, np.inf))[tells]))
+        off = np.abs(share_kept * before + (1 - share_kept) * moved - after)
+        obeyed = float((off < rounding + 0.01 * np.abs(moved - before))[tells].mean())
+        if obeyed > LEAST_OBEYED:
+            kept[stream.name] = VelocityFilter(share_kept, obeyed)
+    return kept
+
+
 LEAST_WHOLE = 0.85
 """Share of the precise times between samples that are one or more whole steps, from which all are."""
 
@@ -357,16 +452,17 @@ def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], p
 
 def with_whole_steps(equations: Equations, samples: Sequence[np.ndarray], step: float) -> Equations:
     """The equations with one more for each time between samples that is precisely so many steps."""
-    plus, right = [], []
+    plus: list[np.ndarray] = []
+    right: list[np.ndarray] = []
     for first, own, sharp in zip(equations.first, samples, equations.sharpness, strict=False):
         number = np.round(np.diff(own) / step)
         near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
         plus.append(first + 1 + np.flatnonzero(near))
         right.append(step * number[near])
     after, known = np.concatenate(plus), np.concatenate(right)
-    number = np.arange(len(after))
+    each = np.arange(len(after))
     more = sp.csr_matrix(
-        (np.repeat([1.0, -1.0], len(after)), (np.tile(number, 2), np.concatenate([after, after - 1]))),
+        (np.repeat([1.0, -1.0], len(after)), (np.tile(each, 2), np.concatenate([after, after - 1]))),
         shape=(len(after), equations.matrix.shape[1]),
     )
     none = np.zeros(len(after))
@@ -419,4 +515,14 @@ def with_clock(log: Log, clock: RowClock) -> tuple[Log, np.ndarray]:
         length = np.linalg.norm(np.stack([columns[name] for name in BASE_QUATERNION]), axis=0)
         columns |= {name: columns[name] / length for name in BASE_QUATERNION}
     period = float(instants[-1] / (len(instants) - 1))
-    return replace(log, columns=columns, info=replace(log.info, sample_period_s=period)), keep
+    segments = tuple(
+        replace(one, begin_s=own_time(log, clock, one.begin_s), end_s=own_time(log, clock, one.end_s))
+        for one in log.info.segments
+    )
+    info = replace(log.info, sample_period_s=period, stated_segments=segments)
+    return replace(log, columns=columns, info=info), keep
+
+
+def own_time(log: Log, clock: RowClock, time_s: float) -> float:
+    """The instant, by a log's own clock, of a time that the log claims, s."""
+    return float(np.interp(time_s, log.time, clock.instants)) if time_s <= log.time[-1] else time_s

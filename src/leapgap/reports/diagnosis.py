@@ -142,10 +142,10 @@ def diagnose_logs(
     replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
-        return {log.name: replayer.as_log(motions[log.name], log) for log in logs}
+        return {log.name: replayer.as_log(motions[log.name], log) for log in diagnosis.logs}
 
     nominal, corrected = replays(diagnosis.nominal), replays(diagnosis.corrected)
-    return Report(tuple(logs), robot, diagnosis, nominal, corrected, record)
+    return Report(diagnosis.logs, robot, diagnosis, nominal, corrected, record)
 
 
 def diagnose_folder(

@@ -225,7 +225,7 @@ class Replayer:
             start = effect.true_start(start, self.robot)
         return start.first_state
 
-    def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: int) -> list[Motion]:
+    def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: float) -> list[Motion]:
         """Replay trials of one structure, equally many rows and steps a row, batch by batch of constant gains."""
         gains = [joint_gains(t.log, self.robot)[:rows] for t in trials]
         # Rows 0 … rows−2 are each held for one period; the last row's command is not needed.
@@ -336,10 +336,16 @@ class Replayer:
                 "name the model these logs were made with, or rename the columns",
             )
 
-    def substeps(self, log: Log) -> int:
-        """Simulation steps of one control period of the log."""
+    def substeps(self, log: Log) -> float:
+        """Simulation steps of one control period of the log, a whole number unless rows last uneven whole ticks.
+
+        Such rows are simulated in steps that are whole parts of the tick.
+        """
+        period, tick = log.info.sample_period_s, log.tick_s
+        if tick is not None:
+            return period / tick * max(1, int(np.ceil(tick / self.largest_step_s)))
         largest = self.largest_step_s if log.is_even else self.largest_step_s / UNEVEN_FINER
-        return max(1, int(np.ceil(log.info.sample_period_s / largest)))
+        return max(1, int(np.ceil(period / largest)))
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""

@@ -95,8 +95,8 @@ class Generator(Replayer):
         """Simulation steps of one control period of the log."""
         return max(1, int(np.ceil(jump.info.sample_period_s / self.largest_step_s - 1e-9)))
 
-    def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: int) -> list[Motion]:
-        return [self._stepped(trial, rows, substeps) for trial in trials]
+    def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: float) -> list[Motion]:
+        return [self._stepped(trial, rows, int(substeps)) for trial in trials]
 
     def _stepped(self, trial: Rollout, rows: int, substeps: int) -> Motion:
         """Motion of one rollout, (rows,), stepped with its processes."""

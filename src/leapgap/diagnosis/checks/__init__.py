@@ -9,6 +9,7 @@ from functools import cache
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
 from leapgap.logs.log import Log
+from leapgap.logs.row_clock import RowClock
 from leapgap.registry import classes_by_name
 from leapgap.robot.model import Robot
 
@@ -23,14 +24,24 @@ def known() -> tuple[type[Check], ...]:
     return tuple(sorted(kinds.values(), key=lambda kind: (kind.place, kind.name)))
 
 
-def run_checks(logs: Sequence[Log], robot: Robot | None, thresholds: Mapping[str, float]) -> list[CheckResult]:
+def run_checks(
+    logs: Sequence[Log], robot: Robot | None, thresholds: Mapping[str, float], whole: Sequence[Log] | None = None
+) -> list[CheckResult]:
     """The checks that the logs have columns for; ``thresholds`` by name stand in place of the checks' own.
 
-    Without a robot only those that need none.
+    ``whole`` are the same logs with all their rows, where ``logs`` are cut. Without a robot only those that need none.
     """
     usable = [kind() for kind in known() if robot is not None or not kind.needs_robot]
-    results = [check.run(logs, robot, thresholds.get(check.name, check.threshold)) for check in usable]
+    results = [
+        check.run(whole if check.needs_all_rows and whole else logs, robot, thresholds.get(check.name, check.threshold))
+        for check in usable
+    ]
     return [result for result in results if result is not None]
+
+
+def row_clocks_of(results: Sequence[CheckResult]) -> Mapping[str, RowClock] | None:
+    """When each row of each log was written, where its rows are uneven in a way that its time does not say."""
+    return next((result.row_clocks for result in results if result.row_clocks), None)
 
 
 def clock_of(results: Sequence[CheckResult]) -> Mapping[str, tuple[float, ...]] | None:

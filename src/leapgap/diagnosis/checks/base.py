@@ -2,10 +2,11 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from leapgap.logs.log import Log
+from leapgap.logs.row_clock import RowClock
 from leapgap.robot.model import Robot
 
 
@@ -23,9 +24,13 @@ class CheckResult:
     clocks: Mapping[str, tuple[float, ...]] | None = field(default=None, repr=False)
     """True over claimed sample period of each log, where the check measures it; several where it changes within."""
 
+    row_clocks: Mapping[str, RowClock] | None = field(default=None, repr=False)
+    """When each row of each log was written, where the check finds that rows are uneven."""
+
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""
-        return {key: value for key, value in asdict(self).items() if key != "clocks"}
+        told = (entry for entry in fields(self) if entry.name not in ("clocks", "row_clocks"))
+        return {entry.name: getattr(self, entry.name) for entry in told}
 
 
 class Check(ABC):
@@ -38,6 +43,8 @@ class Check(ABC):
     """Checks are run, and told, in this order."""
     needs_robot: ClassVar[bool] = True
     """Whether the logs alone do not suffice."""
+    needs_all_rows: ClassVar[bool] = False
+    """Whether the rows that are not judged tell something too."""
 
     @abstractmethod
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:

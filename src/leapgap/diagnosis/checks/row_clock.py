@@ -1,0 +1,86 @@
+"""Does every row of a log last equally long, and does it show new samples, by the motion of the joints?"""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
+from leapgap.logs.log import Log
+from leapgap.logs.row_clock import BASE, RowClock, row_clock
+from leapgap.robot.model import Robot
+
+STALL_S, STALL_ROWS = 0.008, 5
+"""A row that lasts so long, and so many mean rows, is a stall."""
+
+
+class EvenRows(Check):
+    """Rows of one length, each with samples of its own."""
+
+    name = "row_clock"
+    threshold = 0.2
+    place: ClassVar[int] = 0
+    needs_robot = False
+    needs_all_rows = True
+
+    def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
+        """Take the standard deviation of the lengths of rows, as a share of their mean."""
+        joints = joints_of(logs, robot)
+        if not have_joints(logs, joints):
+            return None
+        clocks = {log.name: row_clock(log, joints) for log in logs}
+        known = {name: clock for name, clock in clocks.items() if clock is not None}
+        if not known:
+            return None
+        spread = {name: unevenness(clock, log) for log in logs if (clock := known.get(name := log.name))}
+        statistic = float(np.median(list(spread.values())))
+        passed = statistic <= threshold
+        says = f"rows last equally long (their lengths scatter by {100 * statistic:.0f} %)"
+        means = {log.name: (float(known[log.name].instants[-1] / log.time[-1]),) for log in logs if log.name in known}
+        return CheckResult(
+            self.name,
+            passed,
+            statistic,
+            threshold,
+            says if passed else in_words(known, statistic),
+            spread,
+            means,
+            None if passed else known,
+        )
+
+
+def unevenness(clock: RowClock, log: Log) -> float:
+    """Standard deviation of the lengths of rows beyond what the log's own time says, as a share of their mean."""
+    mean = clock.instants[-1] / (len(log) - 1)
+    stated = np.diff(log.time) * (clock.instants[-1] / log.time[-1])
+    return float(np.std(clock.lengths - stated) / mean)
+
+
+def in_words(clocks: Mapping[str, RowClock], statistic: float) -> str:
+    """What uneven rows show of the process that wrote them."""
+    every = list(clocks.values())
+    said = [f"rows of these logs are not evenly spaced: their lengths scatter by {100 * statistic:.0f} %"]
+    repeated = [clock.repeated for clock in every]
+    if np.median(repeated) > 0:
+        said.append(f"{100 * float(np.median(repeated)):.0f} % of the samples repeat the row before")
+    stalls = [stalls_of(clock) for clock in every]
+    if max(stalls):
+        said.append(f"{min(stalls)} to {max(stalls)} stalls of {1000 * STALL_S:g} ms or more a log")
+    steps = {clock.step_s for clock in every}
+    (step,) = steps if len(steps) == 1 else (None,)
+    if step is None:
+        return ", ".join(said)
+    said.append(f"all times are whole multiples of {1000 * step:g} ms")
+    kept = [rule.kept for clock in every for name, rule in clock.filters.items() if name != BASE]
+    if kept:
+        part = float(np.median(kept))
+        said.append(
+            f"joint velocities are {part:.2g} of the one before and {1 - part:.2g} of the last difference of positions"
+        )
+    received = "; they were written by a process that receives messages" if np.median(repeated) > 0 else "; they are"
+    return f"{', '.join(said)}{received} of a simulation or controller with steps of {1000 * step:g} ms"
+
+
+def stalls_of(clock: RowClock) -> int:
+    """Number of rows that last much longer than others."""
+    return int((clock.lengths >= max(STALL_S, STALL_ROWS * float(clock.lengths.mean()))).sum())

@@ -1,0 +1,118 @@
+"""How the legs are made, by feet that stand: their height stays while the trunk moves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, slopes
+from leapgap.effects.leg_geometry import LegGeometry
+from leapgap.logs.contacts import has_feet_in_world
+from leapgap.logs.log import Log
+from leapgap.logs.stance import stance_by_force
+from leapgap.logs.state import motion_of
+from leapgap.robot.model import Robot
+
+SHORTEST_S = 0.1
+"""A foot that stands for less time tells little."""
+MARGIN_S = 0.02
+"""So much at both ends of a stance is left out."""
+FLAT_M = 0.003
+"""A foot whose height scatters by more, standard deviation, does not stand, whatever its force says."""
+TOLD = 0.01
+"""A parameter is told where its scatter over resampled logs is below this, m."""
+DRAWS = 200
+"""Resamples of logs."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of one log: what its stances ask of the parameters."""
+
+    matrix: np.ndarray
+    """(parameters, parameters)"""
+    right: np.ndarray
+    """(parameters,)"""
+
+    @staticmethod
+    def solve(of: Sequence["Normal"]) -> np.ndarray:
+        """The parameters that fit some logs together, (parameters,)."""
+        matrix, right = sum(one.matrix for one in of), sum(one.right for one in of)
+        found, *_ = np.linalg.lstsq(np.asarray(matrix), np.asarray(right), rcond=1e-6)
+        return np.asarray(found)
+
+
+class PlantedFeet(Source):
+    """The height of a foot that carries weight stays the same, whatever the trunk and the joints do.
+
+    Height alone is used: along the ground a round foot rolls, and may slip. Which feet carry weight is by their forces.
+    """
+
+    name: ClassVar[str] = "planted_feet"
+
+    def gather(self, logs: Sequence[Log], robot: Robot) -> list[Evidence]:
+        """Fit the parameters of ``leg_geometry`` to the stances of all logs together; resampled logs say how surely."""
+        if LegGeometry.lacks(robot) or not all(has_feet_in_world(log, robot) for log in logs):
+            return []
+        found = {log.name: normal for log in logs if (normal := stances_of(log, robot)) is not None}
+        if len(found) < LEAST_LOGS:
+            return []
+        every = list(found.values())
+        rng = np.random.default_rng(0)
+        draws = [Normal.solve([every[k] for k in rng.integers(0, len(every), len(every))]) for _ in range(DRAWS)]
+        value, spread = Normal.solve(every), np.std(draws, axis=0)
+        alone = {log: Normal.solve([normal]) for log, normal in found.items()}
+        told = []
+        for k, p in enumerate(LegGeometry.parameters(robot)):
+            if spread[k] > TOLD:
+                continue
+            says = (
+                f"planted feet keep their height with {p.name} off by {1000 * value[k]:.1f} ± {1000 * spread[k]:.1f} mm"
+            )
+            per_log = {log: float(own[k]) for log, own in alone.items()}
+            quantity = f"{LegGeometry.name}.{p.name}"
+            told.append(Evidence(self.name, quantity, float(value[k]), float(spread[k]), p.unit, per_log, says))
+        return told
+
+
+def stances_of(log: Log, robot: Robot) -> Normal | None:
+    """What the stances of a log ask of the parameters of ``leg_geometry``; None where no foot stands long enough."""
+    stands = stance_by_force(log, robot)
+    if stands is None:
+        return None
+    qpos = motion_of(log, robot).qpos
+
+    def heights(model: mujoco.MjModel) -> np.ndarray:
+        return foot_heights(model, robot, qpos)
+
+    _, height, by = slopes(LegGeometry, robot, heights)
+    parts = [
+        (height[run, foot] - height[run, foot].mean(), by[run, foot] - by[run, foot].mean(axis=0))
+        for foot in range(len(robot.feet))
+        for run in stances(stands[:, foot], log)
+        if height[run, foot].std() < FLAT_M
+    ]
+    if not parts:
+        return None
+    right, matrix = (np.concatenate(of) for of in zip(*parts, strict=True))
+    return Normal(matrix.T @ matrix, -matrix.T @ right)
+
+
+def stances(stands: np.ndarray, log: Log) -> list[slice]:
+    """Runs of rows in which a foot stands (bool, (rows,)) for long enough, without their ends."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(int)))
+    margin = log.info.rows(MARGIN_S)
+    runs = [slice(int(a) + margin, int(b) - margin) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [run for run in runs if run.stop - run.start > log.info.rows(SHORTEST_S)]
+
+
+def foot_heights(model: mujoco.MjModel, robot: Robot, qpos: np.ndarray) -> np.ndarray:
+    """Height of the centre of each foot, m, (rows, feet)."""
+    data, found = mujoco.MjData(model), np.empty((len(qpos), len(robot.feet)))
+    for row, pose in enumerate(qpos):
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        found[row] = data.geom_xpos[robot.foot_geoms, 2]
+    return found

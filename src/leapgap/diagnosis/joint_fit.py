@@ -1,0 +1,311 @@
+"""All plausible effects fitted together, then taken away while the simulation gets no worse.
+
+Causes that act together can each look wrong alone: right legs on soft feet open the gap. So all effects are fitted at
+once, drawn towards the nominal robot and towards what evidence says, to replays of whole logs and of short pieces in
+one likelihood. Effects without which the likelihood hardly falls are then taken away, and the rest is fitted again.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs, in_words, split_numbers
+from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.diagnosis.full_rollouts import EVERY_S, FullRolloutCause, FullRolloutFit
+from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.short_rollouts import ShortRollouts
+
+DIFFERENCE = 0.1
+"""Step of finite differences, as a share of the scale of a number."""
+DAMPINGS = (0.02, 0.2, 1.0)
+"""Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature."""
+SETTLED = 0.5
+"""A fit has converged when the logarithm of its likelihood rises by less than this."""
+INDEPENDENT_S = 0.2
+"""Errors of whole replays at one instant say little more than those so long before."""
+PIECE_VALUES = 6
+"""A short piece counts as so many independent values."""
+
+
+@dataclass(frozen=True)
+class JointFitSettings:
+    """Width of the joint fit, and when an effect is taken away."""
+
+    steps: int = 6
+    """Largest number of steps of the first fit; later fits of fewer effects take half as many."""
+    most_causes: int = 8
+    least_gain: float = 6.0
+    """An effect without which the logarithm of the likelihood falls by less is taken away."""
+    most_lost: float = 0.02
+    """Effects are put back where without them the headline gap of held-out logs closes less by this share."""
+    least_closure: float = 0.05
+    """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
+    least_sure: float = 0.9
+    """Smallest share of resampled logs on which it must be better than these."""
+    least_evidence: float = 0.05
+    """Smallest spread of a number that evidence tells, as a share of its moderate departure: evidence errs too."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one set of numbers."""
+
+    whole: np.ndarray
+    """Scaled errors of whole replays at the compared instants, (values,)."""
+    pieces: np.ndarray
+    """Whitened errors of short pieces, (pieces, values)."""
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Errors at some numbers, their derivatives by the scaled numbers, and the normal equations of the likelihood."""
+
+    errors: Errors
+    whole: np.ndarray
+    """(values, numbers)"""
+    pieces: np.ndarray
+    """(pieces, values, numbers)"""
+
+
+@dataclass
+class JointFit:
+    """Fits sets of effects that act at all places to whole logs and short pieces together."""
+
+    heldout_gap: HeldOutGap
+    short: ShortRollouts
+    evidence: Sequence[Evidence]
+    plan: JointFitSettings = field(default_factory=JointFitSettings)
+    progress: Callable[[str], None] = lambda _: None
+
+    def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
+        """Fit all effects, take away those that do not matter, and return the rest, what matters most first."""
+        every = tuple(h for h in hypotheses if h.location == "all" and h.per_log is None)
+        fit = self.fit(every, self.start(every), self.plan.steps)
+        while len(kept := self.without_idle(fit)) < len(fit.hypotheses):
+            fewer = self.fit(*kept_numbers(fit, kept), (self.plan.steps + 1) // 2)
+            lost = self.closes(fit) - self.closes(fewer)
+            self.progress(f"jointly, {in_words(fewer)}: closes {self.closes(fewer):.2f}")
+            if lost > self.plan.most_lost and len(fit.hypotheses) <= self.plan.most_causes:
+                break
+            fit = fewer
+        return self.ordered(fit)
+
+    def closes(self, fit: FullRolloutFit) -> float:
+        """Share of the headline gap that a fit closes on held-out logs."""
+        return self.heldout_gap.closure_value(fit.heldout)
+
+    @cached_property
+    def told(self) -> Mapping[str, Evidence]:
+        """Evidence by the parameter that it tells."""
+        return {one.quantity: one for one in self.evidence}
+
+    def centre(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+        """Numbers expected beforehand: what evidence says, else nominal, (numbers,)."""
+        return np.array(
+            [
+                self.told[key].value if (key := f"{h.name}.{p.name}") in self.told else p.nominal
+                for h in hypotheses
+                for p in h.parameters
+            ]
+        )
+
+    def start(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+        """Numbers that a fit begins with."""
+        return clip_numbers(tuple(hypotheses), self.centre(hypotheses))
+
+    def scale(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+        """Standard deviation of the numbers beforehand: a moderate departure, or the spread of the evidence."""
+        found = []
+        for h in hypotheses:
+            for p, moderate in zip(h.parameters, np.abs(h.moderate), strict=True):
+                one = self.told.get(f"{h.name}.{p.name}")
+                least = self.plan.least_evidence * moderate
+                found.append(moderate if one is None else min(max(one.spread, least), moderate))
+        return np.array(found)
+
+    def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, steps: int) -> FullRolloutFit:
+        """The most likely numbers of a set of effects, with their covariance and those of each fold."""
+        centre, scale = self.centre(hypotheses), self.scale(hypotheses)
+        slopes = self.slopes(hypotheses, numbers, scale)
+        loss = self.loss(slopes.errors, (numbers - centre) / scale)
+        for _ in range(steps):
+            tried = [
+                clip_numbers(hypotheses, numbers + scale * self.step(slopes, (numbers - centre) / scale, damping))
+                for damping in DAMPINGS
+            ]
+            found = self.errors(hypotheses, tried)
+            losses = [self.loss(e, (x - centre) / scale) for e, x in zip(found, tried, strict=True)]
+            best = int(np.argmin(losses))
+            if losses[best] >= loss - SETTLED:
+                break
+            self.progress(f"joint fit of {len(hypotheses)} effects: loss {losses[best]:.0f}, was {loss:.0f}")
+            numbers, loss = tried[best], losses[best]
+            slopes = self.slopes(hypotheses, numbers, scale)
+        departs = (numbers - centre) / scale
+        of_folds = np.array(
+            [
+                clip_numbers(hypotheses, numbers + scale * self.step(slopes, departs, DAMPINGS[1], fold))
+                for fold in range(int(self.heldout_gap.folds.max()) + 1)
+            ]
+        )
+        candidates = effects_on_logs(hypotheses, list(of_folds), self.heldout_gap.names)
+        folds = self.heldout_gap.folds
+        heldout = self.heldout_gap.squares_with(candidates)[folds, np.arange(len(folds))]
+        covariance = np.linalg.inv(self.normal(slopes, departs)[0]) * scale[:, None] * scale
+        return FullRolloutFit(hypotheses, numbers, covariance, of_folds, loss, heldout)
+
+    def without_idle(self, fit: FullRolloutFit) -> list[int]:
+        """Indices of the hypotheses that matter, by what the likelihood loses without them, one after the other."""
+        kept = list(range(len(fit.hypotheses)))
+        while len(kept) > 1:
+            losses = self.losses_without(fit, kept)
+            least = int(np.argmin(losses))
+            if losses[least] >= self.plan.least_gain and len(kept) <= self.plan.most_causes:
+                break
+            kept.pop(least)
+        return kept
+
+    def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
+        """Fall of the logarithm of the likelihood without each of the kept hypotheses, the others fitted anew.
+
+        By the curvature at the fit; hypotheses that are not kept are nominal.
+        """
+        ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
+        own = [list(range(ends[k], ends[k + 1])) for k in range(len(fit.hypotheses))]
+        precision = np.linalg.inv(fit.covariance)
+        departs = fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses])
+        numbers = [i for k in kept for i in own[k]]
+        # Conditional on the effects that are gone: their departures are taken to nominal.
+        gone = [i for i in range(len(departs)) if i not in numbers]
+        inner = np.linalg.inv(precision[np.ix_(numbers, numbers)])
+        shifted = departs[numbers] + inner @ precision[np.ix_(numbers, gone)] @ departs[gone]
+        places = {number: at for at, number in enumerate(numbers)}
+        found = []
+        for k in kept:
+            at = [places[i] for i in own[k]]
+            found.append(0.5 * shifted[at] @ np.linalg.solve(inner[np.ix_(at, at)], shifted[at]))
+        return np.array(found)
+
+    def ordered(self, fit: FullRolloutFit) -> list[FullRolloutCause]:
+        """The causes of a fit, what matters most first, each with the fit of those up to it.
+
+        The probability of a cause is the share of resampled logs on which the whole set is better than without it.
+        """
+        kept = list(range(len(fit.hypotheses)))
+        last_first = []
+        while len(kept) > 1:
+            last_first.append(kept.pop(int(np.argmin(self.losses_without(fit, kept)))))
+        order = [*kept, *reversed(last_first)]
+        without = [part(fit, [k for k in order if k != one]) for one in order] if len(order) > 1 else []
+        draws = self.heldout_gap.draws
+        sure = [
+            float((own[draws].sum(axis=1) > fit.heldout[draws].sum(axis=1)).mean())
+            for own in self.heldout_gap.squares(without)
+        ]
+        whole = part(fit, order)
+        steps = [part(fit, order[: k + 1]) for k in range(len(order) - 1)] + [whole]
+        return [
+            FullRolloutCause(step, (step.names[-1],), probability)
+            for step, probability in zip(steps, sure or [1.0], strict=True)
+        ]
+
+    def loss(self, errors: Errors, departs: np.ndarray) -> float:
+        """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
+        whole = self.whole_values / 2 * np.log(np.mean(errors.whole**2))
+        pieces = PIECE_VALUES / 2 * np.log(self.usual + np.mean(errors.pieces**2, axis=1)).sum()
+        return float(whole + pieces + 0.5 * departs @ departs)
+
+    def normal(self, slopes: Slopes, departs: np.ndarray, fold: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold."""
+        folds = self.heldout_gap.folds
+        values, pieces = folds[self.log_of_value] != fold, folds[self.short.log_of_piece] != fold
+        errors = slopes.errors
+        of_whole = self.whole_values / (np.mean(errors.whole**2) * len(errors.whole))
+        chi2 = self.usual + np.mean(errors.pieces**2, axis=1)
+        of_pieces = PIECE_VALUES / (chi2 * errors.pieces.shape[1]) * pieces
+        by_whole = slopes.whole * (of_whole * values)[:, None]
+        by_pieces = (slopes.pieces * of_pieces[:, None, None]).reshape(-1, len(departs))
+        flat = slopes.pieces.reshape(-1, len(departs))
+        curvature = by_whole.T @ slopes.whole + by_pieces.T @ flat + np.eye(len(departs))
+        slope = by_whole.T @ errors.whole + by_pieces.T @ errors.pieces.ravel() + departs
+        return curvature, slope
+
+    def step(self, slopes: Slopes, departs: np.ndarray, damping: float, fold: int | None = None) -> np.ndarray:
+        """Levenberg–Marquardt step in the scaled numbers, (numbers,), without a fold where one is given."""
+        curvature, slope = self.normal(slopes, departs, fold)
+        return np.asarray(-np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope))
+
+    def slopes(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, scale: np.ndarray) -> Slopes:
+        """Errors at numbers, and finite differences about them within their ranges."""
+        lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
+        moderate = np.abs(np.concatenate([h.moderate for h in hypotheses]))
+        size = DIFFERENCE * moderate
+        by = np.where(numbers + size <= upper, size, -np.minimum(size, numbers - lower))
+        by = np.where(by == 0, size, by)
+        start, *moved = self.errors(hypotheses, [numbers, *(numbers + np.diag(by))])
+        share = scale / by
+        return Slopes(
+            start,
+            np.stack([(e.whole - start.whole) * s for e, s in zip(moved, share, strict=True)], axis=1),
+            np.stack([(e.pieces - start.pieces) * s for e, s in zip(moved, share, strict=True)], axis=2),
+        )
+
+    def errors(self, hypotheses: tuple[Hypothesis, ...], tried: Sequence[np.ndarray]) -> list[Errors]:
+        """Errors of several vectors of numbers."""
+        names = self.heldout_gap.names
+        sets = effects_on_logs(hypotheses, tried, names)
+        whole = self.heldout_gap.errors_with(sets)
+        pieces = self.short.residuals(sets)
+        return [
+            Errors(
+                np.concatenate([of[::rows].ravel() for of, rows in zip(logs, self.every, strict=True)]),
+                np.concatenate(parts),
+            )
+            for logs, parts in zip(whole, pieces, strict=True)
+        ]
+
+    @cached_property
+    def every(self) -> list[int]:
+        """Number of rows between the compared rows of each log."""
+        return [log.info.rows(EVERY_S) for log in self.heldout_gap.judged.logs]
+
+    @cached_property
+    def log_of_value(self) -> np.ndarray:
+        """Index of the log of each compared value of whole replays, (values,)."""
+        judged = self.heldout_gap.judged
+        instants = [len(range(0, rows, every)) for rows, every in zip(judged.rows, self.every, strict=True)]
+        return np.repeat(np.arange(len(instants)), np.array(instants) * len(judged.channels))
+
+    @cached_property
+    def whole_values(self) -> float:
+        """Number of independent values of whole replays."""
+        return len(self.log_of_value) * EVERY_S / INDEPENDENT_S
+
+    @cached_property
+    def usual(self) -> float:
+        """A usual χ² of a piece over its number of values: below it pieces count alike."""
+        return 1.0
+
+
+def kept_numbers(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[tuple[Hypothesis, ...], np.ndarray]:
+    """The kept hypotheses of a fit, with their numbers."""
+    parts = split_numbers(fit.hypotheses, fit.numbers)
+    return tuple(fit.hypotheses[k] for k in kept), np.concatenate([parts[k] for k in kept])
+
+
+def part(fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
+    """Some causes of a fit, in this order, at their best numbers by the curvature where all others are nominal."""
+    ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
+    own = [i for k in kept for i in range(ends[k], ends[k + 1])]
+    gone = [i for i in range(ends[-1]) if i not in own]
+    hypotheses = tuple(fit.hypotheses[k] for k in kept)
+    precision = np.linalg.inv(fit.covariance)
+    inner = np.linalg.inv(precision[np.ix_(own, own)])
+    departs = (fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]))[gone]
+    shift = inner @ precision[np.ix_(own, gone)] @ departs if gone else np.zeros(len(own))
+    numbers = clip_numbers(hypotheses, fit.numbers[own] + shift)
+    of_folds = np.array([clip_numbers(hypotheses, fold + shift) for fold in fit.fold_numbers[:, own]])
+    return FullRolloutFit(hypotheses, numbers, inner, of_folds, fit.loss, fit.heldout)
