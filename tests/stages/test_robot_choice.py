@@ -5,15 +5,19 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import pytest
 
 from leapgap.errors import InputError
+from leapgap.jumping.experiments.methods.base import PlanSource
+from leapgap.jumping.experiments.rig import Rig
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
+from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.reference import name_of
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
-from leapgap.jumping.task import Target
+from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import Log, read_log, write_log
 from leapgap.robot.model import Robot
 from tests.code import ROOT
@@ -105,6 +109,16 @@ def test_published_plans_are_for_their_own_robot(menagerie: Path, robot: Robot) 
         InputError, match=r"plans are of the a1 with 11\.9 kg; expected own: .* another robot, 15\.2 kg"
     ):
         select_planar_robot("published", go2)
+
+
+def test_methods_with_published_plans_are_left_out_for_another_robot(
+    menagerie: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    go2 = Robot.load(menagerie / "unitree_go2" / "scene.xml")
+    settings = SimpleNamespace(published="nowhere", schedule=ContactSchedule())
+    rig = Rig(settings, {}, SimpleNamespace(robot=go2, references={TARGET: None}), (), RigidBody(15.2, 0.4))  # type: ignore[arg-type]
+    assert rig.plans(PlanSource.published) is None
+    assert "no published plans are of" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["optimize", "collect", "land"])
