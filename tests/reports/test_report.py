@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.gap import Interval
-from leapgap.diagnosis.report import Cause
+from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
-from leapgap.reports.report import CORRECTED, closures, every_channel, overlay, rounded, row_of
+from leapgap.reports.diagnosis import cause_in_words
+from leapgap.reports.report import CORRECTED, closures, every_channel, overlay, profiles, rounded, row_of
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -112,6 +113,14 @@ def test_small_motions_keep_their_digits() -> None:
     assert rounded(np.array([0.000123456, -0.0000002])).tolist() == [0.0001235, -0.0000002]
     assert rounded(np.array([12.345678, 0.0])).tolist() == [12.3457, 0.0]
     assert rounded(np.zeros(2)).tolist() == [0.0, 0.0]
+
+
+def test_a_ratio_is_printed_and_drawn_without_a_unit() -> None:
+    scale = ParameterEstimate(0.918, (0.907, 0.928), 1.0, "1", False)
+    cause = Cause("torque_gain", "all", 0.72, {"scale": scale}, {}, Interval(0.5, 0.4, 0.6), 0.1, ())
+    assert cause_in_words(cause) == "  torque_gain: scale 0.918 (0.907 to 0.928), closes 50 %, probability 0.72"
+    shown = SimpleNamespace(profiles=[Profile("torque_gain", "scale (1)", (0.8, 0.9, 1.0), (2.0, 0.0, 2.0))])
+    assert profiles(shown).layout.xaxis.title.text == "scale"  # type: ignore[arg-type]
 
 
 def arm_log(joints: int) -> Log:

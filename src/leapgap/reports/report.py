@@ -346,7 +346,7 @@ def profiles(report: ReportContent) -> go.Figure:
             ),
             **at,
         )
-        figure.update_xaxes(title_text=one.label, title_font={"size": 11}, **at)
+        figure.update_xaxes(title_text=one.label.removesuffix(" (1)"), title_font={"size": 11}, **at)
     figure.add_hline(y=HALF_OF_CHI2_95, line={"color": GREY, "dash": "dot", "width": 1})
     figure.update_yaxes(range=[0, 5 * HALF_OF_CHI2_95])
     figure.update_layout(height=70 + 230 * rows, margin={"l": 45, "r": 15, "t": 35, "b": 45})
