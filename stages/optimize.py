@@ -3,6 +3,7 @@
 Examples:
 
     python -m stages.optimize 'optimize.targets=[[0.55,0.0],[0.5,0.1]]' optimize.out=references
+    python -m stages.optimize robot=go2 'optimize.targets=[[0.4,0.0]]' optimize.out=references
 """
 
 from pathlib import Path
@@ -57,9 +58,9 @@ def optimize(config: DictConfig) -> None:
 
 
 def planar_of(section: DictConfig, config: DictConfig) -> PlanarRobot:
-    """Planar robot of the published planner, of the robot, or of a corrected robot with the effects of a diagnosis."""
+    """Planar robot of the configured robot, or of a corrected robot with the effects of a diagnosis."""
     if section.robot is None:
-        return select_planar_robot(str(section.planar), load_robot(config))
+        return select_planar_robot(section.planar, load_robot(config))
     return planar_robot_with(*read_corrected(Path(section.robot)))
 
 

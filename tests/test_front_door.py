@@ -1,9 +1,10 @@
 """The public names and the command, on logs of a small arm that plain MuJoCo made."""
 
 import json
+import re
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -13,6 +14,7 @@ import pytest
 import leapgap as lg
 from leapgap import cli
 from leapgap.effects.base import parameter
+from leapgap.logs.segments import Segment
 from tests import plain_arm
 
 PUBLIC = (
@@ -97,6 +99,29 @@ def test_saved_it_is_a_page_a_file_of_figures_and_a_robot_to_simulate_with(
     assert (tmp_path / "mine.txt").read_text() == "not the report's"
     corrected = json.loads((tmp_path / "corrected" / "effects.json").read_text())
     assert corrected["effects"][0]["name"] == "joint_damping"
+
+
+def test_the_page_of_an_arm_speaks_of_joints_and_not_of_jumps(report: lg.Report, tmp_path: Path) -> None:
+    words = words_of(report.save(tmp_path))
+    assert not re.search(r"\b(jump|leg|foot|feet|trunk|phase|collect)", words, flags=re.IGNORECASE)
+    assert "part 1 elbow velocity" in words  # the table's words are those of the curves
+    assert "leapgap replay" in words
+    assert "Choose a log. The corrected replay uses" in words
+
+
+def test_sentences_of_the_page_stand_apart_where_logs_have_segments(report: lg.Report, tmp_path: Path) -> None:
+    parts = sorted({place.phase for place in report.content.where})
+    stated = tuple(Segment(name, 0.5 * i, 0.5 * (i + 1)) for i, name in enumerate(parts))
+    logs = [replace(log, info=replace(log.info, stated_segments=stated)) for log in report.logs]
+    words = words_of(replace(report, logs=logs).save(tmp_path))
+    assert re.search(r"Choose a log\. Dotted lines: where its segments begin \([\w, ]+\)\. The corrected replay", words)
+
+
+def words_of(folder: Path) -> str:
+    """The words of a report's page, without scripts and marks."""
+    page = (folder / "report.html").read_text()
+    text = re.sub(r"<script.*?</script>|<style.*?</style>", "", page, flags=re.DOTALL)
+    return " ".join(re.sub(r"<[^>]+>", " ", text).split())
 
 
 def test_the_corrected_replay_is_nearer_to_the_log(folder: Path, report: lg.Report) -> None:

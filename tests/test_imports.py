@@ -22,6 +22,7 @@ FRONT = {"leapgap.api", "leapgap.cli", "leapgap.settings"}
 """The front door: it may import everything but the application, and only the application's stages import it."""
 ONLY_IN = {
     "mujoco": {"robot", "effects", "simulation", "diagnosis", "validation", "jumping"},
+    "mujoco_menagerie": {"robot"},
     "rerun": {"reports", "jumping.reports"},
     "torch": {"jumping.learning"},
     "lightning": {"jumping.learning"},

@@ -28,6 +28,7 @@ HEAVY = {
     "hydra",
     "joblib",
     "lightning",
+    "mujoco_menagerie",
     "omegaconf",
     "onnx",
     "onnxruntime",

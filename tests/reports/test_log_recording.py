@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -129,15 +131,34 @@ def test_forces_are_arrows_at_the_feet_while_they_push(hop_recording, robot, hop
     assert len(hop_recording.at(entity, "Arrows3D:vectors", AT_S)) == 0
 
 
-def test_opens_on_a_blueprint_with_its_views(hop_recording):
-    (blueprint,) = hop_recording.reader.blueprints()
+def names_of_views(recorded):
+    (blueprint,) = recorded.reader.blueprints()
     words = set()
-    for chunk in hop_recording.reader.stream(store=blueprint):
+    for chunk in recorded.reader.stream(store=blueprint):
         batch = chunk.to_record_batch()
         for name in batch.schema.names:
             if name.endswith(":display_name"):
                 words |= {value[0] for value in batch.column(name).to_pylist() if value}
-    assert {"Scene", "z [m]", "Δ z [m], ghost − measured", "FR_calf torque [N·m]"} <= words
+    return words
+
+
+def test_opens_on_a_blueprint_with_its_views(hop_recording):
+    views = {"Scene", "z [m]", "Δ z [m], ghost − measured", "FR_calf torque [N·m]"}
+    assert views | {"Jump", "Phases planned, contacts measured"} <= names_of_views(hop_recording)
+
+
+def test_an_arm_is_shown_by_its_joints_and_without_the_words_of_jumps(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    arm = Robot.load(tmp_path / "arm.xml")
+    swing = make_hop(arm, without=("base_", "mpc_force"))
+    swing = replace(swing, info=replace(swing.info, stated_segments=(), extra={}, terrain=()))
+    record_jump(tmp_path / "arm.rrd", swing, arm)
+    recorded = Recorded(tmp_path / "arm.rrd")
+    names = names_of_views(recorded)
+    assert {"Overview", "Joint positions", "a_shoulder position [rad]"} <= names
+    assert not {"Jump", "Phases planned, contacts measured", "Segments", "No base state in this log"} & names
+    notes = recorded.static["/notes"]["TextDocument:text"][0]
+    assert "World frame x forward, y left, z up." in notes and "nose" not in notes and "Contact" not in notes
 
 
 def test_a_log_without_base_is_shown_at_rest_and_says_so(tmp_path, robot, base_columns):

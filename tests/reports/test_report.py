@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.gap import Interval
-from leapgap.diagnosis.report import Cause
-from leapgap.reports.report import CORRECTED, closures, overlay, row_of
+from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
+from leapgap.logs.log import Log, LogInfo
+from leapgap.reports.diagnosis import cause_in_words
+from leapgap.reports.report import CORRECTED, closures, every_channel, overlay, profiles, rounded, row_of
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -78,6 +80,54 @@ def test_curves_have_a_point_every_4_ms_or_every_row(robot: Robot, rate_hz: int)
     report = SimpleNamespace(median_log=jump.name, answer=(), headline=SimpleNamespace(preset="jump"))
     figure = overlay(report, [jump], {jump.name: jump}, {})  # type: ignore[arg-type]
     assert all(np.diff(curve.x) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9) for curve in figure.data)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4, 6])
+def test_list_and_legend_stand_above_the_titles_however_many_rows_there_are(tmp_path: Path, channels: int) -> None:
+    """A share of the plot's height is another distance in pixels at each height; a title takes some 25."""
+    log = arm_log(channels)
+    where = tuple(SimpleNamespace(channel=f"joint_pos/j{i}") for i in range(channels))
+    report = SimpleNamespace(median_log="log", answer=(), headline=SimpleNamespace(preset=None), where=where)
+    layout = overlay(report, [log], {"log": log}, {}).layout  # type: ignore[arg-type]
+    plotted = layout.height - layout.margin.t - layout.margin.b
+    for above in (layout.legend.y, layout.updatemenus[0].y):
+        assert 70 < (above - 1) * plotted < layout.margin.t
+
+
+def test_every_channel_is_drawn_as_measured_nominal_and_corrected(tmp_path: Path) -> None:
+    motors = "".join(f'<motor joint="j{i}"/>' for i in range(3))
+    bodies = "".join(f'<body><joint name="j{i}"/><geom size=".1"/>' for i in range(3)) + "</body>" * 3
+    (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody><actuator>{motors}</actuator></mujoco>")
+    log = arm_log(3)
+    report = SimpleNamespace(median_log="log", answer=(("joint_damping",),))
+    others = {"log": log}
+    figure = every_channel(report, [log], Robot.load(tmp_path / "arm.xml"), others, others)  # type: ignore[arg-type]
+    titles = [title.text for title in figure.layout.annotations]
+    assert titles == [f"j{i} {what}" for what in ("position, rad", "velocity, rad/s") for i in range(3)]
+    names = ["measured", "nominal simulation", "corrected, not fitted on this log"]
+    assert [curve.name for curve in figure.data] == 6 * names
+    assert max(len(curve.x) for curve in figure.data) <= 300
+
+
+def test_small_motions_keep_their_digits() -> None:
+    assert rounded(np.array([0.000123456, -0.0000002])).tolist() == [0.0001235, -0.0000002]
+    assert rounded(np.array([12.345678, 0.0])).tolist() == [12.3457, 0.0]
+    assert rounded(np.zeros(2)).tolist() == [0.0, 0.0]
+
+
+def test_a_ratio_is_printed_and_drawn_without_a_unit() -> None:
+    scale = ParameterEstimate(0.918, (0.907, 0.928), 1.0, "1", False)
+    cause = Cause("torque_gain", "all", 0.72, {"scale": scale}, {}, Interval(0.5, 0.4, 0.6), 0.1, ())
+    assert cause_in_words(cause) == "  torque_gain: scale 0.918 (0.907 to 0.928), closes 50 %, probability 0.72"
+    shown = SimpleNamespace(profiles=[Profile("torque_gain", "scale (1)", (0.8, 0.9, 1.0), (2.0, 0.0, 2.0))])
+    assert profiles(shown).layout.xaxis.title.text == "scale"  # type: ignore[arg-type]
+
+
+def arm_log(joints: int) -> Log:
+    time = np.arange(4000) / 1000
+    quantities = ("joint_pos", "joint_vel", "cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+    names = [f"{quantity}/j{i}" for quantity in quantities for i in range(joints)]
+    return Log("log", {"time": time, **{name: np.sin(time) for name in names}}, LogInfo("arm", 0.001, "a test"))
 
 
 def test_only_the_place_that_was_selected_is_blue() -> None:

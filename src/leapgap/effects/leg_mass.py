@@ -1,4 +1,4 @@
-"""Legs heavier or lighter than the model has them."""
+"""Links heavier or lighter than the model has them."""
 
 from dataclasses import dataclass
 

@@ -113,7 +113,7 @@ def cause_in_words(cause: Cause) -> str:
     """``  joint_damping at elbow: damping 0.399 N·m·s/rad (0.376 to 0.423), closes 97 %, probability 1.00``."""
     place = "" if cause.location == "all" else f" at {cause.location}"
     numbers = ", ".join(
-        f"{name} {one.value:.3g} {one.unit} ({one.ci95[0]:.3g} to {one.ci95[1]:.3g})"
+        f"{name} {one.value:.3g}{'' if one.unit == '1' else f' {one.unit}'} ({one.ci95[0]:.3g} to {one.ci95[1]:.3g})"
         for name, one in cause.parameters.items()
     )
     closes = f"closes {100 * cause.closure.value:.0f} %, probability {cause.probability:.2f}"

@@ -15,6 +15,8 @@ PLAYBACK_SPEED = 0.25
 """Of real time, since a jump takes only 1.2 s."""
 BACKGROUND = (44, 48, 56)
 POSE = ("x", "z", "pitch")
+MOST_JOINTS = 8
+"""Number of joints that are shown beside the scene of a robot without a base state."""
 
 
 def jump_blueprint(actors: Sequence[ShownRobot], extra_lanes: int = 0) -> rrb.Blueprint:
@@ -62,12 +64,16 @@ def add_panels(root: rrb.Container) -> rrb.Blueprint:
 
 def overview(actors: Sequence[ShownRobot], plots: rrb.Container, extra_lanes: int = 0) -> rrb.Container:
     """Scene, plots and phases on one page."""
-    lanes = 1 + len(switched_pairs(actors[0])) + extra_lanes
+    log, pairs = actors[0].jump, len(switched_pairs(actors[0]))
+    name = "Jump" if "target" in log.info.extra else "Overview"
+    above = rrb.Horizontal(scene_view(actors), plots, column_shares=[1.1, 1.0], name=name)
+    if not (log.info.segments or pairs or extra_lanes):
+        return above
     return rrb.Vertical(
-        rrb.Horizontal(scene_view(actors), plots, column_shares=[1.1, 1.0]),
-        rrb.StateTimelineView(origin="phases", name="Phases planned, contacts measured"),
-        row_shares=[1.0, 0.1 + 0.055 * lanes],
-        name="Jump",
+        above,
+        rrb.StateTimelineView(origin="phases", name="Phases planned, contacts measured" if pairs else "Segments"),
+        row_shares=[1.0, 0.1 + 0.055 * (1 + pairs + extra_lanes)],
+        name=name,
     )
 
 
@@ -97,7 +103,7 @@ def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
     main = actors[0]
     shown = [part for part in COMPONENTS if any(part in components(actor.jump) for actor in actors)]
     if not shown:
-        return rrb.Grid(rrb.TextDocumentView(origin="notes", name="No base state in this log"))
+        return joint_positions(main)
     with_legend = (shown[0], *shown[3:4])
     values = {p.key: plot(f"base/{p.key}", p.label, p in with_legend) for p in shown}
     if len(actors) == 1:
@@ -112,6 +118,17 @@ def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
             views = [view for key in keys for view in (values[key], residuals[key])]
             pages.append(rrb.Grid(*views, grid_columns=2, name=name))
     return rrb.Tabs(*pages, active_tab=0)
+
+
+def joint_positions(actor: ShownRobot) -> rrb.Container:
+    """Positions of the first joints, for logs without a base state; the tab of the joints has all of them."""
+    joints = actor.robot.joints[:MOST_JOINTS]
+    of_limb = [(actor.robot.limb_of(joint), joint) for joint in joints]
+    views = [
+        plot(f"joints/{limb}/{joint}/joint_pos", f"{joint} position [rad]", legend=joint == joints[0])
+        for limb, joint in of_limb
+    ]
+    return rrb.Grid(*views, grid_columns=2 if len(views) > 3 else 1, name="Joint positions")
 
 
 def legs(actor: ShownRobot) -> tuple[str, ...]:

@@ -61,8 +61,7 @@ def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
         f"# {title}",
         *([says] if says else []),
         *in_words(info),
-        "World frame x forward, y left, z up; pitch positive "
-        "nose-down. Contact lanes show a pair in contact as soon as one of its feet is.",
+        frame_in_words(actors[0].robot),
         "",
     ]
     for actor in actors:
@@ -82,6 +81,15 @@ def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
             f"(yellow), {100 / METRES_PER_NEWTON / 1000:g} N a 10 cm"
         )
     return "\n".join(lines) + "\n"
+
+
+def frame_in_words(robot: Robot) -> str:
+    """Axes and signs of what is shown of a robot."""
+    frame = "World frame x forward, y left, z up"
+    if not robot.has_free_base:
+        return f"{frame}."
+    lanes = " Contact lanes show a pair in contact as soon as one of its feet is." if robot.limbs_of_pair else ""
+    return f"{frame}; pitch positive nose-down.{lanes}"
 
 
 def in_words(info: LogInfo) -> list[str]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
+from leapgap.diagnosis.channels import JUMP, is_logged, logged_channels, logged_values
 from leapgap.diagnosis.localisation import phase_names
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.summary import brief
@@ -48,6 +48,8 @@ HALF_OF_CHI2_95 = 1.92
 """Loss of log likelihood at the end of a parameter's 95 % interval, for errors that are noise alone."""
 OVERLAID = 6
 """Number of channels whose curves are drawn, where the headline does not name them."""
+CHANNELS_A_ROW, MOST_POINTS = 4, 300
+"""Plots in a row where all channels are drawn, and the largest number of points of a curve there."""
 SHOWN_EVERY_S = 0.004
 """Interval between drawn points: the page stays small and the curves look smooth."""
 
@@ -59,6 +61,7 @@ def html(
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
         "overlay": overlay(report, logs, nominal, corrected),
+        "channels": every_channel(report, logs, robot, nominal, corrected),
         "closure": closures(report),
         "profiles": profiles(report),
         "logs": gap_per_log(report),
@@ -68,8 +71,9 @@ def html(
         figures,
         report=report,
         loudest=list(report.where[:6]),
-        labels=LABELS,
+        words=channel_words,
         title=channel_title,
+        kind=kind_of(report, robot),
         brief=brief,
         number_of_logs=len(logs),
         segments=[segment.name for segment in logs[0].info.segments],
@@ -135,7 +139,6 @@ def overlay(
     report: ReportContent, logs: Sequence[Log], nominal: Mapping[str, Log], corrected: Mapping[str, Log]
 ) -> go.Figure:
     """Log, nominal and corrected replay of one log after another, chosen from a list."""
-    import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     channels = overlay_channels(report, logs)
@@ -150,26 +153,10 @@ def overlay(
     first = report.median_log
     owners: list[str] = []
     for log in logs:
-        sources = [("measured", log, REAL, 2.4), ("nominal simulation", nominal[log.name], NOMINAL, 1.6)]
-        if report.answer:
-            sources.append(("corrected, not fitted on this log", corrected[log.name], CORRECTED, 1.6))
         for c, channel in enumerate(channels):
-            for name, source, colour, width in sources:
-                shown = slice(0, min(len(log), len(source)), log.info.rows(SHOWN_EVERY_S))
-                figure.add_trace(
-                    go.Scatter(
-                        x=np.round(source.time[shown], 3),
-                        y=np.round(logged_values(source, channel)[shown], 4),
-                        name=name,
-                        legendgroup=name,
-                        showlegend=c == 0,
-                        visible=log.name == first,
-                        line={"color": colour, "width": width},
-                        mode="lines",
-                    ),
-                    row=c // 3 + 1,
-                    col=c % 3 + 1,
-                )
+            for curve in curves(report, log, channel, nominal, corrected, log.info.rows(SHOWN_EVERY_S)):
+                curve.update(showlegend=c == 0, visible=log.name == first)
+                figure.add_trace(curve, row=c // 3 + 1, col=c % 3 + 1)
                 owners.append(log.name)
     for segment in logs[0].info.segments:
         if 0 < segment.begin_s < logs[0].time[-1]:
@@ -182,23 +169,103 @@ def overlay(
         }
         for log in logs
     ]
+    height = 280 * rows if rows > 1 else 340
+    plotted = height - 95 - 40  # without the margins; what stands above is placed in shares of it
     figure.update_layout(
-        height=280 * rows,
+        height=height,
         margin={"l": 45, "r": 15, "t": 95, "b": 40},
-        legend={"orientation": "h", "y": 1.19, "x": 0.16},
+        legend={"orientation": "h", "y": 1 + 81 / plotted, "x": 0.16},
         updatemenus=[
             {
                 "buttons": buttons,
                 "active": [log.name for log in logs].index(first),
                 "x": 0,
                 "xanchor": "left",
-                "y": 1.2,
+                "y": 1 + 85 / plotted,
                 "yanchor": "top",
             }
         ],
     )
     figure.update_xaxes(title_text="s", row=rows)
     return figure
+
+
+def curves(
+    report: ReportContent,
+    log: Log,
+    channel: str,
+    nominal: Mapping[str, Log],
+    corrected: Mapping[str, Log],
+    every: int,
+) -> list[go.Scatter]:
+    """One channel of a log, every so many rows: measured, and of its nominal and, with an answer, corrected replay."""
+    import plotly.graph_objects as go
+
+    sources = [("measured", log, REAL, 2.4), ("nominal simulation", nominal[log.name], NOMINAL, 1.6)]
+    if report.answer:
+        sources.append(("corrected, not fitted on this log", corrected[log.name], CORRECTED, 1.6))
+    found = []
+    for name, source, colour, width in sources:
+        shown = slice(0, min(len(log), len(source)), every)
+        found.append(
+            go.Scatter(
+                x=np.round(source.time[shown], 3),
+                y=rounded(logged_values(source, channel)[shown]),
+                name=name,
+                legendgroup=name,
+                line={"color": colour, "width": width},
+                mode="lines",
+            )
+        )
+    return found
+
+
+def rounded(values: np.ndarray) -> np.ndarray:
+    """Values to four decimals, and to four digits of the largest: the page stays small and small motions are seen."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    return np.round(values, 4 if largest == 0 else max(4, 4 - math.ceil(math.log10(largest))))
+
+
+def every_channel(
+    report: ReportContent,
+    logs: Sequence[Log],
+    robot: Robot,
+    nominal: Mapping[str, Log],
+    corrected: Mapping[str, Log],
+) -> go.Figure:
+    """All channels of the log whose gap is the median: as measured, and in its replays."""
+    from plotly.subplots import make_subplots
+
+    log = next(log for log in logs if log.name == report.median_log)
+    channels = [channel.name for channel in logged_channels(logs, robot)]
+    rows = math.ceil(len(channels) / CHANNELS_A_ROW)
+    height = 70 + 190 * rows
+    figure = make_subplots(
+        rows=rows,
+        cols=CHANNELS_A_ROW,
+        subplot_titles=[channel_title(c) for c in channels],
+        horizontal_spacing=0.05,
+        vertical_spacing=50 / height if rows > 1 else 0.0,
+    )
+    figure.update_annotations(font_size=12)
+    every = max(log.info.rows(SHOWN_EVERY_S), math.ceil(len(log) / MOST_POINTS))
+    for c, channel in enumerate(channels):
+        for curve in curves(report, log, channel, nominal, corrected, every):
+            curve.update(showlegend=c == 0)
+            figure.add_trace(curve, row=c // CHANNELS_A_ROW + 1, col=c % CHANNELS_A_ROW + 1)
+    figure.update_layout(
+        height=height,
+        margin={"l": 45, "r": 15, "t": 60, "b": 30},
+        legend={"orientation": "h", "x": 0, "y": 1 + 55 / (height - 90)},
+    )
+    return figure
+
+
+def kind_of(report: ReportContent, robot: Robot) -> str:
+    """``jump`` for logs of jumps, ``base`` for others of a robot with a free base, ``fixed`` for one without."""
+    if report.headline.preset == "jump":
+        return "jump"
+    return "base" if robot.has_free_base else "fixed"
 
 
 def overlay_channels(report: ReportContent, logs: Sequence[Log]) -> list[str]:
@@ -213,8 +280,15 @@ def channel_title(channel: str) -> str:
     if channel in LABELS:
         known = quantity_of(channel)
         return f"{LABELS[channel]}, {known.unit if known else 'rad'}"
+    return f"{channel_words(channel)}, {QUANTITIES[channel.partition('/')[0]].unit}"
+
+
+def channel_words(channel: str) -> str:
+    """Label of a channel, such as ``height z`` or ``elbow velocity``."""
+    if channel in LABELS:
+        return LABELS[channel]
     quantity, _, joint = channel.partition("/")
-    return f"{joint} {JOINT_WORDS[quantity]}, {QUANTITIES[quantity].unit}"
+    return f"{joint} {JOINT_WORDS[quantity]}"
 
 
 def closures(report: ReportContent) -> go.Figure:
@@ -277,7 +351,7 @@ def profiles(report: ReportContent) -> go.Figure:
             ),
             **at,
         )
-        figure.update_xaxes(title_text=one.label, title_font={"size": 11}, **at)
+        figure.update_xaxes(title_text=one.label.removesuffix(" (1)"), title_font={"size": 11}, **at)
     figure.add_hline(y=HALF_OF_CHI2_95, line={"color": GREY, "dash": "dot", "width": 1})
     figure.update_yaxes(range=[0, 5 * HALF_OF_CHI2_95])
     figure.update_layout(height=70 + 230 * rows, margin={"l": 45, "r": 15, "t": 35, "b": 45})
@@ -292,7 +366,16 @@ def gap_per_log(report: ReportContent) -> go.Figure:
     figure = go.Figure()
     shown = [("nominal", "nominal", NOMINAL), ("corrected", "corrected, not fitted on this log", CORRECTED)]
     for key, label, colour in shown if report.answer else shown[:1]:
-        figure.add_bar(x=names, y=[report.gap_per_log[name][key] for name in names], name=label, marker_color=colour)
+        gaps = [report.gap_per_log[name][key] for name in names]
+        figure.add_bar(
+            x=names,
+            y=gaps,
+            name=label,
+            marker_color=colour,
+            text=[brief(gap) for gap in gaps],
+            textposition="outside",
+            cliponaxis=False,
+        )
     figure.add_hline(y=report.noise_floor, line={"color": REAL, "dash": "dot", "width": 1})
     figure.update_layout(
         height=300,

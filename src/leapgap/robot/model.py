@@ -11,6 +11,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.robot.actuators import SINGLE, JointActuator, actuators_of, check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
+from leapgap.robot.menagerie import model_file
 from leapgap.robot.model_file import compile_spec, read_spec
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
@@ -50,8 +51,11 @@ class Robot:
         names: PartNames | None = None,
         fix_base: bool | None = None,
     ) -> "Robot":
-        """Read and compile a model file; ``InputError`` where it is invalid or cannot be replayed."""
-        robot = Robot(Path(path), motors, names, fix_base)
+        """Read and compile a model file; ``InputError`` where it is invalid or cannot be replayed.
+
+        ``menagerie:<name>`` is a robot of MuJoCo Menagerie (``robot.menagerie``).
+        """
+        robot = Robot(model_file(path), motors, names, fix_base)
         robot.check()
         return robot
 

@@ -125,13 +125,19 @@ def topology_of(
 
 
 def sphere_feet(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Named spheres that may touch the ground, in the order of the model."""
+    """Named spheres that may touch the ground, in the order of the model.
+
+    A sphere on a link from which several limbs branch off is no foot, such as a helmet on a trunk with arms.
+    """
+    link, carrying = model.body_weldid[1:], model.body_weldid[model.body_parentid[1:]]
+    links_on = np.bincount(carrying[link != carrying], minlength=model.nbody)
     return tuple(
         model.geom(g).name
         for g in range(model.ngeom)
         if model.geom_type[g] == int(mujoco.mjtGeom.mjGEOM_SPHERE)
         and model.geom_conaffinity[g] | model.geom_contype[g]
         and model.geom(g).name
+        and links_on[model.body_weldid[model.geom_bodyid[g]]] < 2
     )
 
 

@@ -16,7 +16,7 @@ from leapgap.jumping.planning.solve import solve
 from leapgap.jumping.task import Target
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.kinematics import feet_in_world
-from leapgap.robot.model import Robot
+from leapgap.robot.model import DEFAULT_MODEL, Robot
 from tests.robot.quadrupeds import FIGURES, write
 
 
@@ -79,6 +79,16 @@ def test_motors_of_another_quadruped_limit_its_plans(tmp_path: Path) -> None:
     for name in FIGURES:
         planar = planar_robot(Robot.load(write(FIGURES[name], tmp_path)))
         assert planar.torque_limit == (FIGURES[name].thigh_torque, FIGURES[name].calf_torque)
+
+
+def test_the_torque_speed_limit_is_that_of_the_motors_stated_in_the_file(robot: Robot, tmp_path: Path) -> None:
+    """The A1's file states them; a Go2 as published does not, and gets no limit of another robot's motors."""
+    text = DEFAULT_MODEL.read_text().replace('data="0.34602"', 'data="0.5"')
+    (tmp_path / "strong.xml").write_text(text)
+    assert (planar_robot(robot).speed_per_torque, planar_robot(robot).no_load_speed) == (0.34602, 21.5)
+    assert planar_robot(Robot.load(tmp_path / "strong.xml")).speed_per_torque == 0.5
+    go2 = planar_robot(Robot.load(write(FIGURES["go2"], tmp_path)))
+    assert (go2.speed_per_torque, go2.no_load_speed) == (0.0, np.inf)
 
 
 def test_a_robot_without_four_legs_is_refused(tmp_path: Path) -> None:

@@ -55,7 +55,8 @@ class LandingExperiment:
     """Mass and inertia of the robot, rounded as in its configuration."""
 
     def __post_init__(self) -> None:
-        """Refuse unknown names before any work starts."""
+        """Refuse unknown names, and a robot that cannot jump, before any work starts."""
+        planar_robot(self.robot)
         self.hardware  # noqa: B018 (refuses unknown hardware)
         known = available(self.methods)
         lists = {"land.methods": self.settings.methods}

@@ -19,7 +19,7 @@ from leapgap.jumping.models.corrected_robot import body_with, planar_robot_with,
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.problem import Limits
-from leapgap.jumping.planning.reference_store import plan_reference, reference_to
+from leapgap.jumping.planning.reference_store import is_same_robot, plan_reference, reference_to
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -127,7 +127,7 @@ class Rig:
         return reference_to(target, Path(self.settings.references), planar_robot(self.robot), self.settings.schedule)
 
     def plans(self, source: PlanSource) -> Plans | None:
-        """Plans for the robot of a source; None where a corrected robot has an effect that plans cannot account for."""
+        """Plans for the robot of a source; None, with a printed reason, where there are none."""
         makers: dict[PlanSource, Callable[[], Plans | None]] = {
             PlanSource.own: lambda: Plans(self.bench.references, self.body),
             PlanSource.published: lambda: self._published,
@@ -136,8 +136,11 @@ class Rig:
         return makers[source]()
 
     @cached_property
-    def _published(self) -> Plans:
+    def _published(self) -> Plans | None:
         """Plans for the published planar robot; the rigid body remains that of the nominal robot."""
+        if not is_same_robot(planar_robot(self.robot), PlanarRobot()):
+            print(f"no published plans are of {self.robot.path}: methods _published are left out", flush=True)
+            return None
         folder, schedule = Path(self.settings.published), self.settings.schedule
         found = {target: reference_to(target, folder, PlanarRobot(), schedule) for target in self.bench.references}
         return Plans(found, self.body)

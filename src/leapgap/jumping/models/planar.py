@@ -17,6 +17,9 @@ from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
+PUBLISHED_SUPPLY_V = 21.5
+"""Voltage that the published planner reckons with; 1 V is 1 rad/s at a joint (``robot.motors``)."""
+
 
 @dataclass(frozen=True)
 class PlanarLink:
@@ -108,8 +111,8 @@ class PlanarRobot:
     """m/s²."""
     speed_per_torque: float = 0.34602
     """rad/s per N·m at one joint: R / (Kt² gear²) × Kt gear for Kt 4/34, R = 25 Kt², gear 8.5."""
-    no_load_speed: float = 21.5
-    """rad/s at 21.5 V, since gear × Kt = 1."""
+    no_load_speed: float = PUBLISHED_SUPPLY_V
+    """rad/s, since gear × Kt = 1; infinite: no torque-speed limit."""
     torque_limit: tuple[float, float] = (33.5, 33.5)
     """N·m, of one thigh and one calf joint"""
     thigh_range: tuple[float, float] = (-4.1888, 1.047)
@@ -139,7 +142,8 @@ def planar_robot(robot: Robot, model: mujoco.MjModel | None = None) -> PlanarRob
     ``model`` is a changed version of the robot's own model; None: the model as in its file.
 
     Needs a free base and four legs with an abduction joint along x, then thigh and calf joints along y, mirrored left
-    and right. Such models hold no voltage law of the motors; that of the A1 is kept.
+    and right. The torque-speed limit is that of the motors whose constants the model file states, at the published
+    supply voltage; a model without them has none.
     """
     found = " and ".join(f"{len(robot.limbs_of_pair.get(pair, ()))} legs {pair}" for pair in PAIRS)
     if not robot.has_free_base or found != "2 legs front and 2 legs rear":
@@ -181,6 +185,8 @@ class PlanarReader:
             armature=2 * float(self.model.dof_armature[dofs].mean()),
             damping=2 * float(self.model.dof_damping[dofs].mean()),
             gravity=-float(self.model.opt.gravity[2]),
+            speed_per_torque=robot.motors.resistance if robot.motors else 0.0,
+            no_load_speed=PUBLISHED_SUPPLY_V if robot.motors else float("inf"),
             torque_limit=tuple(min(self.torque_limit(m.pitch[i]) for m in maps) for i in (0, 1)),  # type: ignore[arg-type]
             thigh_range=self.joint_range(maps, 0),
             calf_range=self.joint_range(maps, 1),

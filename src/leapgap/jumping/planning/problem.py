@@ -42,7 +42,8 @@ class Limits:
     friction: float = 0.4
     least_front_force_n: float = 30.0
     least_rear_force_n: float = 50.0
-    stance_torque_nm: float = 67.0
+    stance_torque_nm: float = float("inf")
+    """Infinite: what the robot's motors give, 67 N·m for the published robot."""
     swing_torque_nm: float = 20.0
     """Torque limit of the front pair while the rear pair still pushes."""
     flight_torque_nm: float = 30.0
