@@ -104,9 +104,9 @@ def test_smoothing_keeps_parabolas_and_less_than_half_the_noise() -> None:
     assert value == pytest.approx([900.0, 90.0])
     assert 0.2 < kept < 0.5
     draws = np.random.default_rng(0).standard_normal((4000, 60))
-    assert np.std([smooth_start(Motion(d[:, None], d[:, None]), 30, np.arange(60) - 30, 9)[0][0] for d in draws]) == pytest.approx(
-        kept, rel=0.05
-    )
+    assert np.std(
+        [smooth_start(Motion(d[:, None], d[:, None]), 30, np.arange(60) - 30, 9)[0][0] for d in draws]
+    ) == pytest.approx(kept, rel=0.05)
 
 
 def test_pieces_spread_over_logs_and_phases() -> None:

@@ -20,6 +20,7 @@ TABLE = {
     "ground_slope": (("pitch_rad", "rad", 0, 0.01, 0.03, 0.08),),
     "joint_damping": (("damping", "N·m·s/rad", 0, 0.1, 0.4, 1.0),),
     "joint_friction": (("torque_nm", "N·m", 0, 0.3, 1.0, 2.5),),
+    "leg_geometry": tuple((part, "m", 0, 0.003, 0.005, 0.01) for part in ("hip_x_m", "upper_m", "lower_m")),
     "leg_mass": (("scale", "1", 1, 1.1, 1.3, 1.6),),
     "motor_lag": (("time_constant_s", "s", 0, 0.002, 0.005, 0.010),),
     "payload": (("mass_kg", "kg", 0, 0.3, 1, 2.5),),

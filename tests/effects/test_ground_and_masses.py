@@ -202,6 +202,25 @@ def test_a_heavier_trunk_inertia_turns_slower_under_the_same_moment(robot: Robot
     assert inertia[1.5] - inertia[1.0] == pytest.approx(0.5 * 0.0377999)
 
 
+def test_longer_legs_and_wider_hips_move_the_feet_by_as_much(robot: Robot) -> None:
+    """With legs stretched straight down a foot is as much lower as its links are longer, and as far out as its hip."""
+
+    def feet(*own: effects.Effect) -> np.ndarray:
+        model = Replayer(robot).model(Rollout(standing(robot, 5), own))
+        data = mujoco.MjData(model)
+        data.qpos[3] = 1.0
+        mujoco.mj_forward(model, data)
+        return np.array([data.geom(name).xpos for name in robot.foot_geom_names])
+
+    wider, longer = (
+        feet(effects.effect("leg_geometry", hip_x_m=0.01)),
+        feet(effects.effect("leg_geometry", upper_m=0.02, lower_m=0.005)),
+    )
+    outward = np.sign(feet()[:, 0])
+    assert wider - feet() == pytest.approx(np.column_stack([0.01 * outward, np.zeros(4), np.zeros(4)]), abs=1e-12)
+    assert longer - feet() == pytest.approx(np.tile([0, 0, -0.025], (4, 1)), abs=1e-12)
+
+
 def test_a_shifted_centre_of_mass_shifts_the_load_between_the_feet(robot: Robot) -> None:
     """Moments about the rear feet: m_trunk g dx moves dx/span of the trunk's weight to the front pair."""
     jump = standing(robot, 1500)

@@ -66,7 +66,8 @@ def scaled_error(motion: Motion, judged: JudgedLogs, log: int) -> np.ndarray:
     """Simulated − measured, scaled, in the judged rows of a log, (rows, channels); ``motion`` may go on longer."""
     measured = judged.motions[log]
     error = channel_errors(motion[: len(measured)], measured, judged.channels, judged.robot) / judged.scales
-    return np.clip(np.nan_to_num(error, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
+    bounded = np.clip(np.nan_to_num(error, nan=DIVERGED_ERROR), -DIVERGED_ERROR, DIVERGED_ERROR)
+    return bounded * np.sqrt(judged.row_weights[log]) if judged.row_weights else bounded
 
 
 def motion_squares(motions: Sequence[Motion], judged: JudgedLogs) -> np.ndarray:
@@ -215,13 +216,8 @@ class HeldOutGap:
 
     @property
     def before(self) -> np.ndarray:
-        """Sums of squares, (logs,), of the simulation as it was given: nominal robot, claimed clock.
-
-        A log has fewer rows by its own clock; the sums are those of as many rows.
-        """
-        if self.claimed is None:
-            return self.nominal
-        return self.claimed.nominal * self.judged.value_counts / self.claimed.judged.value_counts
+        """Sums of squares, (logs,), of the simulation as it was given: nominal robot, claimed clock."""
+        return self.nominal if self.claimed is None else self.claimed.nominal
 
     def at_stable_horizon(self, answer: Candidate, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
         """The same at the longest horizon, up to this one, at which a right answer would show to be right.

@@ -75,6 +75,8 @@ class JudgedLogs:
     """Those of the map of where the gap lies."""
     preset: str
     """``jump`` for the planar channels of jumps at fixed sizes, ``all`` for every channel by its spread."""
+    row_weights: tuple[float, ...] = ()
+    """How many rows each row of a log stands for, by log, where some were written at one instant; empty: one."""
 
     @staticmethod
     def of(
@@ -124,8 +126,9 @@ class JudgedLogs:
 
     @cached_property
     def value_counts(self) -> np.ndarray:
-        """Number of compared values of each log, (logs,)."""
-        return np.array(self.rows) * len(self.channels)
+        """Number of compared values of each log, (logs,), counted as its rows are weighted."""
+        counts = np.array(self.rows) * len(self.channels)
+        return counts * np.array(self.row_weights) if self.row_weights else counts
 
     @cached_property
     def scales(self) -> np.ndarray:

@@ -86,4 +86,6 @@ def own_clock(judged: JudgedLogs, checks: Sequence[CheckResult], sizes: Mapping[
         rows.append(max(2, int(kept[:cut].sum())))
     own = JudgedLogs.of(logs, judged.robot, sizes, rows)
     (result,) = (result for result in checks if result.row_clocks)
-    return OwnClock(replace(own, channels=judged.channels, mapped=judged.mapped), result.clocks or {}, judged.robot)
+    weights = tuple(before / after for before, after in zip(judged.rows, rows, strict=True))
+    own = replace(own, channels=judged.channels, mapped=judged.mapped, row_weights=weights)
+    return OwnClock(own, result.clocks or {}, judged.robot)

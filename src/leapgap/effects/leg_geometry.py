@@ -19,7 +19,6 @@ class LegGeometry(Effect):
     """
 
     name = "leg_geometry"
-    places = "feet"
     needs_base = True
 
     hip_x_m: float = parameter(0.0, "m", -0.03, 0.03, 0.005)
@@ -29,13 +28,13 @@ class LegGeometry(Effect):
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
         """A base that floats, and feet on limbs of two joints or more."""
-        return super().lacks(robot) or (None if legs_of(robot, "all") else "legs with two joints or more and feet")
+        return super().lacks(robot) or (None if legs_of(robot) else "legs with two joints or more and feet")
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Move the first bodies of the legs, the bodies of their last joints, and all shapes and sites at the feet."""
         if self.is_nominal:
             return
-        for first, last, foot in legs_of(robot, self.location):
+        for first, last, foot in legs_of(robot):
             model.body_pos[first, 0] += np.copysign(self.hip_x_m, model.body_pos[first, 0])
             model.body_pos[last] += self.upper_m * direction(model.body_pos[last])
             geom = model.geom(robot.foot_geom_names[foot]).id
@@ -46,14 +45,14 @@ class LegGeometry(Effect):
         recompute_constants(model)
 
 
-def legs_of(robot: Robot, location: str) -> list[tuple[int, int, int]]:
-    """First body, body of the last joint, and index of the foot, of each leg with two joints or more at a location."""
+def legs_of(robot: Robot) -> list[tuple[int, int, int]]:
+    """First body, body of the last joint, and index of the foot, of each leg with two joints or more."""
     found = []
-    for foot in robot.feet_at(location) if robot.feet else ():
+    for foot in range(len(robot.feet)):
         joints = robot.topology.limbs[robot.limb_of(robot.feet[foot])]
         if len(joints) > 1:
             bodies = [int(robot.joint_bodies[robot.joints.index(joint)]) for joint in (joints[0], joints[-1])]
-            found.append((bodies[0], bodies[1], int(foot)))
+            found.append((bodies[0], bodies[1], foot))
     return found
 
 

@@ -14,7 +14,6 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from leapgap.logs.log import Log
-from leapgap.logs.noise import NORMAL_MEDIAN
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 
 BASE = "base"
@@ -30,8 +29,6 @@ LAG, LAG_SPREAD = 0.3, 0.4
 """How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
 OUTLIER = 2.0
 """An equation that misses by more standard deviations counts less and less."""
-CALM = 0.25
-"""Share of the pairs of samples, those with the least change of velocity, that show the noise of positions."""
 ROUNDS = 3
 """Solutions, each with the weights and the delay of velocities that the one before gives."""
 ORIGIN = 1e5
@@ -55,8 +52,6 @@ class Stream:
     """(rows, channels), rad or m."""
     velocity: np.ndarray
     """(rows, channels), per s."""
-    known_noise: np.ndarray | None = None
-    """Noise of the positions, where a clock was found that shows it, (channels,)."""
 
     @cached_property
     def fresh(self) -> np.ndarray:
@@ -67,8 +62,6 @@ class Stream:
     @cached_property
     def noise(self) -> np.ndarray:
         """Standard deviation of the positions' noise or rounding, (channels,)."""
-        if self.known_noise is not None:
-            return self.known_noise
         second = np.diff(self.position[self.fresh], n=2, axis=0) / np.sqrt(6)
         if len(second) < 2:
             return np.full(self.position.shape[1], 1e-9)
@@ -364,20 +357,6 @@ def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) 
     return found
 
 
-def with_noise(stream: Stream, samples: np.ndarray, delay: float) -> Stream:
-    """The message with the noise of its positions by what its motion misses on a clock that was found.
-
-    Pairs of samples between which the velocity changes least tell it.
-    """
-    at = np.flatnonzero(stream.fresh)
-    velocity, bend = stream.velocity[at], np.diff(stream.velocity[at], axis=0)
-    expected = (velocity[1:] + velocity[:-1]) / 2 * np.diff(samples)[:, None] + delay * bend
-    missed = np.abs(np.diff(stream.position[at], axis=0) - expected)
-    calm = np.abs(bend) <= np.quantile(np.abs(bend), CALM, axis=0)
-    spread = [np.median(off[still]) / NORMAL_MEDIAN / np.sqrt(2) for off, still in zip(missed.T, calm.T, strict=True)]
-    return replace(stream, known_noise=np.clip(spread, 1e-9, stream.noise))
-
-
 def delay_term(equations: Equations, delay: np.ndarray) -> np.ndarray:
     """What the delay of velocities (messages,) adds to the motion in each equation."""
     return np.where(equations.stream >= 0, delay[equations.stream] * equations.bend, 0.0)
@@ -408,28 +387,31 @@ class VelocityFilter:
 
 LEAST_OBEYED = 0.8
 """Share of the pairs of samples from which a rule counts as that which made them."""
-DIGITS = 3.0
-"""A pair obeys where it is off by fewer standard deviations of the rounding of positions, over the step."""
+DIGITS = 0.02
+"""A pair obeys where it asks for a share kept that differs by less."""
 
 
 def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, VelocityFilter]:
-    """Rules by which velocities were computed from positions, of the messages that obey one."""
-    kept = {}
-    for rough, samples, delay in zip(streams, found.samples, found.delay, strict=True):
-        stream, at = with_noise(rough, samples, delay), np.flatnonzero(rough.fresh)
+    """Rules by which velocities were computed from positions, of the messages that obey one.
+
+    Pairs of samples one step apart are looked at, the half of them in which the velocity changes most.
+    """
+    filters = {}
+    for stream, samples in zip(streams, found.samples, strict=True):
+        at = np.flatnonzero(stream.fresh)
         next_step = np.round(np.diff(samples) / step) == 1
         moved = np.diff(stream.position[at], axis=0)[next_step] / step
         before, after = stream.velocity[at][:-1][next_step], stream.velocity[at][1:][next_step]
-        rounding = DIGITS * np.sqrt(2) * stream.noise / step
-        tells = np.abs(moved - before) > 20 * rounding
+        change = np.abs(moved - before)
+        tells = change > np.median(change, axis=0) if len(change) else change > 0
         if tells.sum() < NOISE_WINDOW:
             continue
-        share_kept = float(np.median(((moved - after) / np.where(tells, moved - before, np.inf))[tells]))
-        off = np.abs(share_kept * before + (1 - share_kept) * moved - after)
-        obeyed = float((off < rounding + 0.01 * np.abs(moved - before))[tells].mean())
-        if obeyed > LEAST_OBEYED:
-            kept[stream.name] = VelocityFilter(share_kept, obeyed)
-    return kept
+        kept = (moved - after)[tells] / (moved - before)[tells]
+        usual = float(np.median(kept))
+        obeyed = float((np.abs(kept - usual) < DIGITS).mean())
+        if obeyed > LEAST_OBEYED and -DIGITS < usual < 1 - DIGITS:
+            filters[stream.name] = VelocityFilter(max(usual, 0.0), obeyed)
+    return filters
 
 
 LEAST_WHOLE = 0.85

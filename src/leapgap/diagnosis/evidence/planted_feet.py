@@ -11,7 +11,7 @@ from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, slopes
 from leapgap.effects.leg_geometry import LegGeometry
 from leapgap.logs.contacts import has_feet_in_world
 from leapgap.logs.log import Log
-from leapgap.logs.stance import stance_by_force
+from leapgap.logs.stance import columns_of_feet, stance_by_force
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 
@@ -32,22 +32,24 @@ class Normal:
     """Normal equations of one log: what its stances ask of the parameters."""
 
     matrix: np.ndarray
-    """(parameters, parameters)"""
+    """(parameters + 1, parameters + 1), the last for what a foot sinks in under its force."""
     right: np.ndarray
-    """(parameters,)"""
+    """(parameters + 1,)"""
 
     @staticmethod
     def solve(of: Sequence["Normal"]) -> np.ndarray:
-        """The parameters that fit some logs together, (parameters,)."""
-        matrix, right = sum(one.matrix for one in of), sum(one.right for one in of)
-        found, *_ = np.linalg.lstsq(np.asarray(matrix), np.asarray(right), rcond=1e-6)
-        return np.asarray(found)
+        """The parameters that fit some logs together, and the softness of the feet, m/N, (parameters + 1,)."""
+        matrix, right = (np.sum([getattr(one, name) for one in of], axis=0) for name in ("matrix", "right"))
+        size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        scaled, *_ = np.linalg.lstsq(matrix / np.outer(size, size), right / size, rcond=1e-6)
+        return np.asarray(scaled / size)
 
 
 class PlantedFeet(Source):
     """The height of a foot that carries weight stays the same, whatever the trunk and the joints do.
 
-    Height alone is used: along the ground a round foot rolls, and may slip. Which feet carry weight is by their forces.
+    Height alone is used: along the ground a round foot rolls, and may slip. Which feet carry weight is by their forces;
+    how far a soft foot sinks in under its force is fitted too.
     """
 
     name: ClassVar[str] = "planted_feet"
@@ -88,6 +90,10 @@ def stances_of(log: Log, robot: Robot) -> Normal | None:
         return foot_heights(model, robot, qpos)
 
     _, height, by = slopes(LegGeometry, robot, heights)
+    force = columns_of_feet(log, robot, "foot_force")
+    if force is None:
+        return None
+    by = np.concatenate([by, force[:, :, None]], axis=2)
     parts = [
         (height[run, foot] - height[run, foot].mean(), by[run, foot] - by[run, foot].mean(axis=0))
         for foot in range(len(robot.feet))

@@ -1,0 +1,99 @@
+"""Numbers of a robot without a simulation: an A1 of other numbers than its file, by plain MuJoCo and a PD by hand."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.evidence import gather
+from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import Segment
+from leapgap.robot.model import Robot
+from tests.plain_simulation import BASE, BASE_RATES
+
+COM_X, HIPS_X = 0.02, 0.005
+"""How much further forward the trunk's centre of mass is than the file says, and how much wider apart the hips, m."""
+STEP_S = 0.001
+CROUCH = np.array([0.0, 0.9, -1.8] * 4)
+
+
+@pytest.fixture(scope="module")
+def true_model(robot: Robot) -> mujoco.MjModel:
+    """The robot's file with other numbers."""
+    text = Path(robot.path).read_text()
+    text = text.replace('<inertial pos="0 0.0041', f'<inertial pos="{COM_X} 0.0041')
+    text = text.replace('pos="0.183 ', f'pos="{0.183 + HIPS_X} ').replace('pos="-0.183 ', f'pos="{-0.183 - HIPS_X} ')
+    return mujoco.MjModel.from_xml_string(text)
+
+
+def log_of(model: mujoco.MjModel, robot: Robot, name: str, start: np.ndarray, speed: np.ndarray, steps: int) -> Log:
+    """A log of the robot from a state, while its joints are asked to swing about the crouch."""
+    data, rng = mujoco.MjData(model), np.random.default_rng(len(name) + steps)
+    data.qpos[:], data.qvel[:] = start, speed
+    size, rate, phase = rng.uniform(0.06, 0.12, 4), rng.uniform(0.7, 1.1), rng.uniform(0, 6, 4)
+    feet = [model.geom(foot).id for foot in robot.feet]
+    rows = []
+    for step in range(steps):
+        swing = np.repeat(size[:2], 2) * np.sin(2 * np.pi * rate * step * STEP_S + np.repeat(phase[:2], 2))
+        swing *= min(1.0, step * STEP_S)  # gently, so that feet which stand keep standing
+        wanted = CROUCH + np.column_stack([0 * swing, swing, -2 * swing]).ravel()
+        mujoco.mj_forward(model, data)
+        force, each = np.zeros(4), np.zeros(6)
+        for number, contact in enumerate(data.contact):
+            for foot in set(feet) & {int(contact.geom1), int(contact.geom2)}:
+                mujoco.mj_contactForce(model, data, number, each)
+                force[feet.index(foot)] += each[0]
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, data.qpos[3:7])
+        rows.append(np.concatenate([data.qpos, data.qvel, force]))
+        data.qfrc_applied[6:] = 300 * (wanted - data.qpos[7:]) - 3 * data.qvel[6:]
+        mujoco.mj_step(model, data)
+    table = np.array(rows)
+    columns = {"time": STEP_S * np.arange(steps)}
+    columns |= dict(zip((*BASE, *BASE_RATES), np.column_stack([table[:, :7], table[:, 19:25]]).T, strict=True))
+    for i, joint in enumerate(robot.joints):
+        columns |= {f"joint_pos/{joint}": table[:, 7 + i], f"joint_vel/{joint}": table[:, 25 + i]}
+        columns |= {f"{c}/{joint}": np.zeros(steps) for c in ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")}
+    columns |= {f"foot_force/{foot}": table[:, 37 + i] for i, foot in enumerate(robot.feet)}
+    columns |= {f"contact/{foot}": (table[:, 37 + i] > 0).astype(float) for i, foot in enumerate(robot.feet)}
+    info = LogInfo(robot.name, STEP_S, "plain MuJoCo", stated_segments=(Segment("all", 0.0, np.inf),))
+    return Log(name, {key: np.ascontiguousarray(value) for key, value in columns.items()}, info)
+
+
+def told(logs: list[Log], robot: Robot) -> dict[str, Evidence]:
+    """The evidence of some logs, by quantity."""
+    return {one.quantity: one for one in gather(logs, robot)}
+
+
+def test_flights_tell_gravity_and_the_centre_of_mass(robot: Robot, true_model: mujoco.MjModel) -> None:
+    rng, logs = np.random.default_rng(0), []
+    for k in range(4):
+        start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
+        speed = np.concatenate([[1.0, 0, 1.5], [0, rng.uniform(-5, 5), 0], np.zeros(12)])
+        logs.append(log_of(true_model, robot, f"thrown_{k}", start, speed, 450))
+    found = told(logs, robot)
+    assert found["gravity"].value == pytest.approx(9.81, abs=0.01)
+    assert found["com_offset.x_m"].value == pytest.approx(COM_X, abs=0.001)
+    assert found["com_offset.z_m"].value == pytest.approx(0.0, abs=0.001)
+
+
+def test_feet_that_stand_tell_how_the_legs_are_made(robot: Robot, true_model: mujoco.MjModel) -> None:
+    data = mujoco.MjData(true_model)
+    data.qpos[:] = np.concatenate([[0, 0, 0, 1, 0, 0, 0], CROUCH])
+    mujoco.mj_forward(true_model, data)
+    standing, logs = 0.02 - min(data.geom(foot).xpos[2] for foot in robot.feet), []
+    for k in range(4):
+        start = np.concatenate([[0, 0, standing, 1, 0, 0, 0], CROUCH])
+        logs.append(log_of(true_model, robot, f"stands_{k}", start, np.zeros(18), 2000 + k))
+    found = told(logs, robot)
+    assert found["leg_geometry.hip_x_m"].value == pytest.approx(HIPS_X, abs=0.0015)
+    assert found["leg_geometry.hip_x_m"].spread < 0.002
+
+
+def test_logs_without_a_base_say_nothing(robot: Robot, true_model: mujoco.MjModel) -> None:
+    start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
+    log = log_of(true_model, robot, "thrown", start, np.zeros(18), 300)
+    blind = Log("blind", {name: v for name, v in log.columns.items() if not name.startswith("base_pos")}, log.info)
+    assert told([blind] * 4, robot) == {}
