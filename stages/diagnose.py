@@ -32,7 +32,8 @@ def diagnose(config: DictConfig) -> None:
     out = output_folder(section.out, STAGE, (section.logs, model))
     replays = output_folder(section.replays, STAGE, (section.logs, model, out)) if section.replays else None
     robot, logs = load_robot(config, section.robot), Path(section.logs)
-    report = diagnose_folder(logs, robot, settings, partial(print, flush=True), section.threads)
+    others = [load_robot(config, model) for model in section.robots]
+    report = diagnose_folder(logs, robot, settings, partial(print, flush=True), section.threads, descriptions=others)
     if report is None:
         print(f"no logs in {logs}: nothing to diagnose")
     with whole_folder(out, STAGE) as folder:

@@ -113,17 +113,20 @@ def diagnose(
     effects: Sequence[type[Effect]] = (),
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
+    descriptions: Sequence[Robot | PathLike] = (),
 ) -> Report:
     """Where the simulation differs from the logs, which effect causes it, and how far the gap shrinks with it.
 
     ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given. ``effects`` are classes
-    of your own that are looked for beside the known ones. ``progress`` is told lines for a person; ``threads`` (all
-    cores, where it is None) change the time it takes and nothing else.
+    of your own that are looked for beside the known ones. ``descriptions`` are other models of the same robot, each
+    judged as it is. ``progress`` is told lines for a person; ``threads`` (all cores, where it is None) change the time
+    it takes and nothing else.
     """
     read, loaded, chosen = read_logs(logs), load_robot(robot), settings or Settings()
     provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
     record = recorder() if find_spec("rerun") else None
-    return diagnose_logs(read, loaded, chosen, tuple(effects), provenance, progress, threads, record)
+    others = [load_robot(one) for one in descriptions]
+    return diagnose_logs(read, loaded, chosen, tuple(effects), provenance, progress, threads, record, others)
 
 
 def file_hashes(source: Logs, logs: Sequence[Log]) -> dict[str, str] | None:

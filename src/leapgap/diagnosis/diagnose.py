@@ -8,6 +8,7 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.checks import clock_of, run_checks
 from leapgap.diagnosis.decision import DecisionThresholds, judge, judge_jointly
+from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.full_rollouts import FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
@@ -126,12 +127,14 @@ def diagnose(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
     own: Sequence[type[Effect]] = (),
+    descriptions: Sequence[Robot] = (),
 ) -> Diagnosis:
     """Find where the gap lies, which effects cause it, and how far it shrinks on logs not fitted on.
 
     ``provenance`` says which files the logs were read from; where it is None their content stands for them.
     ``own`` are a user's effect classes, looked for beside the known ones (or those of them that the settings name).
-    ``threads`` (all cores, where it is None) change the time it takes and nothing else.
+    ``descriptions`` are other models of the same robot, each judged as it is. ``threads`` (all cores, where it is None)
+    change the time it takes and nothing else.
     """
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
@@ -193,6 +196,7 @@ def diagnose(
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(checks),
         evidence=tuple(evidence),
+        descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
         next_experiment=next_experiment(conclusion.answer, logs),
         not_judged=tuple(not_judged(judged)),
         profiles=tuple(profiles_of(judgement.result)),

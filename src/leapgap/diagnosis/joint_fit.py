@@ -26,6 +26,8 @@ SETTLED = 0.5
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
 INDEPENDENT_S = 0.2
 """Errors of whole replays at one instant say little more than those so long before."""
+SURE_SPREADS = 3.0
+"""Evidence this many standard deviations from nominal says that an effect is there."""
 PIECE_VALUES = 6
 """A short piece counts as so many independent values."""
 
@@ -35,18 +37,18 @@ class JointFitSettings:
     """Width of the joint fit, and when an effect is taken away."""
 
     steps: int = 6
-    """Largest number of steps of the first fit; later fits of fewer effects take half as many."""
+    """Largest number of steps of the first fit."""
     most_causes: int = 8
     least_gain: float = 6.0
     """An effect without which the logarithm of the likelihood falls by less is taken away."""
-    most_lost: float = 0.02
-    """Effects are put back where without them the headline gap of held-out logs closes less by this share."""
+    fewer_steps: int = 3
+    """Largest number of steps of later fits, of fewer effects."""
+    least_useful: float = 0.8
+    """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
     least_closure: float = 0.05
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
     least_sure: float = 0.9
     """Smallest share of resampled logs on which it must be better than these."""
-    least_evidence: float = 0.05
-    """Smallest spread of a number that evidence tells, as a share of its moderate departure: evidence errs too."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,52 @@ class Slopes:
     """(pieces, values, numbers)"""
 
 
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers of a set of effects: what is expected beforehand, and which are fitted."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    centre: np.ndarray
+    """What evidence says, else nominal, (numbers,)."""
+    spread: np.ndarray
+    """Standard deviation of what evidence says, else a moderate departure, (numbers,)."""
+    fitted: np.ndarray
+    """Whether each number is fitted, bool, (numbers,); what evidence says is held."""
+
+    @staticmethod
+    def of(hypotheses: tuple[Hypothesis, ...], told: Mapping[str, Evidence]) -> "Numbers":
+        """Numbers of some hypotheses; evidence by the parameter that it tells."""
+        centre, spread, fitted = [], [], []
+        for h in hypotheses:
+            for p, moderate in zip(h.parameters, np.abs(h.moderate), strict=True):
+                one = told.get(f"{h.name}.{p.name}")
+                centre.append(p.nominal if one is None else one.value)
+                spread.append(moderate if one is None else one.spread)
+                fitted.append(one is None)
+        return Numbers(hypotheses, np.array(centre), np.array(spread), np.array(fitted))
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Scale of the fitted numbers, (fitted,)."""
+        return self.spread[self.fitted]
+
+    def departs(self, numbers: np.ndarray) -> np.ndarray:
+        """Fitted numbers as scaled departures from what is expected, (fitted,)."""
+        return ((numbers - self.centre) / self.spread)[self.fitted]
+
+    def moved(self, numbers: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Numbers after a scaled step of the fitted ones, within their ranges, (numbers,)."""
+        found = numbers.copy()
+        found[self.fitted] += by * self.scale
+        return clip_numbers(self.hypotheses, found)
+
+    def covariance(self, of_fitted: np.ndarray) -> np.ndarray:
+        """Covariance of all numbers from that of the fitted ones, scaled; that of the others is evidence's."""
+        found = np.diag(self.spread**2)
+        found[np.ix_(self.fitted, self.fitted)] = of_fitted * self.scale[:, None] * self.scale
+        return found
+
+
 @dataclass
 class JointFit:
     """Fits sets of effects that act at all places to whole logs and short pieces together."""
@@ -83,15 +131,17 @@ class JointFit:
     def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
         """Fit all effects, take away those that do not matter, and return the rest, what matters most first."""
         every = tuple(h for h in hypotheses if h.location == "all" and h.per_log is None)
-        fit = self.fit(every, self.start(every), self.plan.steps)
-        while len(kept := self.without_idle(fit)) < len(fit.hypotheses):
-            fewer = self.fit(*kept_numbers(fit, kept), (self.plan.steps + 1) // 2)
-            lost = self.closes(fit) - self.closes(fewer)
+        fit = self.fit(every, Numbers.of(every, self.told).centre, self.plan.steps)
+        kept = self.without_idle(fit)
+        fewer = self.fit(*kept_numbers(fit, kept), self.plan.fewer_steps)
+        self.progress(f"jointly, {in_words(fewer)}: closes {self.closes(fewer):.2f}")
+        useful = self.without_useless(fewer)
+        if len(useful) < len(fewer.hypotheses):
+            best = part(fewer, useful)
+            again = self.fit(best.hypotheses, best.numbers, self.plan.fewer_steps)
+            fewer = again
             self.progress(f"jointly, {in_words(fewer)}: closes {self.closes(fewer):.2f}")
-            if lost > self.plan.most_lost and len(fit.hypotheses) <= self.plan.most_causes:
-                break
-            fit = fewer
-        return self.ordered(fit)
+        return self.ordered(fewer)
 
     def closes(self, fit: FullRolloutFit) -> float:
         """Share of the headline gap that a fit closes on held-out logs."""
@@ -102,59 +152,38 @@ class JointFit:
         """Evidence by the parameter that it tells."""
         return {one.quantity: one for one in self.evidence}
 
-    def centre(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-        """Numbers expected beforehand: what evidence says, else nominal, (numbers,)."""
-        return np.array(
-            [
-                self.told[key].value if (key := f"{h.name}.{p.name}") in self.told else p.nominal
-                for h in hypotheses
-                for p in h.parameters
-            ]
-        )
-
-    def start(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-        """Numbers that a fit begins with."""
-        return clip_numbers(tuple(hypotheses), self.centre(hypotheses))
-
-    def scale(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-        """Standard deviation of the numbers beforehand: a moderate departure, or the spread of the evidence."""
-        found = []
-        for h in hypotheses:
-            for p, moderate in zip(h.parameters, np.abs(h.moderate), strict=True):
-                one = self.told.get(f"{h.name}.{p.name}")
-                least = self.plan.least_evidence * moderate
-                found.append(moderate if one is None else min(max(one.spread, least), moderate))
-        return np.array(found)
+    def is_told(self, hypothesis: Hypothesis) -> bool:
+        """Whether evidence alone says that an effect is there."""
+        own = ((p, self.told.get(f"{hypothesis.name}.{p.name}")) for p in hypothesis.parameters)
+        return any(one and abs(one.value - p.nominal) > SURE_SPREADS * one.spread for p, one in own)
 
     def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, steps: int) -> FullRolloutFit:
         """The most likely numbers of a set of effects, with their covariance and those of each fold."""
-        centre, scale = self.centre(hypotheses), self.scale(hypotheses)
-        slopes = self.slopes(hypotheses, numbers, scale)
-        loss = self.loss(slopes.errors, (numbers - centre) / scale)
+        about = Numbers.of(hypotheses, self.told)
+        numbers = clip_numbers(hypotheses, numbers)
+        slopes = self.slopes(about, numbers)
+        loss = self.loss(slopes.errors, about.departs(numbers))
         for _ in range(steps):
-            tried = [
-                clip_numbers(hypotheses, numbers + scale * self.step(slopes, (numbers - centre) / scale, damping))
-                for damping in DAMPINGS
-            ]
+            departs = about.departs(numbers)
+            tried = [about.moved(numbers, self.step(slopes, departs, damping)) for damping in DAMPINGS]
             found = self.errors(hypotheses, tried)
-            losses = [self.loss(e, (x - centre) / scale) for e, x in zip(found, tried, strict=True)]
+            losses = [self.loss(e, about.departs(x)) for e, x in zip(found, tried, strict=True)]
             best = int(np.argmin(losses))
             if losses[best] >= loss - SETTLED:
                 break
             self.progress(f"joint fit of {len(hypotheses)} effects: loss {losses[best]:.0f}, was {loss:.0f}")
             numbers, loss = tried[best], losses[best]
-            slopes = self.slopes(hypotheses, numbers, scale)
-        departs = (numbers - centre) / scale
+            slopes = self.slopes(about, numbers)
+        departs, folds = about.departs(numbers), self.heldout_gap.folds
         of_folds = np.array(
             [
-                clip_numbers(hypotheses, numbers + scale * self.step(slopes, departs, DAMPINGS[1], fold))
-                for fold in range(int(self.heldout_gap.folds.max()) + 1)
+                about.moved(numbers, self.step(slopes, departs, DAMPINGS[1], fold))
+                for fold in range(int(folds.max()) + 1)
             ]
         )
         candidates = effects_on_logs(hypotheses, list(of_folds), self.heldout_gap.names)
-        folds = self.heldout_gap.folds
         heldout = self.heldout_gap.squares_with(candidates)[folds, np.arange(len(folds))]
-        covariance = np.linalg.inv(self.normal(slopes, departs)[0]) * scale[:, None] * scale
+        covariance = about.covariance(np.linalg.inv(self.normal(slopes, departs)[0]))
         return FullRolloutFit(hypotheses, numbers, covariance, of_folds, loss, heldout)
 
     def without_idle(self, fit: FullRolloutFit) -> list[int]:
@@ -166,6 +195,19 @@ class JointFit:
             if losses[least] >= self.plan.least_gain and len(kept) <= self.plan.most_causes:
                 break
             kept.pop(least)
+        return kept
+
+    def without_useless(self, fit: FullRolloutFit) -> list[int]:
+        """Indices of the hypotheses that help on held-out logs, or that evidence tells; what helps least goes first."""
+        kept, draws = list(range(len(fit.hypotheses))), self.heldout_gap.draws
+        while len(kept) > 1:
+            open_to_doubt = [k for k in kept if not self.is_told(fit.hypotheses[k])]
+            tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
+            whole, *without = [squares[draws].sum(axis=1) for squares in self.heldout_gap.squares(tried)]
+            sure = [float((whole < own).mean()) for own in without]
+            if not sure or min(sure) >= self.plan.least_useful:
+                break
+            kept.remove(open_to_doubt[int(np.argmin(sure))])
         return kept
 
     def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
@@ -238,15 +280,14 @@ class JointFit:
         curvature, slope = self.normal(slopes, departs, fold)
         return np.asarray(-np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope))
 
-    def slopes(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, scale: np.ndarray) -> Slopes:
-        """Errors at numbers, and finite differences about them within their ranges."""
-        lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
-        moderate = np.abs(np.concatenate([h.moderate for h in hypotheses]))
-        size = DIFFERENCE * moderate
+    def slopes(self, about: Numbers, numbers: np.ndarray) -> Slopes:
+        """Errors at numbers, and finite differences about them within their ranges, by those that are fitted."""
+        lower, upper = (np.concatenate([h.bounds[side] for h in about.hypotheses]) for side in (0, 1))
+        size = DIFFERENCE * np.abs(np.concatenate([h.moderate for h in about.hypotheses]))
         by = np.where(numbers + size <= upper, size, -np.minimum(size, numbers - lower))
         by = np.where(by == 0, size, by)
-        start, *moved = self.errors(hypotheses, [numbers, *(numbers + np.diag(by))])
-        share = scale / by
+        start, *moved = self.errors(about.hypotheses, [numbers, *(numbers + np.diag(by))[about.fitted]])
+        share = (about.spread / by)[about.fitted]
         return Slopes(
             start,
             np.stack([(e.whole - start.whole) * s for e, s in zip(moved, share, strict=True)], axis=1),

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from leapgap.diagnosis.checks import CheckResult
+from leapgap.diagnosis.descriptions import DescriptionFigures
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.localisation import Place
@@ -102,6 +103,8 @@ class ReportContent:
     checks: tuple[CheckResult, ...]
     evidence: tuple[Evidence, ...]
     """What the logs say of the robot's numbers without a simulation."""
+    descriptions: tuple[DescriptionFigures, ...]
+    """Other descriptions of the robot, each as it is; the one that closes most first."""
     next_experiment: Mapping[str, Any] | None
     not_judged: tuple[str, ...]
     """What could not be judged because columns are missing."""
@@ -154,6 +157,9 @@ class ReportContent:
                 ],
                 "checks": [check.to_json() for check in self.checks],
                 "evidence": [one.to_json() for one in self.evidence],
+                "descriptions": [
+                    {**one.to_json(), "closure": closure_to_json(one.closure)} for one in self.descriptions
+                ],
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
                 "gap_per_log": self.gap_per_log,
@@ -176,6 +182,7 @@ class ReportContent:
                 "landing_misplaced_nominal_cm": self.landing_off_cm("nominal"),
                 "landing_misplaced_corrected_cm": self.landing_off_cm("corrected"),
                 "jumps": len(self.gap_per_log),
+                **{f"closure_described/{one.robot}": one.closure.value for one in self.descriptions},
             }
         )
 

@@ -9,6 +9,7 @@ import numpy as np
 from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.state import motion_of
+from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 
@@ -31,6 +32,10 @@ class RestartedReplayer:
     def with_steps(self, largest_step_s: float) -> "RestartedReplayer":
         """The same with another largest step of the simulation."""
         return replace(self, replayer=self.replayer.with_steps(largest_step_s))
+
+    def with_robot(self, robot: Robot) -> "RestartedReplayer":
+        """The same for another description of the robot."""
+        return replace(self, replayer=self.replayer.with_robot(robot))
 
     def motions(self, trials: Sequence[Rollout], noise: Sequence[StartNoise | None] | None = None) -> list[Motion]:
         """Motion of every trial over all rows of its log, made of pieces; equal at any number of threads.

@@ -130,6 +130,7 @@ def diagnose_logs(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
     record: Callable[[Report, Path], None] | None = None,
+    descriptions: Sequence[Robot] = (),
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
 
@@ -138,7 +139,9 @@ def diagnose_logs(
     logs = at_least_two(logs)
     for note in robot.notes:
         progress(f"{robot.name}: {note}")
-    diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
+    diagnosis = diagnose(
+        logs, robot, settings, provenance, progress=progress, threads=threads, own=own, descriptions=descriptions
+    )
     replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
@@ -155,6 +158,7 @@ def diagnose_folder(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
     own: Sequence[type[Effect]] = (),
+    descriptions: Sequence[Robot] = (),
 ) -> Report | None:
     """Diagnose the logs of a folder against a robot; None where there are no logs.
 
@@ -165,4 +169,4 @@ def diagnose_folder(
         return None
     files = {log.name: sha256(folder / f"{log.name}.parquet") for log in logs}
     provenance = Provenance.of(logs, robot, asdict(settings), files)
-    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads)
+    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads, descriptions=descriptions)

@@ -128,6 +128,10 @@ class Replayer:
         other.data, other.own = {}, threading.local()
         return other
 
+    def with_robot(self, robot: Robot) -> "Replayer":
+        """A replayer of the same class for another description of the robot."""
+        return type(self)(robot, self.slots, self.threads, sensors=self.sensors)
+
     def motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
         """Replay every trial over the first ``rows`` rows of its log (all, where it is None), as a log reports it.
 
