@@ -19,6 +19,10 @@ from leapgap.jumping.control.tracking import JumpController
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
 
+QP = QpConfig(primal_tolerance=1e-9)
+"""Shifts are metres, and a joint torque may change by 100 N·m per metre: the solver's tolerance must be finer than for
+forces in N."""
+
 
 class ShiftTracker(JumpController):
     """Joint PD and feed-forward along a plan whose goal moves; each update's shift is reached linearly within it.
@@ -47,14 +51,14 @@ class ShiftTracker(JumpController):
         self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
         self.model, self.clock = model, clock
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
-        self.solver = solver(QpConfig())
+        self.solver = solver(QP)
         shape = (self.grid.updates, GOAL_AXES)
         self.exploration = np.zeros(shape) if exploration is None else exploration
         self.shifts = np.zeros(shape)
         self.deviations = np.full((self.grid.updates, DEVIATIONS), np.nan)
         self._updates = 0
         self._latest: list[np.ndarray] = []
-        self._kept = max(1, round(config.average_s / plan.reference.period_s))
+        self.kept_rows = max(1, round(config.average_s / plan.reference.period_s))
 
     def _tracking(self, estimate: StateEstimate) -> Command:
         """The command for a judged estimate: set points, velocities and torques of the shifted plan."""
@@ -110,7 +114,7 @@ class ShiftTracker(JumpController):
         row = self.reference.row(time_s)
         state = frame.state(estimate) - self.plan.at("state", row, shift)
         foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, shift)
-        self._latest = [*self._latest, np.concatenate([state, foot])][-self._kept :]
+        self._latest = [*self._latest, np.concatenate([state, foot])][-self.kept_rows :]
 
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the first of the QP's, or the one before where it has none."""

@@ -119,7 +119,13 @@ class GoalDirectedJump(JumpController):
         if not self._stood or estimate.time_s - self._stood[0].time_s < self.stand_s - 1e-9:
             self._stood.append(estimate)
             return self._standing(estimate)
-        self.stance_pitch = stance_pitch(self._stood, self.legs) if self.stance_is_seen else 0.0
+        self.tracker = self.plan_from(stance_pitch(self._stood, self.legs) if self.stance_is_seen else 0.0)
+        self.start_s = estimate.time_s
+        return self.tracker.command(estimate)
+
+    def plan_from(self, stance_pitch: float) -> JumpController:
+        """Plan from a stance of this pitch, rad; the controller that follows the plan."""
+        self.stance_pitch = stance_pitch
         chosen = self.aim(self.target, self.stance_pitch)
         plan = self.planner.plan_nearest(self.target, chosen, self.stance_pitch)
         if plan is None:
@@ -129,9 +135,7 @@ class GoalDirectedJump(JumpController):
             if solution.problem.robot != self.planner.robot or not np.allclose(self.goal, chosen):
                 self._substitute(OTHER_PLAN)
             self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
-        self.tracker = self.track(None if plan is None else plan[1])
-        self.start_s = estimate.time_s
-        return self.tracker.command(estimate)
+        return self.track(None if plan is None else plan[1])
 
     def track(self, solution: Solution | None) -> JumpController:
         """Controller that follows ``reference``, of the plan ``solution``; None: the plan from level ground."""
