@@ -69,12 +69,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--repeats", type=int, default=200, help="how often the jump is made")
+    parser.add_argument("--tiny", action="store_true", help="smallest counts, to see that it runs")
     chosen = parser.parse_args()
+    repeats = 1 if chosen.tiny else chosen.repeats
     robot = Robot.load()
     jump = record_jump(robot, plan_reference(Target(0.5), planar_robot(robot), ContactSchedule()))
     with tempfile.TemporaryDirectory() as name:
         tables = write_controller(new_tracker(robot, simulated=SIMULATED, own=OWN), Path(name), {})
-        times = tick_times(Path(name), raw(jump.estimates), chosen.repeats)
+        times = tick_times(Path(name), raw(jump.estimates), repeats)
     last = UPDATE_TICKS * int(tables.numbers["UPDATES"])
     solving = np.arange(times.shape[1]) % UPDATE_TICKS == 0
     solving[last:] = False

@@ -1,5 +1,6 @@
 """A kicked jump in closed loop with goal-shift MPC: its estimates, its commands, and the controller that sent them."""
 
+import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,6 +104,8 @@ def folder(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def program(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The exported ``main.c``, compiled without a warning."""
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc")
     out = tmp_path_factory.mktemp("program") / "jump"
     warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror"]
     sources = [str(folder / name) for name in ("main.c", "jump_controller.c")]
