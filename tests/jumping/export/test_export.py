@@ -50,7 +50,7 @@ def test_the_jump_is_one_that_tests_something(jump: RecordedJump) -> None:
     """The goal is shifted by centimetres, and all of the jump is there."""
     shifts = jump.tracker.shifts
     assert np.abs(shifts[:, 0]).max() > 0.02
-    assert not jump.tracker.fallbacks or set(jump.tracker.fallbacks) == {"torque limit"}
+    assert not jump.tracker.fallbacks
     assert len(jump.estimates) > 1000
 
 

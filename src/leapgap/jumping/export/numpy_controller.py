@@ -32,12 +32,12 @@ class JointCommand:
 
 
 class Controller:
-    """Follows the plan while its goal is shifted, tick by tick; ``fallbacks`` counts substitutes by reason."""
+    """Follows the plan while its goal is shifted, tick by tick; ``counts`` what was out of the ordinary, by reason."""
 
     def __init__(self, folder: str | Path) -> None:
         self.t = dict(np.load(Path(folder) / "tables.npz"))
         self.n = json.loads((Path(folder) / "controller.json").read_text(encoding="utf-8"))["numbers"]
-        self.fallbacks = {"time_not_usable": 0, "not_finite": 0, "not_solved": 0, "torque_limit": 0}
+        self.counts = {"time_not_usable": 0, "not_finite": 0, "not_solved": 0, "limited": 0}
         self.shift = np.zeros((self.n["UPDATES"], 3))
         self._updates, self._latest = 0, np.zeros((0, 10))
         self._used_s: float | None = None
@@ -93,7 +93,7 @@ class Controller:
         return self._used_s if self._offset_s else time_s
 
     def _safe_command(self) -> JointCommand:
-        self.fallbacks["time_not_usable"] += 1
+        self.counts["time_not_usable"] += 1
         if self._last is not None and self._since_used <= self.n["HOLD_TICKS"]:
             return self._last
         zero = np.zeros(self.n["JOINTS"])
@@ -172,7 +172,7 @@ class Controller:
             share[pair] = min(1.0, 1.0 / largest) if largest > 0 else 1.0
         if (share == 1.0).all():
             return command
-        self.fallbacks["torque_limit"] += 1
+        self.counts["limited"] += 1
         scaled = np.clip(command.torque * np.where(pairs < 0, 1.0, share[pairs]), -limit, limit)
         return replace(command, torque=scaled, planned_force=command.planned_force * np.repeat(share, 2))
 
@@ -205,7 +205,7 @@ class Controller:
         """Change of the shift at an update; zero where it cannot be computed."""
         t, deviation = self.t, self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
         if not np.isfinite(deviation).all():
-            self.fallbacks["not_finite"] += 1
+            self.counts["not_finite"] += 1
             return np.zeros(3)
         goal = t["planned_goal"] + before
         held = np.concatenate([self.shift[:update], np.tile(before, (len(self.shift) - update, 1))])
@@ -217,7 +217,7 @@ class Controller:
         share = max(0.0, 1 - self.n["DISBELIEF"] / max(float(np.sum((changed / spread) ** 2)), 1e-9))
         found = self._solve(update, expected + share * changed, before)
         if found is None:
-            self.fallbacks["not_solved"] += 1
+            self.counts["not_solved"] += 1
             return np.zeros(3)
         return found[:3]
 

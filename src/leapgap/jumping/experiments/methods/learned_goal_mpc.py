@@ -13,7 +13,7 @@ from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
+from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, ShiftSettings
 from leapgap.jumping.experiments.landing_feedback import (
     Authority,
@@ -65,9 +65,8 @@ class GoalShiftMethod(Method):
             return best_goal(landing, target, stance_pitch) + self.goal_offset
 
         settings = ShiftSettings(self.config, self.feedback, self.exploration)
-        return GoalShiftJump(
-            task.target, reference, self.planner, aim, self.robot, self.gains, settings, task.stance_is_seen
-        )
+        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
+        return GoalShiftJump(choice, reference, self.robot, self.gains, settings)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ static struct {
     double shift[UPDATES][3];
     double latest[KEPT][DEVIATIONS];
     JumpCommand last;
-    JumpFallbacks fallbacks;
+    JumpCounts counts;
 } now;
 
 /* Quadratic program of one update, min 1/2 x'Hx + g'x, a_i x <= b_i, with a dual active-set method (Goldfarb, Idnani
@@ -42,7 +42,7 @@ void jump_reset(void) {
     now.seen_s = NAN;
 }
 
-const JumpFallbacks *jump_fallbacks(void) { return &now.fallbacks; }
+const JumpCounts *jump_counts(void) { return &now.counts; }
 
 const double *jump_shift(void) { return now.shift[now.updates ? now.updates - 1 : 0]; }
 
@@ -410,12 +410,12 @@ static void set_problem(int update, const double landing[3], const double before
 /* Choose the shift from this update on; where that is not possible it stays. */
 static void choose_shift(int update, const double before[3]) {
     double deviation[DEVIATIONS], landing[3], change[3] = {0, 0, 0};
-    if (!mean_deviation(deviation)) now.fallbacks.not_finite++;
+    if (!mean_deviation(deviation)) now.counts.not_finite++;
     else {
         predict(update, before, deviation, landing);
         set_problem(update, landing, before);
         if (solve()) memcpy(change, qp.x, sizeof change);
-        else now.fallbacks.not_solved++;
+        else now.counts.not_solved++;
     }
     for (int t = update; t < UPDATES; t++)
         for (int i = 0; i < 3; i++) now.shift[t][i] = before[i] + change[i];
@@ -430,7 +430,7 @@ static void limit(JumpCommand *command) {
         if (within < share[pair_of_joint[j]]) share[pair_of_joint[j]] = within;
     }
     if (share[0] == 1 && share[1] == 1) return;
-    now.fallbacks.torque_limit++;
+    now.counts.limited++;
     for (int j = 0; j < JOINTS; j++)
         if (pair_of_joint[j] >= 0)
             command->torque[j] = fmax(-torque_limit[j], fmin(torque_limit[j], command->torque[j] * share[pair_of_joint[j]]));
@@ -478,7 +478,7 @@ static void start(const JumpEstimate *e) {
 
 static void safe_command(JumpCommand *command) {
     const JumpCommand last = now.last;
-    now.fallbacks.time_not_usable++;
+    now.counts.time_not_usable++;
     if (now.has_last && now.ticks_since_used <= HOLD_TICKS) {
         *command = last;
         return;

@@ -24,17 +24,17 @@ typedef struct {
     double planned_force[4]; /* ground on the robot, front x z, rear x z, N */
 } JumpCommand;
 
-/* Number of ticks or updates since jump_reset at which something else was sent than intended. */
+/* Number of ticks or updates since jump_reset at which something out of the ordinary was sent. */
 typedef struct {
     int time_not_usable; /* ticks: the last command was repeated, later the joints were damped */
     int not_finite;      /* updates: something was not measured, and the goal stayed where it was */
     int not_solved;      /* updates: the quadratic program has no solution, and the goal stayed where it was */
-    int torque_limit;    /* ticks: the feed-forward was beyond the motors and was shrunk */
-} JumpFallbacks;
+    int limited;         /* ticks: the feed-forward was beyond the motors and was shrunk */
+} JumpCounts;
 
 void jump_reset(void);
 void jump_tick(const JumpEstimate *measured, JumpCommand *command);
-const JumpFallbacks *jump_fallbacks(void);
+const JumpCounts *jump_counts(void);
 /* Shift of the goal, x z pitch, m m rad, that was chosen last. */
 const double *jump_shift(void);
 
