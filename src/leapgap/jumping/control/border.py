@@ -103,6 +103,8 @@ class Border:
         The torques and the force of a pair shrink by one factor, so that the force keeps its direction, and with it the
         friction cone.
         """
+        if (np.abs(torque) <= self.limit_nm).all():
+            return torque, force
         share = np.ones(len(PAIRS))
         for pair, joints in enumerate(self.joints_of_pair):
             largest = float((np.abs(torque[joints]) / self.limit_nm[joints]).max(initial=0.0))
