@@ -34,15 +34,7 @@ def land(config: DictConfig) -> None:
     """Run all methods on all hardware and tasks; cached results are reused."""
     settings = read_config(LandSettings, config.land, "land")
     executor = read_config(Executor, config.executor, "executor")
-    experiment = LandingExperiment(
-        settings,
-        read_one_of(known(), settings.method_settings, "land.method_settings"),
-        OmegaConf.to_container(config.collect.variants),
-        *tasks_of(settings.tasks),
-        load_robot(config),
-        read_config(Sensing, config.collect.sensing, "collect.sensing"),
-        read_optional(RigidBody, config.robot.get("body"), "robot.body"),
-    )
+    experiment = experiment_of(config, settings)
     inputs = (settings.references, settings.published, settings.corrected, *settings.models.values())
     out = claim_folder(output_folder(settings.out, STAGE, (*inputs, config.robot.model), kept=True), STAGE)
     for name in (FIGURES, TABLE, PAGE):  # results of an earlier call, so that none are left if this one fails
@@ -60,6 +52,19 @@ def land(config: DictConfig) -> None:
     for key, value in figures["mean_abs_error_cm"].items():
         print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
     print(f"look at it: {out / PAGE}")
+
+
+def experiment_of(config: DictConfig, settings: LandSettings) -> LandingExperiment:
+    """The experiment with these settings, on the robot and the simulated hardware of the configuration."""
+    return LandingExperiment(
+        settings,
+        read_one_of(known(), settings.method_settings, "land.method_settings"),
+        OmegaConf.to_container(config.collect.variants),
+        *tasks_of(settings.tasks),
+        load_robot(config),
+        read_config(Sensing, config.collect.sensing, "collect.sensing"),
+        read_optional(RigidBody, config.robot.get("body"), "robot.body"),
+    )
 
 
 def tasks_of(section: Mapping[str, Any]) -> tuple[list[JumpTask], dict[str, int]]:

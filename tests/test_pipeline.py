@@ -1,6 +1,7 @@
 """The whole pipeline through DVC on simulated hardware, in a copy of the project, at size tiny."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -42,6 +43,20 @@ def test_committed_figures_of_real_jumps_are_kept_where_there_are_no_logs(simula
         committed = ROOT / "metrics" / "real" / f"{name}.json"
         if committed.exists():
             assert (simulated_project.folder / committed.relative_to(ROOT)).read_text() == committed.read_text()
+
+
+BENCHMARKS = sorted(path.stem for path in (ROOT / "tests" / "benchmarks").glob("*.py") if path.stem != "__init__")
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_every_benchmark_starts_after_the_pipeline(simulated_project: Project, tmp_path: Path, name: str) -> None:
+    """With the smallest counts; what it measures means nothing then."""
+    if name == "sysid" and not hasattr(pytest.importorskip("mujoco.sysid"), "ParameterDict"):
+        pytest.skip('no peer: pip install -e ".[peers]"')
+    if name == "exported_tick" and shutil.which("gcc") is None:
+        pytest.skip("no gcc")
+    simulated_project.run(sys.executable, "-m", f"tests.benchmarks.{name}", "--tiny", "--json", str(tmp_path / "found"))
+    assert read_json(tmp_path / "found")
 
 
 def test_second_run_does_nothing(simulated_project: Project) -> None:

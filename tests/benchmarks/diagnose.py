@@ -9,6 +9,7 @@ import itertools
 import os
 import platform
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import OmegaConf
@@ -39,6 +40,14 @@ class Counting(Replayer):
         """Count the steps of whole logs."""
         Counting.steps += sum(min(len(t.log), rows or len(t.log)) * self.substeps(t.log) for t in trials)
         return super().true_motions(trials, rows)
+
+
+def tiny(settings: Settings) -> Settings:
+    """Settings of a diagnosis of one effect in seconds."""
+    plan = replace(settings.plan, most_causes=1, shortlist=2, steps=1)
+    return replace(
+        settings, effects=["joint_damping"], folds=2, most_pieces=4, plan=plan, noise_draws=1, bootstrap_draws=20
+    )
 
 
 def logs(folder: str, number: int) -> list[Log]:
@@ -72,14 +81,17 @@ def main() -> None:
     """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--tiny", action="store_true", help="smallest counts, to see that it runs")
     arguments = parser.parse_args()
     import leapgap.diagnosis.diagnose as engine
 
     engine.Replayer = Counting  # type: ignore[misc]
     robot = Robot.load()
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
+    settings = tiny(settings) if arguments.tiny else settings
     real = "data/jumps/real" if any(Path("data/jumps/real").glob("*.parquet")) else "data/jumps/damped"
-    sixteen, four = logs(real, 16), logs("data/jumps/damped", 4)
+    many, few = (2, 2) if arguments.tiny else (16, 4)
+    sixteen, four = logs(real, many), logs("data/jumps/damped", few)
     limit = raw_limit(sixteen, robot)
     seconds_16, steps_16 = time_diagnosis(sixteen, robot, settings)
     seconds_4, steps_4 = time_diagnosis(four, robot, settings)

@@ -12,6 +12,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop, terr
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from stages.common import read_config
+from tests.benchmarks.diagnose import tiny
 
 REFERENCES = Path("data/references/own")
 DISTANCES = (40, 50, 60, 70)
@@ -100,7 +102,10 @@ def cases() -> list[Case]:
 def jumps_of(case: Case, robot: Robot) -> list[Log]:
     """Jumps of a case: those to diagnose, then those to measure the realised closure on."""
     rng = np.random.default_rng(case.seed)
-    references = [read_log(REFERENCES / f"h00_d{d}.parquet") for d in DISTANCES]
+    paths = [REFERENCES / f"h00_d{d}.parquet" for d in DISTANCES]
+    references = [read_log(path) for path in paths if path.is_file()]
+    if not references:
+        raise SystemExit(f"no plans in {REFERENCES}: run dvc repro first")
     plans = [
         MotionPlan(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
         for i in range(len(DISTANCES) + PROOF)
@@ -134,13 +139,14 @@ def realised_closure(found: Diagnosis, proof: Sequence[Log], robot: Robot, setti
     return closure(nominal, after, floor, judged, resamples(len(proof), 1, np.random.default_rng(0))).value
 
 
-def judge(case: Case) -> dict[str, Any]:
-    """Diagnose a case and put truth and answer side by side."""
+def judge(case: Case, small: bool = False) -> dict[str, Any]:
+    """Diagnose a case and put truth and answer side by side; ``small``: two jumps, in seconds."""
     robot = Robot.load()
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
+    settings = tiny(settings) if small else settings
     logs = jumps_of(case, robot)
     began = time.process_time()
-    found = diagnose(logs[: len(DISTANCES)], robot, settings, threads=1)
+    found = diagnose(logs[: 2 if small else len(DISTANCES)], robot, settings, threads=1)
     seconds = time.process_time() - began
     report = found.report
     names = {name for names in report.answer for name in names}
@@ -205,11 +211,14 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--tsv", type=Path)
     parser.add_argument("--only", default="")
+    parser.add_argument("--tiny", action="store_true", help="smallest counts, to see that it runs")
     arguments = parser.parse_args()
     chosen = [case for case in cases() if case.label.startswith(arguments.only)]
+    if arguments.tiny:
+        chosen = [case for case in chosen if [effect.name for effect in case.effects] == ["joint_damping"]][:1]
     outcomes = []
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for outcome in pool.map(judge, chosen):
+        for outcome in pool.map(partial(judge, small=arguments.tiny), chosen):
             outcomes.append(outcome)
             conclusion = " + ".join(" or ".join(names) for names in outcome["answer"])
             numbers = " ".join(f"{100 * e:.1f}%{'' if covered else '!'}" for e, covered in outcome["told"])

@@ -64,18 +64,20 @@ def main() -> None:
     """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
-    file = parser.parse_args().json
+    parser.add_argument("--tiny", action="store_true", help="smallest counts, to see that it runs")
+    chosen = parser.parse_args()
+    file, targets = chosen.json, TARGETS[:1] if chosen.tiny else TARGETS
     start = time.perf_counter()
     solve(Problem(Target(0.3)))
     build_and_first = time.perf_counter() - start
     cold, warm = [], []
-    for target in TARGETS:
+    for target in targets:
         solution = solve(Problem(target))
         cold.append(solution.seconds)
         for offset in (-NEIGHBOUR_M, NEIGHBOUR_M):
             neighbour = Target(target.x_m + offset, target.z_m)
             warm.append(solve(Problem(neighbour), near=solution).seconds)
-    plain = plain_seconds(TARGETS)
+    plain = plain_seconds(targets)
     result = {
         "cold_seconds_median": float(np.median(cold)),
         "cold_seconds_worst": max(cold),

@@ -31,6 +31,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from stages.common import read_config
+from tests.benchmarks.diagnose import tiny
 from tests.benchmarks.diagnosis_injected import DISTANCES, Case, cases, jumps_of
 
 CHOSEN = (
@@ -42,7 +43,9 @@ STEP, MOST_ITERATIONS = 0.02, 30
 """Finite differences, in moderate departures; iterations of the peer."""
 
 
-def peer(logs: Sequence[Log], robot: Robot, settings: Settings) -> tuple[dict[str, list[float]], tuple[Effect, ...]]:
+def peer(
+    logs: Sequence[Log], robot: Robot, settings: Settings, iterations: int
+) -> tuple[dict[str, list[float]], tuple[Effect, ...]]:
     """Every parameter at once: those whose interval leaves out nominal, as departures, and all effects."""
     everything = [h for h in list_hypotheses(list(effects.known()), robot, None) if h.location == "all"]
     replayer = Replayer(robot)
@@ -69,7 +72,7 @@ def peer(logs: Sequence[Log], robot: Robot, settings: Settings) -> tuple[dict[st
         errors = np.stack([concatenate_logs(of).ravel() for of in found], axis=1)
         return [errors if x.ndim > 1 else errors[:, 0]], None, None
 
-    fitted, result = sysid.optimize(parameters, residual, verbose=False, eps=STEP, max_iters=MOST_ITERATIONS)
+    fitted, result = sysid.optimize(parameters, residual, verbose=False, eps=STEP, max_iters=iterations)
     x = fitted.as_vector()
     _, half = sysid.calculate_intervals(residual(x, fitted)[0], result.jac)
     conclusion: dict[str, list[float]] = {}
@@ -88,7 +91,7 @@ def heldout(correction: Sequence[Effect], proof: Sequence[Log], robot: Robot, se
     return {"gap_nominal": headline_gap(nominal, judged), "gap": headline_gap(after, judged), "closure": closed}
 
 
-def compare(case: Case, robot: Robot, settings: Settings) -> dict[str, Any]:
+def compare(case: Case, robot: Robot, settings: Settings, iterations: int) -> dict[str, Any]:
     """One robot, both ways."""
     logs = jumps_of(case, robot)
     seen, proof = logs[: len(DISTANCES)], logs[len(DISTANCES) :]
@@ -98,7 +101,7 @@ def compare(case: Case, robot: Robot, settings: Settings) -> dict[str, Any]:
     ours_s = time.perf_counter() - began
     ours = {name for names in found.report.answer for name in names[:1]}
     began = time.perf_counter()
-    conclusion, everything = peer(seen, robot, settings)
+    conclusion, everything = peer(seen, robot, settings, iterations)
     peer_s = time.perf_counter() - began
     return {
         "case": case.label,
@@ -135,15 +138,17 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", type=Path)
     parser.add_argument("--only", default="")
+    parser.add_argument("--tiny", action="store_true", help="smallest counts, to see that it runs")
     arguments = parser.parse_args()
     robot = Robot.load()
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
+    settings, iterations = (tiny(settings), 1) if arguments.tiny else (settings, MOST_ITERATIONS)
     chosen = [next(case for case in cases() if case.label.startswith(label)) for label in CHOSEN]
     rows = []
-    for case in chosen:
+    for case in chosen[:1] if arguments.tiny else chosen:
         if not case.label.startswith(arguments.only):
             continue
-        rows.append(compare(case, robot, settings))
+        rows.append(compare(case, robot, settings, iterations))
         for who in ("leapgap", "sysid"):
             one = rows[-1][who]
             told = f"{', '.join(one['says']) or 'nothing'}: gap {one['gap_nominal']:.3f} to {one['gap']:.3f}"

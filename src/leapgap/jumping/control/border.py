@@ -18,7 +18,6 @@ from leapgap.robot.topology import PAIRS
 from leapgap.simulation.controller import Command, StateEstimate
 
 TIME_NOT_USABLE = "time not usable"
-TORQUE_LIMIT = "torque limit"
 LARGEST = {
     "base_position": 1e4,
     "base_velocity": 1e2,
@@ -48,7 +47,9 @@ class Border:
 
     def __init__(self, robot: Robot, safe: SafeCommand | None = None) -> None:
         self.robot, self.safe = robot, safe or SafeCommand()
-        self.limit_nm = torque_limits(robot)
+        self.limit_nm = robot.torque_limits
+        self.limited_ticks = 0
+        """Ticks whose torques ``within_limits`` shrank; what is sent then is still the controller's own command."""
         self.joints_of_pair = [robot.joints_at(pair) for pair in PAIRS]
         self._sizes = dict.fromkeys(("base_position", "base_velocity", "base_angular_velocity"), 3)
         self._sizes |= {name: len(robot.joints) for name in ("joint_pos", "joint_vel")}
@@ -96,22 +97,25 @@ class Border:
         pose = zero if self._last is None else self._last.position
         return Command(zero, pose, zero, zero + gains.kp_nm_per_rad, zero + gains.kd_nms_per_rad, np.zeros(4))
 
-    def within_limits(self, torque: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Feed-forward torques (joints,) and pair forces (4,) shrunk to what the motors can do, and whether they were.
+    def within_limits(self, torque: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Feed-forward torques (joints,) and pair forces (4,), shrunk and counted where the motors cannot deliver them.
 
         The torques and the force of a pair shrink by one factor, so that the force keeps its direction, and with it the
         friction cone.
         """
+        if (np.abs(torque) <= self.limit_nm).all():
+            return torque, force
         share = np.ones(len(PAIRS))
         for pair, joints in enumerate(self.joints_of_pair):
             largest = float((np.abs(torque[joints]) / self.limit_nm[joints]).max(initial=0.0))
             share[pair] = min(1.0, 1.0 / largest) if largest > 0 else 1.0
         if (share == 1.0).all():
-            return torque, force, False
+            return torque, force
+        self.limited_ticks += 1
         shrunk = torque.copy()
         for pair, joints in enumerate(self.joints_of_pair):
             shrunk[joints] = np.clip(torque[joints] * share[pair], -self.limit_nm[joints], self.limit_nm[joints])
-        return shrunk, flat(by_pair(force) * share[:, None]), True
+        return shrunk, flat(by_pair(force) * share[:, None])
 
     def _possible(self, estimate: StateEstimate) -> StateEstimate:
         """The estimate without impossible values; the same object where there are none."""
@@ -128,13 +132,6 @@ class Border:
         if not (isinstance(feet, np.ndarray) and feet.shape == (len(self.robot.feet),) and feet.dtype == bool):
             changes["foot_contact"] = np.zeros(len(self.robot.feet), bool)
         return replace(estimate, **changes) if changes else estimate
-
-
-def torque_limits(robot: Robot) -> np.ndarray:
-    """Largest torque of each joint's motor by the model, N·m, (joints,); infinite where it has none."""
-    model, actuators = robot.model, robot.joint_actuators
-    limit = np.abs(model.actuator_forcerange[actuators]).min(axis=1) * np.abs(model.actuator_gear[actuators, 0])
-    return np.where(model.actuator_forcelimited[actuators] != 0, limit, np.inf)
 
 
 def follows(time_s: float, before_s: float) -> bool:

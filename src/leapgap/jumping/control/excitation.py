@@ -44,7 +44,7 @@ class ExcitedController(JumpController):
         if judged is None:
             return command
         torque, force = self.feed_forward(judged.time_s - (self.start_s or 0.0), judged, self.frame or ORIGIN_FRAME)
-        torque, force, _ = self.border.within_limits(command.torque + torque, command.planned_force + force)
+        torque, force = self.border.within_limits(command.torque + torque, command.planned_force + force)
         return self.border.sent(replace(command, torque=torque, planned_force=force))
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:

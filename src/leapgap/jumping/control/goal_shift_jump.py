@@ -2,11 +2,9 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
-from leapgap.jumping.control.border import TORQUE_LIMIT
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor, believe
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
@@ -17,7 +15,11 @@ from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.robot.model import Robot
-from leapgap.simulation.controller import Command, StateEstimate
+from leapgap.simulation.controller import StateEstimate
+
+QP = QpConfig(primal_tolerance=1e-9)
+"""Shifts are metres, and a joint torque may change by 100 N·m per metre: the solver's tolerance must be finer than for
+forces in N."""
 
 
 class ShiftTracker(JumpController):
@@ -47,23 +49,19 @@ class ShiftTracker(JumpController):
         self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
         self.model, self.clock = model, clock
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
-        self.solver = solver(QpConfig())
+        self.solver = solver(QP)
         shape = (self.grid.updates, GOAL_AXES)
         self.exploration = np.zeros(shape) if exploration is None else exploration
         self.shifts = np.zeros(shape)
         self.deviations = np.full((self.grid.updates, DEVIATIONS), np.nan)
+        self._shift, self._rate = np.zeros(GOAL_AXES), np.zeros(GOAL_AXES)
+        """Shift of this tick, and its rate per s."""
         self._updates = 0
         self._latest: list[np.ndarray] = []
-        self._kept = max(1, round(config.average_s / plan.reference.period_s))
+        self.kept_rows = max(1, round(config.average_s / plan.reference.period_s))
 
-    def _tracking(self, estimate: StateEstimate) -> Command:
-        """The command for a judged estimate: set points, velocities and torques of the shifted plan."""
-        if self.start_s is None:
-            self.start_s = estimate.time_s
-        if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
-            self.frame = self._start_frame(estimate)
-        time_s, frame = estimate.time_s - self.start_s, self.frame or StartFrame(0.0, 0.0, 0.0)
-        self._jump_time_s = time_s
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (joints,), N·m, and pair forces (4,), N, of the shifted plan; an update first, where one is due."""
         update = self._update_at(time_s)
         before = self.shifts[update - 1] if update else np.zeros(GOAL_AXES)
         since_s = time_s - update * self.config.period_s
@@ -74,43 +72,28 @@ class ShiftTracker(JumpController):
         if update >= self._updates:
             self._updates = update + 1
             self._update(update, before)
-        rate = (self.shifts[update] - before) / self.config.period_s * (share < 1.0)
-        command = self._shifted(time_s, shift, rate)
-        torque, force, limited = self.border.within_limits(command.torque, command.planned_force)
-        if not limited:
-            return command
-        self.count_fallback(TORQUE_LIMIT)
-        return replace(command, torque=torque, planned_force=force)
+        self._shift = shift
+        self._rate = (self.shifts[update] - before) / self.config.period_s * (share < 1.0)
+        row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s
+        torque, force = self.plan.at("torque", row, shift), self.plan.at("force", row, shift)
+        stands = self.reference.force[row] != 0
+        return np.clip(torque, -self.config.torque_nm, self.config.torque_nm) * moving, force * stands * moving
 
-    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Torques (joints,), N·m, and pair forces (4,), N, of the plan with the shift of this moment."""
-        command = self._shifted(time_s, self.shifts[self._update_at(time_s)], np.zeros(GOAL_AXES))
-        return command.torque, command.planned_force
+    def set_points(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Set points (joints,), rad and rad/s, of the plan with the shift that ``feed_forward`` used."""
+        row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s
+        velocity = self.plan.at("joint_vel", row, self._shift) + self._rate @ self.plan.slopes["joint_pos"][:, row]
+        return self.plan.at("joint_pos", row, self._shift), velocity * moving
 
     def _update_at(self, time_s: float) -> int:
         return int(np.clip((time_s + ROUNDING_S) / self.config.period_s, 0, self.grid.updates - 1))
-
-    def _shifted(self, time_s: float, shift: np.ndarray, rate: np.ndarray) -> Command:
-        row, plan, targets = self.reference.row(time_s), self.plan, self.targets
-        moving = time_s <= self.reference.schedule.landing_s
-        velocity = plan.at("joint_vel", row, shift) + rate @ plan.slopes["joint_pos"][:, row]
-        torque, force = plan.at("torque", row, shift), plan.at("force", row, shift)
-        stands = plan.reference.force[row] != 0
-        return Command(
-            torque=np.clip(torque, -self.config.torque_nm, self.config.torque_nm) * moving,
-            position=plan.at("joint_pos", row, shift),
-            velocity=velocity * moving,
-            kp=targets.kp[row],
-            kd=targets.kd[row],
-            planned_force=force * stands * moving,
-        )
 
     def _measure(self, time_s: float, estimate: StateEstimate, frame: StartFrame, shift: np.ndarray) -> None:
         """Keep the latest deviations of trunk and feet from the shifted plan."""
         row = self.reference.row(time_s)
         state = frame.state(estimate) - self.plan.at("state", row, shift)
         foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, shift)
-        self._latest = [*self._latest, np.concatenate([state, foot])][-self._kept :]
+        self._latest = [*self._latest, np.concatenate([state, foot])][-self.kept_rows :]
 
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the first of the QP's, or the one before where it has none."""

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from leapgap.jumping.control.qp import OUT_OF_TIME, Qp, QpSolution, QpSolver
 
 NOT_FINITE = "not finite"
@@ -47,7 +45,7 @@ def guarded_solve(
         return None if demands.deadline_s is None else demands.deadline_s - (clock() - began)
 
     qp = problem()
-    if qp is None or not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all()):
+    if qp is None or not qp.is_finite:
         return GuardedSolution(None, NOT_FINITE)
     time_limit_s = remaining_s()
     if time_limit_s is not None and time_limit_s <= 0:

@@ -151,4 +151,4 @@ class JumpSequence(Controller):
         force = standing_force(self.body) * np.isfinite(self._both_since_s)
         frame = StartFrame.of(estimate)
         command = stand(self.robot, self.legs, estimate, frame, force, pose, self.config.settle_gains)
-        return limited(command, self.border, self._own_fallbacks)
+        return limited(command, self.border)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from leapgap.jumping.control.border import TIME_NOT_USABLE, TORQUE_LIMIT, Border
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.condensed_qp import ForceLimits, prepare_qp
 from leapgap.jumping.control.gains import JointGains
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
@@ -85,7 +85,7 @@ class LandingMpc(Controller):
             self.force = self._plan(judged)
         frame = StartFrame.of(judged)  # only the heading matters here: a force has no origin
         command = stand(self.robot, self.legs, judged, frame, self.force, self.pose, self.config.gains)
-        return self.border.sent(limited(command, self.border, self.fallbacks))
+        return self.border.sent(limited(command, self.border))
 
     def _plan(self, estimate: StateEstimate) -> np.ndarray:
         """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
@@ -118,12 +118,9 @@ class LandingMpc(Controller):
         return prepared.qp(state, first)
 
 
-def limited(command: Command, border: Border, fallbacks: Counter[str]) -> Command:
-    """A command whose torques the motors can deliver; counts where it had to be changed."""
-    torque, force, changed = border.within_limits(command.torque, command.planned_force)
-    if not changed:
-        return command
-    fallbacks[TORQUE_LIMIT] += 1
+def limited(command: Command, border: Border) -> Command:
+    """A command whose torques the motors can deliver."""
+    torque, force = border.within_limits(command.torque, command.planned_force)
     return replace(command, torque=torque, planned_force=force)
 
 

@@ -37,12 +37,17 @@ class Qp:
     row_upper: np.ndarray
     """(m,)."""
 
+    @cached_property
+    def is_finite(self) -> bool:
+        """Whether all of H and f is finite; several checks of one tick ask for it."""
+        return bool(np.isfinite(self.hessian).all() and np.isfinite(self.gradient).all())
+
     def defect(self) -> str | None:
         """Status of a problem that no solver may be given (``FAILED``, ``INFEASIBLE``), or None."""
         n, m = len(self.gradient), len(self.row_upper)
         if self.hessian.shape != (n, n) or self.rows.shape != (m, n) or {self.lower.shape, self.upper.shape} != {(n,)}:
             return FAILED
-        if not all(np.isfinite(part).all() for part in (self.hessian, self.gradient, self.rows)):
+        if not (self.is_finite and np.isfinite(self.rows).all()):
             return FAILED
         if any(np.isnan(part).any() for part in (self.lower, self.upper, self.row_upper)):
             return FAILED

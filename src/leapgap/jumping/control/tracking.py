@@ -5,7 +5,7 @@ from collections import Counter
 
 import numpy as np
 
-from leapgap.jumping.control.border import TIME_NOT_USABLE, TORQUE_LIMIT, Border
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.gains import JointTargets, PhaseGains
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.reference import Reference, StartFrame
@@ -60,15 +60,13 @@ class JumpController(Controller):
         time_s = estimate.time_s - self.start_s
         self._jump_time_s = time_s
         torque, force = self.feed_forward(time_s, estimate, self.frame or StartFrame(0.0, 0.0, 0.0))
-        torque, force, limited = self.border.within_limits(torque, force)
-        if limited:
-            self.count_fallback(TORQUE_LIMIT)
+        torque, force = self.border.within_limits(torque, force)
+        position, velocity = self.set_points(time_s)
         row, targets = self.reference.row(time_s), self.targets
-        moving = time_s <= self.reference.schedule.landing_s
         return Command(
             torque=torque,
-            position=targets.position[row],
-            velocity=targets.velocity[row] * moving,
+            position=position,
+            velocity=velocity,
             kp=targets.kp[row],
             kd=targets.kd[row],
             planned_force=force,
@@ -77,6 +75,14 @@ class JumpController(Controller):
     @abstractmethod
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Joint torques (joints,), N·m, and their planar pair forces (4,), N, at a time since the start, s."""
+
+    def set_points(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Set points of the joint PD at a time since the start, rad and rad/s, (joints,); asked after ``feed_forward``.
+
+        They are those of the reference, without velocities after the planned landing.
+        """
+        row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s
+        return self.targets.position[row], self.targets.velocity[row] * moving
 
     def _start_frame(self, estimate: StateEstimate) -> StartFrame:
         level = float(estimate.base_position[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m

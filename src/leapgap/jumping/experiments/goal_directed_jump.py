@@ -85,27 +85,30 @@ class JumpPlanner:
         return None
 
 
+@dataclass(frozen=True)
+class GoalChoice:
+    """Where a goal-directed jump goes, and how that is decided."""
+
+    target: Target
+    planner: JumpPlanner
+    aim: Callable[[Target, float], np.ndarray]
+    """Goal (3,) for a target and the pitch of the stance, rad."""
+    stance_is_seen: bool = True
+    """Whether the stance is measured; else it is taken for level."""
+    stand_s: float = 0.06
+    """Time of standing before the jump, in which the stance is measured."""
+
+
 class GoalDirectedJump(JumpController):
-    """Stands, measures its stance, plans to the goal ``aim(target, stance pitch)``, and jumps with joint PD.
+    """Stands, measures its stance, plans to the goal of its ``choice``, and jumps with joint PD.
 
     The jump begins at ``start_s``, after standing; from then on ``goal`` and ``stance_pitch`` hold what was planned.
     """
 
-    def __init__(
-        self,
-        target: Target,
-        first: Reference,
-        planner: JumpPlanner,
-        aim: Callable[[Target, float], np.ndarray],
-        robot: Robot,
-        gains: PhaseGains,
-        stand_s: float = 0.06,
-        stance_is_seen: bool = True,
-    ) -> None:
-        """``stance_is_seen``: whether the stance is measured; else it is taken for level."""
+    def __init__(self, choice: GoalChoice, first: Reference, robot: Robot, gains: PhaseGains) -> None:
+        """``first``: the robot stands in its first pose, and follows it where it finds no plan."""
         super().__init__(first, robot, gains)
-        self.target, self.planner, self.aim, self.gains, self.stand_s = target, planner, aim, gains, stand_s
-        self.stance_is_seen = stance_is_seen
+        self.choice, self.gains = choice, gains
         self.tracker: JumpController | None = None
         self.standing_height_m = float(first.state[0, Z])
         self.goal: np.ndarray | None = None
@@ -113,25 +116,30 @@ class GoalDirectedJump(JumpController):
         self._stood: list[StateEstimate] = []
 
     def command(self, estimate: StateEstimate) -> Command:
-        """Stand for ``stand_s``, then plan and jump."""
+        """Stand, then plan and jump."""
         if self.tracker is not None:
             return self.tracker.command(estimate)
-        if not self._stood or estimate.time_s - self._stood[0].time_s < self.stand_s - 1e-9:
+        if not self._stood or estimate.time_s - self._stood[0].time_s < self.choice.stand_s - 1e-9:
             self._stood.append(estimate)
             return self._standing(estimate)
-        self.stance_pitch = stance_pitch(self._stood, self.legs) if self.stance_is_seen else 0.0
-        chosen = self.aim(self.target, self.stance_pitch)
-        plan = self.planner.plan_nearest(self.target, chosen, self.stance_pitch)
+        self.tracker = self.plan_from(stance_pitch(self._stood, self.legs) if self.choice.stance_is_seen else 0.0)
+        self.start_s = estimate.time_s
+        return self.tracker.command(estimate)
+
+    def plan_from(self, stance_pitch: float) -> JumpController:
+        """Plan from a stance of this pitch, rad; the controller that follows the plan."""
+        self.stance_pitch = stance_pitch
+        target, planner = self.choice.target, self.choice.planner
+        chosen = self.choice.aim(target, self.stance_pitch)
+        plan = planner.plan_nearest(target, chosen, self.stance_pitch)
         if plan is None:
             self._substitute(NO_PLAN)  # the plan from level ground is used instead
         else:
             self.goal, solution = plan
-            if solution.problem.robot != self.planner.robot or not np.allclose(self.goal, chosen):
+            if solution.problem.robot != planner.robot or not np.allclose(self.goal, chosen):
                 self._substitute(OTHER_PLAN)
             self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
-        self.tracker = self.track(None if plan is None else plan[1])
-        self.start_s = estimate.time_s
-        return self.tracker.command(estimate)
+        return self.track(None if plan is None else plan[1])
 
     def track(self, solution: Solution | None) -> JumpController:
         """Controller that follows ``reference``, of the plan ``solution``; None: the plan from level ground."""

@@ -1,6 +1,5 @@
 """A goal-directed jump whose goal is shifted while the robot pushes."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,12 +10,11 @@ from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
 from leapgap.jumping.control.tracking import JointPd, JumpController
-from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump, JumpPlanner
+from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import Solution
-from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
 
 NO_NEIGHBOURS = "no plans of neighbouring goals"
@@ -42,30 +40,22 @@ class GoalShiftJump(GoalDirectedJump):
     """
 
     def __init__(
-        self,
-        target: Target,
-        first: Reference,
-        planner: JumpPlanner,
-        aim: Callable[[Target, float], np.ndarray],
-        robot: Robot,
-        gains: PhaseGains,
-        settings: ShiftSettings,
-        stance_is_seen: bool = True,
+        self, choice: GoalChoice, first: Reference, robot: Robot, gains: PhaseGains, settings: ShiftSettings
     ) -> None:
-        super().__init__(target, first, planner, aim, robot, gains, stance_is_seen=stance_is_seen)
+        super().__init__(choice, first, robot, gains)
         self.settings = settings
         self.shift_tracker: ShiftTracker | None = None
 
     def track(self, solution: Solution | None) -> JumpController:
         """Goal-shift MPC along the plan; joint PD where there are no neighbouring plans."""
-        plan = None if solution is None else shifted_plan(self.planner, solution, self.reference, self.robot)
+        plan = None if solution is None else shifted_plan(self.choice.planner, solution, self.reference, self.robot)
         if plan is None or self.goal is None:
             if solution is not None:
                 self._substitute(NO_NEIGHBOURS)
             return JointPd(self.reference, self.robot, self.gains)
         settings, feedback = self.settings, self.settings.feedback
         clearance = 0.0 if feedback is None else feedback.config.landing.clearance_m
-        desired = target_pose(self.target) + np.array([0.0, clearance, 0.0])
+        desired = target_pose(self.choice.target) + np.array([0.0, clearance, 0.0])
         self.shift_tracker = ShiftTracker(
             plan,
             self.robot,

@@ -4,6 +4,7 @@ The logs' commands are replayed in the nominal robot with effects, and the param
 measured motion. Unlike a diagnosis, the effects to fit are fixed beforehand.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +27,8 @@ class FitParameter:
     effect: str
     parameter: str
     scale: float
+    starts: tuple[float, ...] = (0.3,)
+    """Values from which the fit starts, in units of ``scale``: where a fit ends may depend on it."""
 
 
 JOINT_PARAMETERS = (
@@ -34,15 +37,20 @@ JOINT_PARAMETERS = (
     FitParameter("armature", "inertia", 0.02),
     FitParameter("command_delay", "delay_s", 0.003),
 )
+CONTACT_PARAMETERS = (*JOINT_PARAMETERS, FitParameter("foot_compliance", "time_constant_s", 0.005, starts=(4.0, 5.6)))
+"""With the softness of the feet. Plans cannot account for it, but a simulation can. Hard and soft feet are separate
+minima, so the fit starts from both."""
 BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
 """Errors of x, z and pitch of the base (m, m, rad) and of a joint (rad) that count alike in the fit."""
 COMPARISON_STEP_S = 0.02
 """Simulated and measured motions are compared at this interval."""
 
 
-def identify_effects_config(logs: Sequence[Log], robot: Robot, known: tuple[Effect, ...]) -> dict[str, Any]:
+def identify_effects_config(
+    logs: Sequence[Log], robot: Robot, known: tuple[Effect, ...], fitted: Sequence[FitParameter] = JOINT_PARAMETERS
+) -> dict[str, Any]:
     """``identify_effects`` in the form of a configuration, which a JSON file can hold."""
-    return {"effects": effects.to_config(identify_effects(logs, robot, known))}
+    return {"effects": effects.to_config(identify_effects(logs, robot, known, fitted))}
 
 
 def identify_effects(
@@ -70,9 +78,11 @@ def identify_effects(
 
     # Only additions to the model are fitted: no parameter goes below its nominal value.
     bounds = np.array([[max(p.lower, p.nominal) for p in ranges], [p.upper for p in ranges]]) / scale
-    start = np.clip(np.full(len(fitted), 0.3), *bounds)
-    fit = least_squares(residuals, start, bounds=bounds, loss="soft_l1", diff_step=0.05, max_nfev=15)
-    return effects_with(np.clip(fit.x, *bounds))
+    starts = [np.clip(np.array(start), *bounds) for start in itertools.product(*(u.starts for u in fitted))]
+    fits = [
+        least_squares(residuals, start, bounds=bounds, loss="soft_l1", diff_step=0.05, max_nfev=15) for start in starts
+    ]
+    return effects_with(np.clip(min(fits, key=lambda fit: float(fit.cost)).x, *bounds))
 
 
 def difference(qpos: np.ndarray, log: Log, robot: Robot) -> np.ndarray:

@@ -10,7 +10,7 @@ from leapgap import effects as effects_by_name
 from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
-from leapgap.jumping.experiments.identification import identify_effects_config
+from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS, identify_effects_config
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
 from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
@@ -112,6 +112,8 @@ class IdentifiedRobot:
 
     planner: JumpPlanner
     effects: tuple[Effect, ...]
+    logs: tuple[Log, ...] = ()
+    """The jumps that they were identified from."""
 
 
 def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobot:
@@ -132,7 +134,7 @@ def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobo
     ends, planner = ends_of(config), method.planner
     chosen = next((i for i, robot in enumerate(robots) if replace(planner, robot=robot).reaches(ends)), 0)
     robot, *fallback_robots = robots[chosen:]
-    return IdentifiedRobot(replace(planner, robot=robot, fallback_robots=tuple(fallback_robots)), found)
+    return IdentifiedRobot(replace(planner, robot=robot, fallback_robots=tuple(fallback_robots)), found, tuple(logs))
 
 
 def ends_of(config: PracticeConfig) -> list[np.ndarray]:
@@ -170,4 +172,12 @@ def identify_joint_effects(bench: Bench, logs: Sequence[Log]) -> tuple[Effect, .
     """Effects in the joints by the logs, from the cache of the bench where they are there."""
     place = f"{bench.hardware}/practice/identified"
     found = bench.runner.value(place, identify_effects_config, list(logs), bench.robot, DATA_SHEET)
+    return effects_by_name.from_config(found["effects"])
+
+
+def identify_contact_effects(bench: Bench, logs: Sequence[Log], folder: str) -> tuple[Effect, ...]:
+    """The same with the softness of the feet, for simulations; ``folder`` is that of the method's practice."""
+    place = f"{bench.hardware}/{folder}/identified"
+    fitted = CONTACT_PARAMETERS
+    found = bench.runner.value(place, identify_effects_config, list(logs), bench.robot, DATA_SHEET, fitted)
     return effects_by_name.from_config(found["effects"])

@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump, JumpPlanner
+from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_model import LandingModel, best_goal
 from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -38,12 +38,5 @@ class AimingMethod(Method):
         def aim(target: Target, stance_pitch: float) -> np.ndarray:
             return best_goal(self.landing, target, stance_pitch, offset) + self.goal_offset
 
-        return GoalDirectedJump(
-            task.target,
-            reference,
-            self.planner,
-            aim,
-            self.robot,
-            self.gains,
-            stance_is_seen=task.stance_is_seen,
-        )
+        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
+        return GoalDirectedJump(choice, reference, self.robot, self.gains)

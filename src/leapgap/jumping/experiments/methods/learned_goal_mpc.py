@@ -13,7 +13,7 @@ from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
+from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, ShiftSettings
 from leapgap.jumping.experiments.landing_feedback import (
     Authority,
@@ -28,7 +28,13 @@ from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.simulated_shifts import ShiftDraws, ShiftSimulator, SimulatedShiftsConfig
 from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.training_jumps import DATA_SHEET, IdentifiedRobot, PracticeDraws, identify_robot
+from leapgap.jumping.experiments.training_jumps import (
+    DATA_SHEET,
+    IdentifiedRobot,
+    PracticeDraws,
+    identify_contact_effects,
+    identify_robot,
+)
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.task import Target
 
@@ -65,9 +71,8 @@ class GoalShiftMethod(Method):
             return best_goal(landing, target, stance_pitch) + self.goal_offset
 
         settings = ShiftSettings(self.config, self.feedback, self.exploration)
-        return GoalShiftJump(
-            task.target, reference, self.planner, aim, self.robot, self.gains, settings, task.stance_is_seen
-        )
+        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
+        return GoalShiftJump(choice, reference, self.robot, self.gains, settings)
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,9 @@ class LearnedGoalMpcSettings(MethodSettings):
     """Random shifts of the first jumps."""
     later_shifts: ShiftDraws = field(default_factory=lambda: ShiftDraws((0.008, 0.006, 0.015)))
     """Random shifts in addition to those of the MPC, in later jumps."""
+    identify_feet: bool = False
+    """Whether the softness of the feet is identified for the simulated jumps: what kicks and unseen ground do depends
+    on it. Off: the simulated robot has the feet of the nominal one."""
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
         """Make the training jumps, and fit the model of the landing to them."""
@@ -92,7 +100,7 @@ class LearnedGoalMpcSettings(MethodSettings):
         draws = PracticeDraws(bench, config, np.random.default_rng([bench.seed, 7]), folder=f"practice_{name}")
         identified = identify_robot(draws, AimingMethod(rig.robot, bench.references, planner=planner))
         print(f"{bench.hardware}: found {json.dumps(to_config(identified.effects))}", flush=True)
-        simulated, shifts = self._simulated(bench, identified, name)
+        simulated, shifts = self._simulated(bench, identified, draws.folder)
         prior = learn_feedback(simulated, shifts, self.model)
         method = GoalShiftMethod(
             rig.robot, bench.references, planner=identified.planner, config=self.mpc, draws=self.first_shifts
@@ -106,21 +114,25 @@ class LearnedGoalMpcSettings(MethodSettings):
             method = replace(method, feedback=model, draws=self.later_shifts)
         return replace(method, draws=None)
 
-    def _simulated(self, bench: Bench, identified: IdentifiedRobot, name: str) -> tuple[ShiftedJumps, Authority]:
+    def _simulated(self, bench: Bench, identified: IdentifiedRobot, folder: str) -> tuple[ShiftedJumps, Authority]:
         """Jumps of the identified robot in simulation and what shifts do to it, from the cache where they are there."""
+        effects = identified.effects
+        if self.identify_feet:
+            effects = identify_contact_effects(bench, identified.logs, folder)
+            print(f"{bench.hardware}: simulated with {json.dumps(to_config(effects))}", flush=True)
         sensing = bench.world.sensing
         period = bench.level.info.sample_period_s
         simulator = ShiftSimulator(
             planner=identified.planner,
             robot=bench.robot,
-            effects=(*identified.effects, *DATA_SHEET),
+            effects=(*effects, *DATA_SHEET),
             level=bench.level,
             grid=ShiftGrid(identified.planner.schedule, self.mpc.period_s),
             average_rows=max(1, round(self.mpc.average_s / period)),
             late_rows=round(sensing.base_delay_s / period),
             noise=sensing.noise,
         )
-        place = f"{bench.hardware}/practice_{name}/simulated"
+        place = f"{bench.hardware}/{folder}/simulated"
         found = bench.runner.value(place, simulate, simulator, self.simulated, bench.seed)
         return ShiftedJumps.from_json(found["jumps"]), Authority(*(np.array(part) for part in found["authority"]))
 

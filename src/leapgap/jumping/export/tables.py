@@ -1,0 +1,300 @@
+"""Everything that the goal-shift controller of one jump needs while it runs, as arrays and numbers.
+
+The names here are those in the C files and in ``numpy_controller``; what a table holds stands in ``MEANING``, which is
+written beside the tables. Quadratic programs are tabled as far as no measurement is needed: for each update the inverse
+root of the Hessian, and the constraints scaled by their norm in it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.jumping.control.border import LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
+from leapgap.jumping.control.goal_shift_jump import ShiftTracker
+from leapgap.jumping.control.goal_shift_mpc import SLACKS, GoalShiftPlanner
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES
+from leapgap.jumping.experiments.landing_feedback import LandingFeedback, features
+from leapgap.jumping.experiments.landing_model import LandingModel
+from leapgap.robot.model import Robot
+from leapgap.robot.topology import PAIRS
+
+IN_PLAN = {"POSITION": "joint_pos", "VELOCITY": "joint_vel", "TORQUE": "torque", "FORCE": "force", "STATE": "state"}
+IN_PLAN |= {"FOOT": "foot"}
+"""Parts of a row of the plan, in their order."""
+MEANING = {
+    "plan": "rows of the plan: value, then slopes by a shift of the goal in x, z, pitch",
+    "gains": "kp and kd of each phase, by joint",
+    "gains_of_row": "which of them holds in a row of the plan",
+    "planned_goal": "goal of the plan: x, z, pitch",
+    "target": "where to land: x, z, pitch",
+    "authority": "change of the landing by the shift during each update",
+    "landing_trend": "landing - goal: rows for 1, goal and pitch of the stance",
+    "landing_scale": "by which goal and stance are divided",
+    "landing_sample": "goals and stances of the kernel, divided by the scale",
+    "landing_dual": "their weights",
+    "feedback": "change of the landing by 1, goal, stance and the ten deviations, at each update",
+    "feedback_covariance": "of that prediction, on the same inputs, in units of matters",
+    "scatter": "standard deviation of held-out landings at each update, in units of matters",
+    "matters": "landing errors that count alike in the model",
+    "matters_of_target": "landing errors that cost alike",
+    "steps_of_update": "number of steps of the horizon",
+    "authority_of_step": "change of the landing by the shift of each step",
+    "inverse_root": "J with J J' = 1/H; the last three variables are slacks of pitch, height and effort",
+    "bound_scale": "by which bounds are multiplied",
+    "landing_row": "limits of the landing's pitch, upwards and downwards, and of its height: left side, scaled",
+    "landing_row_scale": "by which their right side is multiplied",
+    "efforts_of_update": "first row of each update in the tables of efforts, and their number",
+    "effort_step": "step of the horizon that an effort belongs to",
+    "effort_slope": "its change by the shift",
+    "effort_soft": "by how much its slack widens it",
+    "effort_room": "distance of the plan to the limit",
+    "largest_shift": "of the goal",
+    "largest_change": "of the shift at one update",
+    "links_of_foot": "first link of each foot in the tables of links, and their number",
+    "link_position": "of a link in the one before, m",
+    "link_rotation": "of a link in the one before, row by row",
+    "link_joint": "joint that turns it, or -1",
+    "link_axis": "of that joint, in the link",
+    "link_anchor": "of that joint, in the link, m",
+    "link_zero": "angle of the joint at which the link is as tabled",
+    "foot_point": "centre of the foot in its last link, m",
+    "foot_share": "part of the foot in the mean of the front and of the rear pair",
+    "torque_limit": "of each motor, N m",
+    "pair_of_joint": "0: front, 1: rear, -1: neither",
+    "quaternion_norms": "least and largest that can have been measured",
+    "largest_position": "that can have been measured, m",
+    "largest_velocity": "the same, m/s",
+    "largest_angular_velocity": "the same, rad/s",
+    "largest_joint_pos": "the same, rad",
+}
+
+
+@dataclass(frozen=True)
+class ControllerTables:
+    """Arrays by name (``MEANING``), and numbers by name: sizes and places as int, others as float."""
+
+    arrays: Mapping[str, np.ndarray]
+    numbers: Mapping[str, int | float]
+
+
+def tables_of(tracker: ShiftTracker) -> ControllerTables:
+    """The tables of a controller that has not begun its jump."""
+    model, planner = tracker.model, tracker.planner
+    if not isinstance(model, LandingFeedback) or planner is None or tracker.exploration.any():
+        found = "a controller that explores or has no learned model"
+        raise InputError("export", found, "a controller that was learned", "let the robot practise")
+    parts = [plan_tables(tracker), model_tables(model), program_tables(planner), leg_tables(tracker.robot)]
+    arrays = {name: values for part in parts for name, values in part.items()}
+    arrays |= {
+        "planned_goal": np.asarray(tracker.goal, float),
+        "target": np.asarray(planner.target, float),
+        "torque_limit": tracker.border.limit_nm,
+        "quaternion_norms": np.array(QUATERNION_NORMS),
+    }
+    of_border = {"position": "base_position", "velocity": "base_velocity", "angular_velocity": "base_angular_velocity"}
+    of_border |= {"joint_pos": "joint_pos"}
+    numbers: dict[str, int | float] = {
+        **sizes(arrays, planner),
+        **{f"OF_{name}": start for name, start in starts(tracker).items()},
+        "KEPT": tracker.kept_rows,
+        "HOLD_TICKS": tracker.border.safe.hold_ticks,
+        "SAFE_KP": tracker.border.safe.damping.kp_nm_per_rad,
+        "SAFE_KD": tracker.border.safe.damping.kd_nms_per_rad,
+        "ROW_S": tracker.reference.period_s,
+        "UPDATE_S": tracker.config.period_s,
+        "TAKE_OFF_S": tracker.reference.schedule.take_off_s,
+        "LANDING_S": tracker.reference.schedule.landing_s,
+        "STANCE_PITCH_RAD": float(tracker.stance_pitch),
+        "DISBELIEF": tracker.config.disbelief,
+        "LARGEST_PITCH_RAD": tracker.config.largest_pitch_rad,
+        "BELOW_TARGET_M": tracker.config.below_target_m,
+        "TORQUE_NM": tracker.config.torque_nm,
+        "LONGEST_GAP_S": LONGEST_GAP_S,
+        "LARGEST_TIME_S": LARGEST_TIME_S,
+    }
+    arrays |= {f"largest_{name}": np.array(LARGEST[key]) for name, key in of_border.items()}
+    return ControllerTables(arrays, numbers)
+
+
+def starts(tracker: ShiftTracker) -> dict[str, int]:
+    """Where each part begins in a row of the plan."""
+    widths = [getattr(tracker.reference, quantity).shape[1] for quantity in IN_PLAN.values()]
+    return dict(zip(IN_PLAN, [int(at) for at in np.cumsum([0, *widths[:-1]])], strict=True))
+
+
+def sizes(arrays: Mapping[str, np.ndarray], planner: GoalShiftPlanner) -> dict[str, int | float]:
+    """Lengths of the tables."""
+    return {
+        "ROWS": len(arrays["plan"]),
+        "COLUMNS": arrays["plan"].shape[2],
+        "PHASES": len(arrays["gains"]),
+        "JOINTS": len(arrays["torque_limit"]),
+        "UPDATES": planner.grid.updates,
+        "VARIABLES": arrays["inverse_root"].shape[1],
+        "EFFORTS": len(arrays["effort_step"]),
+        "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
+        "SAMPLES": len(arrays["landing_sample"]),
+        "LINKS": len(arrays["link_joint"]),
+        "FEET": len(arrays["foot_point"]),
+    }
+
+
+def plan_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
+    """The plan with its slopes, and the gains of its rows."""
+    plan, targets = tracker.plan, tracker.targets
+    values = np.concatenate([getattr(plan.reference, quantity) for quantity in IN_PLAN.values()], axis=1)
+    slopes = np.concatenate([plan.slopes[quantity] for quantity in IN_PLAN.values()], axis=2)
+    both = np.stack([targets.kp, targets.kd], axis=1)
+    gains, of_row = np.unique(both.reshape(len(both), -1), axis=0, return_inverse=True)
+    return {
+        "plan": np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1),
+        "gains": gains.reshape(-1, *both.shape[1:]),
+        "gains_of_row": of_row.reshape(-1).astype(np.int32),
+    }
+
+
+def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
+    """The landing model and its feedback, on unscaled inputs."""
+    config = model.config
+    turn = input_scaling(model)
+    doubt = config.doubt_share**2 * model.covariance
+    return {
+        **landing_tables(model.landing),
+        "authority": model.authority,
+        "feedback": np.einsum("ki,tij->tkj", turn, model.weights) * model.matters,
+        "feedback_covariance": np.einsum("ki,tij,lj->tkl", turn, doubt, turn),
+        "scatter": model.scatter,
+        "matters": model.matters,
+    }
+
+
+def input_scaling(model: LandingFeedback) -> np.ndarray:
+    """T with φ = [1, goal, stance, deviation] T, (15, 15)."""
+    inputs = 1 + GOAL_AXES + 1 + DEVIATIONS
+    raw = np.concatenate([np.zeros((1, inputs - 1)), np.eye(inputs - 1)])
+    goal, stance, deviation = raw[:, :3], raw[:, 3], raw[:, 4:]
+    phi = features(goal, stance, deviation, model.config.landing)
+    return np.concatenate([phi[:1], phi[1:] - phi[0]])
+
+
+def landing_tables(model: LandingModel) -> dict[str, np.ndarray]:
+    """A landing model and those that it corrects as one trend and one kernel."""
+    scale = np.array(model.config.scale)
+    trend, samples, duals = np.zeros((5, 3)), [], []
+    level: LandingModel | None = model
+    while level is not None:
+        if (level.config.scale, level.config.length) != (model.config.scale, model.config.length):
+            raise InputError("export", "landing models of several scales", "one scale and length", "learn them alike")
+        by_input = level.weights[1:] / scale[:, None]
+        trend += np.concatenate([level.weights[:1] - level.centre @ by_input, by_input])
+        samples.append(level.samples.inputs / (scale * model.config.length))
+        duals.append(level.dual)
+        level = level.base
+    return {
+        "landing_trend": trend,
+        "landing_scale": scale * model.config.length,
+        "landing_sample": np.concatenate(samples),
+        "landing_dual": np.concatenate(duals),
+    }
+
+
+def program_tables(planner: GoalShiftPlanner) -> dict[str, np.ndarray]:
+    """The quadratic programs of all updates."""
+    size = max(len(ready.hessian) for ready in planner.prepared)
+    updates = len(planner.prepared)
+    authority, roots = np.zeros((updates, 3, size)), np.zeros((updates, size, size))
+    bounds, landing, landing_scale = np.zeros((updates, size)), np.zeros((updates, 3, size)), np.zeros((updates, 3))
+    efforts, steps = [], []
+    for update, ready in enumerate(planner.prepared):
+        n = len(ready.hessian)
+        root = np.linalg.inv(np.linalg.cholesky(ready.hessian)).T
+        norms = np.linalg.norm(ready.rows @ root, axis=1)
+        authority[update, :, : n - SLACKS] = ready.authority
+        roots[update, :n, :n] = root
+        bounds[update, :n] = 1 / np.linalg.norm(root, axis=1)
+        landing_scale[update] = 1 / norms[:3]
+        landing[update, :, :n] = ready.rows[:3] / norms[:3, None]
+        steps.append((n - SLACKS) // GOAL_AXES)
+        efforts.append(effort_tables(ready.rows[3:], ready.effort, norms[3:]))
+    counts = [len(part["effort_step"]) for part in efforts]
+    config = planner.config
+    return {
+        "steps_of_update": np.array(steps, np.int32),
+        "authority_of_step": authority,
+        "inverse_root": roots,
+        "bound_scale": bounds,
+        "landing_row": landing,
+        "landing_row_scale": landing_scale,
+        "efforts_of_update": np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+        **{name: np.concatenate([part[name] for part in efforts]) for name in efforts[0]},
+        "largest_shift": np.array(config.largest),
+        "largest_change": np.array(config.largest_change),
+        "matters_of_target": np.array(config.matters),
+    }
+
+
+def effort_tables(rows: np.ndarray, room: np.ndarray, norms: np.ndarray) -> dict[str, np.ndarray]:
+    """Limits of forces and torques of one update: each depends on the shift of one step, and on one slack."""
+    by_step = rows[:, :-SLACKS].reshape(len(rows), -1, GOAL_AXES)
+    step = np.abs(by_step).max(axis=2).argmax(axis=1)
+    return {
+        "effort_step": step.astype(np.int32),
+        "effort_slope": by_step[np.arange(len(rows)), step] / norms[:, None],
+        "effort_soft": -rows[:, -1] / norms,
+        "effort_room": room / norms,
+    }
+
+
+def leg_tables(robot: Robot) -> dict[str, np.ndarray]:
+    """Kinematics of the legs: for each foot the links from the base to it, and the joints that turn them."""
+    model, hinge = robot.model, int(mujoco.mjtJoint.mjJNT_HINGE)
+    numbers = {int(body): i for i, body in enumerate(robot.joint_bodies)}
+    links: list[tuple[np.ndarray, np.ndarray, int, np.ndarray, np.ndarray, float]] = []
+    begins = [0]
+    for geom in robot.foot_geoms:
+        chain, body = [], int(model.geom_bodyid[geom])
+        while body != robot.base_body:
+            chain.append(body)
+            body = int(model.body_parentid[body])
+        for body in reversed(chain):
+            joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+            if len(joints) > 1 or any(model.jnt_type[joint] != hinge for joint in joints):
+                found = f"{len(joints)} joints at {model.body(body).name}"
+                raise InputError(robot.path, found, "at most one hinge at each link of a leg", "split the link")
+            place, turn = model.body_pos[body], rotation_matrix(model.body_quat[body])
+            if not len(joints):
+                links.append((place, turn, -1, np.zeros(3), np.zeros(3), 0.0))
+                continue
+            joint = joints[0]
+            zero = float(model.qpos0[model.jnt_qposadr[joint]])
+            links.append((place, turn, numbers[body], model.jnt_axis[joint], model.jnt_pos[joint], zero))
+        begins.append(len(links))
+    share = np.zeros((len(robot.feet), len(PAIRS)))
+    pair_of_joint = np.full(len(robot.joints), -1, np.int32)
+    for pair, name in enumerate(PAIRS):
+        feet = robot.feet_at(name)
+        share[feet, pair] = 1 / len(feet)
+        pair_of_joint[robot.joints_at(name)] = pair
+    position, rotation, joint_of, axis, anchor, zeros = zip(*links, strict=True)
+    return {
+        "links_of_foot": np.array(begins, np.int32),
+        "link_position": np.array(position),
+        "link_rotation": np.array(rotation),
+        "link_joint": np.array(joint_of, np.int32),
+        "link_axis": np.array(axis),
+        "link_anchor": np.array(anchor),
+        "link_zero": np.array(zeros),
+        "foot_point": model.geom_pos[robot.foot_geoms].copy(),
+        "foot_share": share,
+        "pair_of_joint": pair_of_joint,
+    }
+
+
+def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
+    """Matrix of a quaternion w x y z, row by row, (9,)."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix

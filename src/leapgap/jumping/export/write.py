@@ -1,0 +1,82 @@
+"""Writes the export of a controller: tables for C and NumPy, the code that runs them, and the landing model as ONNX."""
+
+import platform
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.atomic_io import write_json, write_text
+from leapgap.jumping.control.goal_shift_jump import ShiftTracker
+from leapgap.jumping.export.tables import MEANING, ControllerTables, tables_of
+from leapgap.jumping.learning import landing_graph
+from leapgap.jumping.learning.windows import write_npz
+from leapgap.output_folder import package_version
+
+FORMAT_VERSION = 1
+C_FILES = ("jump_controller.h", "jump_controller.c", "main.c")
+PER_LINE = 8
+"""Numbers in a line of a table in C."""
+
+
+def write_controller(tracker: ShiftTracker, folder: Path, about: Mapping[str, Any]) -> ControllerTables:
+    """Write a controller that has not begun its jump; ``about`` says for what robot and task it is."""
+    tables = tables_of(tracker)
+    package = resources.files("leapgap.jumping.export")
+    for name in C_FILES:
+        write_text(folder / name, (package / "c" / name).read_text(encoding="utf-8"))
+    write_text(folder / "sizes.h", sizes_in_c(tables))
+    write_text(folder / "tables.h", tables_in_c(tables))
+    write_npz(folder / "tables.npz", dict(tables.arrays))
+    write_text(folder / "controller.py", (package / "numpy_controller.py").read_text(encoding="utf-8"))
+    (folder / "landing_model.onnx").write_bytes(
+        landing_graph.serialise(tables.arrays, tables.numbers["STANCE_PITCH_RAD"], about)
+    )
+    described = {
+        "format_version": FORMAT_VERSION,
+        **about,
+        "joints": list(tracker.robot.joints),
+        "feet": list(tracker.robot.feet),
+        "numbers": dict(tables.numbers),
+        "tables": {name: {"shape": list(tables.arrays[name].shape), "holds": MEANING[name]} for name in tables.arrays},
+        "versions": {"leapgap": package_version(), "python": platform.python_version()},
+    }
+    write_json(folder / "controller.json", described)
+    return tables
+
+
+def sizes_in_c(tables: ControllerTables) -> str:
+    """The numbers as macros."""
+    lines = [f"#define {name} {in_c(value)}" for name, value in tables.numbers.items()]
+    head = ["/* Numbers of this jump; SI units. */", "#ifndef SIZES_H", "#define SIZES_H", ""]
+    return "\n".join([*head, *lines, "", "#endif", ""])
+
+
+def tables_in_c(tables: ControllerTables) -> str:
+    """The arrays as constants, each with what it holds."""
+    lines = ["/* Tables of this jump. */", ""]
+    for name, values in tables.arrays.items():
+        kind = "double" if values.dtype.kind == "f" else "int"
+        extent = "".join(f"[{length}]" for length in values.shape)
+        lines += [f"/* {MEANING[name]} */", f"static const {kind} {name}{extent} = {nested(values)};", ""]
+    return "\n".join(lines)
+
+
+def nested(values: np.ndarray) -> str:
+    """An array as an initialiser, in nested braces."""
+    if values.ndim == 0:
+        return in_c(values.item())
+    if values.ndim > 1:
+        return "{" + ",\n".join(nested(part) for part in values) + "}"
+    parts = [in_c(value) for value in values.tolist()]
+    lines = [", ".join(parts[i : i + PER_LINE]) for i in range(0, len(parts), PER_LINE)]
+    return "{" + ",\n".join(lines) + "}"
+
+
+def in_c(value: float) -> str:
+    """A number as a literal that a compiler reads back to the same bits."""
+    if isinstance(value, int):
+        return str(value)
+    return repr(value) if np.isfinite(value) else ("INFINITY" if value > 0 else "-INFINITY")

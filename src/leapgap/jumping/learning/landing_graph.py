@@ -1,0 +1,69 @@
+"""The landing model of a goal-shift controller as an ONNX graph, for batches of any length.
+
+Inputs ``goal`` (n, 3; m, m, rad), ``deviation`` (n, 10) and ``update`` (n,); outputs ``landing`` (n, 3), if the goal
+stays what it is, and ``spread`` (n, 3), its standard deviation. Double precision. What the model is for stands in the
+metadata, as JSON under ``leapgap``.
+"""
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper
+
+from leapgap.jumping.learning.onnx_graph import IR_VERSION, OPSET, Graph
+
+
+def serialise(tables: Mapping[str, np.ndarray], stance_pitch: float, about: Mapping[str, object]) -> bytes:
+    """The graph of the tables (``leapgap.jumping.export.tables``) for one stance, rad; equal tables, equal bytes."""
+    graph = Graph()
+
+    def constant(values: object) -> str:
+        return graph.constant(np.asarray(values))
+
+    axis, middle, double = constant([1]), constant([2]), np.float64
+    whole = np.eye(4)[:3]
+    at = graph.node("Add", graph.node("MatMul", "goal", constant(whole)), constant([0.0, 0.0, 0.0, stance_pitch]))
+    scaled = graph.node("Div", at, constant(tables["landing_scale"]))
+    samples = tables["landing_sample"]
+    apart = graph.node("Sub", graph.node("Unsqueeze", scaled, axis), constant(samples[None]))
+    squared = graph.node("ReduceSumSquare", apart, middle, keepdims=0)
+    near = graph.node("Exp", graph.node("Mul", squared, constant(double(-0.5))))
+    trend = tables["landing_trend"]
+    landing = graph.node("Add", graph.node("MatMul", at, constant(trend[1:] + np.eye(4)[:, :3])), constant(trend[0]))
+    landing = graph.node("Add", landing, graph.node("MatMul", near, constant(tables["landing_dual"])))
+    to_inputs = np.zeros((14, 15))
+    to_inputs[:4, 1:5], to_inputs[4:, 5:] = np.eye(4), np.eye(10)
+    inputs = graph.node("MatMul", graph.node("Concat", at, "deviation", axis=1), constant(to_inputs))
+    inputs = graph.node("Unsqueeze", graph.node("Add", inputs, constant(np.eye(15)[0])), axis)
+
+    def of_update(name: str) -> str:
+        return graph.node("Gather", constant(tables[name]), "update", axis=0)
+
+    change = graph.node("Squeeze", graph.node("MatMul", inputs, of_update("feedback")), axis)
+    graph.node("Add", landing, change, out="landing")
+    turned = graph.node("MatMul", inputs, of_update("feedback_covariance"))
+    doubt = graph.node("ReduceSum", graph.node("Mul", turned, inputs), middle, keepdims=0)
+    scatter = of_update("scatter")
+    variance = graph.node("Add", graph.node("Mul", scatter, scatter), graph.node("Max", doubt, constant(double(0.0))))
+    graph.node("Mul", graph.node("Sqrt", variance), constant(tables["matters"]), out="spread")
+    model = helper.make_model(
+        helper.make_graph(
+            graph.nodes,
+            "landing",
+            [
+                helper.make_tensor_value_info("goal", TensorProto.DOUBLE, ["n", 3]),
+                helper.make_tensor_value_info("deviation", TensorProto.DOUBLE, ["n", 10]),
+                helper.make_tensor_value_info("update", TensorProto.INT64, ["n"]),
+            ],
+            [helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["n", 3]) for name in ("landing", "spread")],
+            graph.constants,
+        ),
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="leapgap",
+    )
+    helper.set_model_props(model, {"leapgap": json.dumps(dict(about), sort_keys=True)})
+    onnx.checker.check_model(model)
+    return model.SerializeToString(deterministic=True)
