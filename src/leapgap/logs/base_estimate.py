@@ -78,7 +78,7 @@ def estimate_base(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) ->
     stands = stance(log, robot, height)
     planted, weight = np.any(stands, axis=1), weights(height, stands)
     # Of each foot that stands: the base's velocity and height if this foot were at rest on the ground.
-    told = np.concatenate([-velocity, -height[..., None]], axis=2)
+    told = np.concatenate([-velocity, robot.ground_height - height[..., None]], axis=2)
     mean = np.einsum("rf,rfc->rc", weight, told)
     spread = np.einsum("rf,rfc->rc", weight, (told - mean[:, None]) ** 2)
     variance = spread + np.square(LEAST_DEVIATION)
@@ -108,10 +108,10 @@ def sinking(robot: Robot, motion: Motion, height: np.ndarray, stands: np.ndarray
     if not len(planted):
         return 0.0
     rows = planted[np.unique(np.linspace(0, len(planted) - 1, POSES).astype(int))]
-    lowest = -height[rows].min(axis=1)
+    lowest = robot.ground_height - height[rows].min(axis=1)
     qpos = motion.qpos[rows].copy()
     Motion(qpos, motion.qvel[rows]).base_position[:, 2] = lowest
-    weighted = -(weights(height[rows], stands[rows]) * height[rows]).sum(axis=1)
+    weighted = robot.ground_height - (weights(height[rows], stands[rows]) * height[rows]).sum(axis=1)
     depth = sinking_depths(robot, qpos, torque[rows])
     borne = np.isfinite(depth)
     return float(np.median((depth - (lowest - weighted))[borne])) if borne.any() else 0.0
