@@ -127,7 +127,7 @@ class Robot:
 
     @cached_property
     def ground_height(self) -> float:
-        """Height of the level floor, m: the highest horizontal plane of the world that feet may touch, 0 without one."""
+        """Height of the level floor, m: the highest horizontal plane that feet may touch, 0 without one."""
         model, data = self.model, mujoco.MjData(self.model)
         mujoco.mj_kinematics(model, data)
         planes = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)) & (model.geom_bodyid == 0)
