@@ -54,6 +54,7 @@ def robots(config: DictConfig) -> None:
             table[name] = outcome_of(case, report.content, time.perf_counter() - begin)
             report.save(folder / name)
             verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
+            verdict = "not judged" if case.expected is None else verdict
             print(f"{name}: {verdict}. {report.sentence}", flush=True)
     if chosen.metrics and table:
         write_json(Path(chosen.metrics), {"cases": table})

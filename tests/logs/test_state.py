@@ -1,13 +1,14 @@
 """Columns of a log against MuJoCo's own layout of positions and velocities."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.logs.log import Log
+from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.logs.state import columns_of, commanded_torque, motion_of
 from leapgap.robot.model import Robot
@@ -131,3 +132,35 @@ def test_rows_of_a_motion_are_a_motion() -> None:
     copied = motion.copy()
     copied.qpos[:] = 0
     assert motion.qpos[0, 1] == 1
+
+
+TAIL = """<mujoco model="tailed"><worldbody><body>
+  <joint name="hip" axis="0 1 0"/><geom size="0.1" mass="1"/>
+  <body pos="0 0 -0.3"><joint name="tail" axis="0 1 0" stiffness="3"/><geom size="0.05" mass="0.2"/></body>
+</body></worldbody><actuator><motor joint="hip"/></actuator></mujoco>"""
+
+
+def test_a_passive_joint_that_was_not_logged_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "tailed.xml"
+    path.write_text(TAIL)
+    robot, rows = Robot.load(path), np.zeros(20)
+    columns = {"time": 0.01 * np.arange(20), "joint_pos/hip": rows}
+    columns |= {f"cmd_{name}/hip": rows for name in ("tau", "pos", "vel", "kp", "kd")}
+    with pytest.raises(InputError) as refused:
+        motion_of(Log("swing", columns, LogInfo("tailed", 0.01, "test")), robot)
+    assert str(refused.value) == (
+        "swing: found no joint_pos of tail, of joints without a motor; expected positions of all 2 joints of tailed: "
+        "replays begin where the robot was; log them, or take joints that never move out of the model"
+    )
+
+
+def test_a_base_is_estimated_above_the_floor_of_the_model(robot: Robot, tmp_path: Path) -> None:
+    """The floor of the model is 0.4 m high, and so is the base that stands on it, 0.1726 m above."""
+    path = tmp_path / "raised.xml"
+    path.write_text(robot.path.read_text().replace('<geom name="floor"', '<geom name="floor" pos="0 0 0.4"'))
+    log = standing(robot)
+    kept = {name: v for name, v in log.columns.items() if not name.startswith(("base_pos", "base_linvel"))}
+    raised = Robot.load(path)
+    assert raised.ground_height == 0.4
+    motion = motion_of(Log(log.name, kept, log.info), raised)
+    assert motion.base_position[:, 2] == pytest.approx(0.4 + 0.1726, abs=0.006)

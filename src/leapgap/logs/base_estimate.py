@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.log import Log
-from leapgap.logs.stance import stance
+from leapgap.logs.stance import measured_stance, stance_by_height
 from leapgap.robot.ground_load import sinking_depths
 from leapgap.robot.kinematics import soles
+from leapgap.robot.leg_load import feet_load
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
@@ -27,6 +29,8 @@ because some just lift or land, count less."""
 LEAST_DEVIATION = (0.01, 0.01, 0.03, 0.002)
 """Smallest standard deviations of velocity x, y, z, m/s, and of height, m: feet slip, and the ground gives way under a
 changing load."""
+ACCELERATION_S, ACCELERATION_ROWS = 0.03, 7
+"""Accelerations are slopes of parabolas through the velocities within this time, or so many rows."""
 GRAVITY = 9.81
 
 
@@ -75,10 +79,13 @@ def estimate_base(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) ->
     """
     place, velocity = soles(robot, motion)
     height = place[..., 2]
-    stands = stance(log, robot, height)
+    measured = measured_stance(log, robot)
+    stands = (
+        stance_by_height(log.time, height, borne_share(log, robot, motion, torque)) if measured is None else measured
+    )
     planted, weight = np.any(stands, axis=1), weights(height, stands)
     # Of each foot that stands: the base's velocity and height if this foot were at rest on the ground.
-    told = np.concatenate([-velocity, -height[..., None]], axis=2)
+    told = np.concatenate([-velocity, robot.ground_height - height[..., None]], axis=2)
     mean = np.einsum("rf,rfc->rc", weight, told)
     spread = np.einsum("rf,rfc->rc", weight, (told - mean[:, None]) ** 2)
     variance = spread + np.square(LEAST_DEVIATION)
@@ -88,6 +95,16 @@ def estimate_base(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) ->
     steps = np.diff(log.time)[:, None] * (seen[1:, :2] + seen[:-1, :2]) / 2
     position = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), above])
     return BaseEstimate(position, seen, height_deviation=deviation[:, 3], velocity_deviation=deviation[:, :3])
+
+
+def borne_share(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) -> np.ndarray:
+    """Share of the robot's weight that its feet bear by the torques of its motors, (rows,)."""
+    rates = velocity_fit(log.time, motion.qvel, max(ACCELERATION_S, ACCELERATION_ROWS * log.info.sample_period_s))
+    weight = robot.total_mass * float(np.linalg.norm(robot.model.opt.gravity))
+    share = feet_load(robot, motion, rates.velocity, torque) / weight
+    reach = log.info.rows(ACCELERATION_S / 2)
+    kernel = np.ones(2 * reach + 1)
+    return np.asarray(np.convolve(share, kernel, "same") / np.convolve(np.ones(len(share)), kernel, "same"))
 
 
 def weights(height: np.ndarray, stands: np.ndarray) -> np.ndarray:
@@ -108,10 +125,10 @@ def sinking(robot: Robot, motion: Motion, height: np.ndarray, stands: np.ndarray
     if not len(planted):
         return 0.0
     rows = planted[np.unique(np.linspace(0, len(planted) - 1, POSES).astype(int))]
-    lowest = -height[rows].min(axis=1)
+    lowest = robot.ground_height - height[rows].min(axis=1)
     qpos = motion.qpos[rows].copy()
     Motion(qpos, motion.qvel[rows]).base_position[:, 2] = lowest
-    weighted = -(weights(height[rows], stands[rows]) * height[rows]).sum(axis=1)
+    weighted = robot.ground_height - (weights(height[rows], stands[rows]) * height[rows]).sum(axis=1)
     depth = sinking_depths(robot, qpos, torque[rows])
     borne = np.isfinite(depth)
     return float(np.median((depth - (lowest - weighted))[borne])) if borne.any() else 0.0

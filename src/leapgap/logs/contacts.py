@@ -35,7 +35,7 @@ def feet_in_world(log: Log, robot: Robot, rows: slice = slice(None)) -> np.ndarr
 def sole_heights(log: Log, robot: Robot, rows: slice = slice(None)) -> np.ndarray:
     """Height of each sole above the stated ground, m, (rows, feet)."""
     feet = feet_in_world(log, robot, rows)
-    ground = np.zeros(feet.shape[:2])
+    ground = np.full(feet.shape[:2], robot.ground_height)
     for box in log.info.terrain:
         inside = (np.abs(feet[..., 0] - box.x_m) < box.size_m[0] / 2) & (
             np.abs(feet[..., 1] - box.y_m) < box.size_m[1] / 2

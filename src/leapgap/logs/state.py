@@ -96,10 +96,26 @@ def logged_motion(log: Log, robot: Robot) -> Motion:
             for axis, column in enumerate(columns):
                 if column in log:
                     part[:, axis] = log[column]
+    check_joints_are_logged(log, robot)
     motion.qpos[:, robot.joint_qpos] = log.per_joint("joint_pos", robot.joints)
     if f"joint_vel/{robot.joints[0]}" in log:
         motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)
     return motion
+
+
+def check_joints_are_logged(log: Log, robot: Robot) -> None:
+    """Raise ``InputError`` for a log without the positions of some joints: nobody could say where replays begin."""
+    missing = [joint for joint in robot.joints if f"joint_pos/{joint}" not in log]
+    if not missing:
+        return
+    passive = [joint for joint in missing if joint not in robot.driven_joints]
+    without = ", of joints without a motor" if passive == missing else ""
+    raise InputError(
+        log.name,
+        f"no joint_pos of {', '.join(missing)}{without}",
+        f"positions of all {len(robot.joints)} joints of {robot.name}: replays begin where the robot was",
+        "log them, or take joints that never move out of the model",
+    )
 
 
 def has_base_velocity(log: Log) -> bool:

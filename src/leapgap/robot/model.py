@@ -24,6 +24,8 @@ ROOTED_M = 0.5
 """Blocks reach this far below the floor. A soft foot that sinks past the middle of a thin box would be pushed out at
 its underside."""
 PARKED_BELOW_FLOOR_M = 50.0
+LEVEL = 1 - 1e-6
+"""Cosine of the largest slope of a level floor."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,15 @@ class Robot:
     def _has_ground(self) -> bool:
         of_world = self.model.geom_bodyid == 0
         return bool((self.model.geom_contype[of_world] | self.model.geom_conaffinity[of_world]).any())
+
+    @cached_property
+    def ground_height(self) -> float:
+        """Height of the level floor, m: the highest horizontal plane that feet may touch, 0 without one."""
+        model, data = self.model, mujoco.MjData(self.model)
+        mujoco.mj_kinematics(model, data)
+        planes = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)) & (model.geom_bodyid == 0)
+        level = planes & (model.geom_contype | model.geom_conaffinity).astype(bool) & (data.geom_xmat[:, 8] > LEVEL)
+        return float(data.geom_xpos[level, 2].max()) if level.any() else 0.0
 
     @cached_property
     def motors(self) -> MotorConstants | None:

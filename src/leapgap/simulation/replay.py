@@ -404,7 +404,8 @@ class Replayer:
         with self.compiling:
             if key not in self.compiled:
                 spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
-                add_sensors(spec, self.robot, self.sensors)
+                if self.sensors:
+                    add_sensors(spec, self.robot, self.sensors)
                 for effect in trial.effects:
                     if effect.structure is not None:
                         effect.change_spec(spec, self.robot)
