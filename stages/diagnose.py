@@ -14,7 +14,7 @@ from leapgap.atomic_io import write_json, write_text
 from leapgap.diagnosis.diagnose import Settings
 from leapgap.errors import InputError
 from leapgap.output_folder import whole_folder
-from leapgap.reports.diagnosis import RECORDING, Report, diagnose_folder
+from leapgap.reports.diagnosis import RECORDING, PageSettings, Report, diagnose_folder
 from leapgap.reports.diagnosis_recording import record_report, write_replays
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
@@ -26,6 +26,7 @@ def diagnose(config: DictConfig) -> None:
     """Judge the logs, then write report, corrected robot, replays and recording, all or nothing."""
     section = config.diagnose
     settings = read_config(Settings, section.settings, "diagnose.settings")
+    page = read_config(PageSettings, config.report, "report")
     if section.threads is not None and (not isinstance(section.threads, int) or section.threads < 1):
         raise InputError("diagnose.threads", str(section.threads), "null or a number of 1 or more", "correct it")
     model = section.robot or config.robot.model
@@ -39,7 +40,7 @@ def diagnose(config: DictConfig) -> None:
         if report is None:
             write_note(folder)
         else:
-            report.write(folder)
+            report.write(folder, page.viewer)
             if section.recordings:
                 record_report(report, folder / RECORDING)
         if replays is None:
