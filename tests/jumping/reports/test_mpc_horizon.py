@@ -1,4 +1,4 @@
-"""Predictions of the MPC at its updates: along the plan they follow it, in flight they fall, elsewhere they move along."""
+"""Predictions of the MPC at its updates: they follow the plan that they start on, fall in flight, and move along."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -32,15 +32,19 @@ def test_there_is_an_update_every_25_ms_until_take_off(horizons: MpcHorizons) ->
 
 
 def test_from_states_of_the_plan_the_plan_is_predicted(horizons: MpcHorizons, reference: Log) -> None:
-    """Until take-off within centimetres; after it, Euler's steps of 0.1 s rise above the parabola by g Δt² / 2 each."""
+    """A step ahead within millimetres, until take-off within centimetres: the legs of the plan have mass.
+
+    After it, Euler's steps of 0.1 s rise above the parabola by g Δt² / 2 each.
+    """
     for one in horizons.updates:
         x = np.interp(one.time_s, reference.time, reference["base_pos_x"]) - reference["base_pos_x"][0]
         z = np.interp(one.time_s, reference.time, reference["base_pos_z"])
         steps_in_flight = np.sum(one.time_s > TAKE_OFF_S + 1e-9)
         standing = one.time_s <= TAKE_OFF_S + 1e-9
         assert np.abs(one.state[:, 0] - x).max() < 0.06
-        assert np.abs(one.state[:, 1] - z)[standing].max() < 0.04
-        assert np.abs(one.state[:, 1] - z).max() < 0.04 + steps_in_flight * GRAVITY * 0.1**2 / 2
+        assert np.abs(one.state[:, 1] - z)[standing].max() < 0.08
+        assert np.abs(one.state[:, 1] - z)[1] < 0.008 or one.time_s[1] > TAKE_OFF_S
+        assert np.abs(one.state[:, 1] - z).max() < 0.08 + steps_in_flight * GRAVITY * 0.1**2 / 2
 
 
 def test_the_predicted_flight_falls_freely(horizons: MpcHorizons) -> None:
