@@ -20,10 +20,15 @@ from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 
 STAGE = "stages.diagnose"
+SWEPT = ("gap_corrected", "gap_nominal", "closure_heldout", "noise_floor")
+"""Figures for the table of a sweep, the one that is ranked by first."""
 
 
-def diagnose(config: DictConfig) -> None:
-    """Judge the logs, then write report, corrected robot, replays and recording, all or nothing."""
+def diagnose(config: DictConfig) -> dict[str, float] | None:
+    """Judge the logs, then write report, corrected robot, replays and recording, all or nothing.
+
+    The figures that a sweep tabulates are returned; None without logs.
+    """
     section = config.diagnose
     settings = read_config(Settings, section.settings, "diagnose.settings")
     page = read_config(PageSettings, config.report, "report")
@@ -49,11 +54,13 @@ def diagnose(config: DictConfig) -> None:
         with whole_folder(replays, STAGE) as folder:
             write_replays_or_note(report, folder)
     if report is None:
-        return
+        return None
     if section.metrics:
         write_json(Path(section.metrics), report.content.metrics())
     print(report.sentence)
     print(f"report: {out / 'report.html'}")
+    figures = report.content.metrics()
+    return {name: figures[name] for name in SWEPT if isinstance(figures[name], float)}
 
 
 def write_replays_or_note(report: Report | None, folder: Path) -> None:
