@@ -24,6 +24,7 @@ from typing import Any, TextIO
 from omegaconf import OmegaConf
 
 from leapgap.atomic_io import read_json, write_json
+from stages.common import answered_at_once
 
 RECORDED = Path("metrics/timing/stages.json")
 """Seconds of each stage as committed, measured on an idle machine."""
@@ -164,4 +165,7 @@ def repro(arguments: list[str], screen: TextIO = sys.stdout) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(repro(sys.argv[1:]))
+    if answer := answered_at_once("repro", sys.argv[1:]):
+        print(answer, end="")
+    else:
+        sys.exit(repro(sys.argv[1:]))

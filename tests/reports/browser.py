@@ -63,7 +63,8 @@ class Browser:
           try {{ await leapgap.ready; await new Promise((go) => setTimeout(go, 500)); tell(await ({script})); }}
           catch (error) {{ tell({{ error: String(error) }}); }} }})();</script></body>"""
         asked = folder / "asked.html"
-        asked.write_text(page.read_text(encoding="utf-8").replace("</body>", asks), encoding="utf-8")
+        before, _, after = page.read_text(encoding="utf-8").rpartition("</body>")
+        asked.write_text(f"{before}{asks}{after}", encoding="utf-8")
         Thread(target=server.serve_forever, daemon=True).start()
         profile = f"--user-data-dir={folder / 'profile'}"
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
