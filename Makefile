@@ -55,10 +55,12 @@ DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 	$(PIP) -e ".[view]"
 	touch $@
 
-# A simulated robot with a hidden effect is diagnosed; another robot: make demo NUMBER=2
-NUMBER := 1
+# A simulated robot with a hidden effect is diagnosed; another robot: make demo NUMBER=4
+NUMBER := 3
 demo: $(DEMO_READY)
 	@leapgap demo --number $(NUMBER) --out data/demo --no-browser
+	@echo "  open it:       .venv/bin/leapgap report data/demo/report"
+	@echo "  another robot: make demo NUMBER=4"
 
 run: .venv/ready
 	@python -m stages.repro

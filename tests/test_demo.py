@@ -54,12 +54,13 @@ def test_a_number_below_zero_is_refused(capsys: pytest.CaptureFixture[str], tmp_
 
 def test_the_demo_names_what_it_hides(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out = tmp_path / "demo"
-    assert cli.main(["demo", "--number", "1", "--out", str(out), "--no-browser"]) == 0
+    assert cli.main(["demo", "--number", "3", "--out", str(out), "--no-browser"]) == 0
     said = capsys.readouterr().out
     report = json.loads((out / "report" / "report.json").read_text())
-    hidden = demo.simulate(1).hidden
+    hidden = demo.simulate(3).hidden
     assert report["verdict"] == "named" and report["answer"] == [[hidden.name]]
     assert report["causes"][0]["location"] == hidden.location
+    assert report["closure_of_answer"]["ci95"][0] > 0.5
     assert f"named: {report['sentence']}" in said
     assert said.index("named: ") < said.index(f"hidden was {hidden.name}")
     assert f"page: {out / 'report' / 'report.html'}" in said

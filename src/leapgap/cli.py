@@ -122,7 +122,7 @@ def parser() -> argparse.ArgumentParser:
 
     demo = command("demo", run_demo, "diagnose a simulated robot with a hidden effect and open the report; a minute")
     demo.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for logs and report: demo")
-    demo.add_argument("--number", type=int, default=1, metavar="N", help="which robot; each hides another effect: 1")
+    demo.add_argument("--number", type=int, default=3, metavar="N", help="which robot; each hides another effect: 3")
     demo.add_argument("--no-browser", action="store_true", help="print where the page is and open nothing")
     return top
 
@@ -347,8 +347,7 @@ def run_demo(chosen: argparse.Namespace) -> None:
     report = api.diagnose(logs_folder, hiding.robot, progress=partial(print, flush=True))
     print(f"\n{report}\n\nhidden was {hiding.answer}")
     page = report.save(report_folder) / "report.html"
-    print(f"page: {page}\n  open it: leapgap report {report_folder}")
-    print(f"  another robot: leapgap demo --number {chosen.number + 1} --out {chosen.out}")
+    print(f"page: {page}")
     if not chosen.no_browser:
         webbrowser.open(page.resolve().as_uri())
 

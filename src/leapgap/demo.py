@@ -22,7 +22,7 @@ from leapgap.simulation.sensors import SensorNoise
 HIDDEN: tuple[dict[str, Any], ...] = (
     {"name": "joint_damping", "damping": (0.5, 1.0)},
     {"name": "payload", "mass_kg": (0.8, 1.6)},
-    {"name": "torque_gain", "scale": (0.7, 0.85)},
+    {"name": "torque_gain", "scale": (0.55, 0.7)},
     {"name": "command_delay", "location": "all", "delay_s": (0.006, 0.010)},
     {"name": "joint_friction", "torque_nm": (1.0, 2.0)},
 )
