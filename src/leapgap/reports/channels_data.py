@@ -9,7 +9,7 @@ from leapgap.diagnosis.channels import is_logged, logged_values
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-MOST_VALUES = 250_000
+MOST_VALUES = 120_000
 """Largest number of values on a page; curves get fewer points where there are more."""
 LEAST_INTERVAL_S = 0.004
 DIGITS = 4
