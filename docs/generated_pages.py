@@ -59,6 +59,13 @@ def api_path(package: str) -> str:
     return str(PurePosixPath("api") / f"{package}.md")
 
 
+def results_page() -> str:
+    """All figures of the committed metrics as a page, with charts; what links into data/ is left out."""
+    from leapgap.jumping.reports.results_index import markdown, sections
+
+    return markdown(sections(ROOT))
+
+
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Append the API reference to the navigation."""
     pages: list[dict[str, str]] = [{package: api_path(package)} for package in packages()]
@@ -72,6 +79,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for page, file in COPIED.items():
         text = page_from_root((ROOT / file).read_text(encoding="utf-8"))
         files.append(File.generated(config, page, content=text))
+    files.append(File.generated(config, "results.md", content=results_page()))
     for package, modules in packages().items():
         files.append(File.generated(config, api_path(package), content=api_page(package, modules)))
     return files

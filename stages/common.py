@@ -5,6 +5,7 @@ composes ``conf/``. Both take the same ``key=value`` arguments, so a stage's ``c
 Bad input ends with exit code 2 and one message, and no traceback.
 """
 
+import hashlib
 import os
 import re
 import sys
@@ -20,6 +21,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
 from stages.help import help_text
@@ -27,6 +29,8 @@ from stages.help import help_text
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
 CONF = ROOT / "conf"
+JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
+"""Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
 T = TypeVar("T")
 
@@ -43,8 +47,10 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
         return
 
     def stage_or_refusal(config: DictConfig) -> Any:
+        find_robot(config)
+        if in_sweep():
+            return run_job(name, stage, config)
         try:
-            find_robot(config)
             return stage(config)
         except (InputError, OSError) as error:
             refuse(name, error)
@@ -66,6 +72,36 @@ def answered_at_once(name: str, arguments: Sequence[str]) -> str | None:
     if {"--help", "-h"} & set(arguments):
         return help_text(name, sys.modules["__main__"].__doc__ or "", CONF)
     return f"leapgap {package_version()}\n" if "--version" in arguments else None
+
+
+def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -> Any:
+    """Run one job of a multirun and keep its result below the folder of the multirun; its figures, by name.
+
+    A job whose settings have a result there already is not run again. One that fails is kept with its message, and the
+    others go on; the next multirun into the folder tries it again. A sweeper that optimises gets the first figure.
+    """
+    hydra_config = HydraConfig.get()
+    settings = OmegaConf.to_yaml(config, resolve=True, sort_keys=True)
+    key = hashlib.sha256(f"{name} {package_version()}\n{settings}".encode()).hexdigest()[:16]
+    path = Path(hydra_config.sweep.dir) / JOBS / f"{key}.json"
+    found = dict(read_json(path)) if path.is_file() else {}
+    if FIGURES in found:
+        print(f"kept: {hydra_config.job.override_dirname or 'defaults'}")
+    else:
+        found = {"overrides": list(hydra_config.overrides.task), "folder": str(hydra_config.runtime.output_dir)}
+        try:
+            returned = stage(config)
+            found[FIGURES] = returned if isinstance(returned, dict) else {}
+        except Exception as error:
+            message = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            print(f"failed: {message}", file=sys.stderr)
+            found[FAILED] = message
+        finally:
+            OUTPUTS.close()
+        write_json(path, found)
+    if "_target_" in hydra_config.sweeper and "optuna" in hydra_config.sweeper._target_.lower():
+        return next((value for value in found.get(FIGURES, {}).values() if isinstance(value, float)), float("inf"))
+    return found.get(FIGURES)
 
 
 def find_robot(config: DictConfig) -> None:

@@ -14,18 +14,24 @@ from leapgap.atomic_io import write_json, write_text
 from leapgap.diagnosis.diagnose import Settings
 from leapgap.errors import InputError
 from leapgap.output_folder import whole_folder
-from leapgap.reports.diagnosis import RECORDING, Report, diagnose_folder
+from leapgap.reports.diagnosis import RECORDING, PageSettings, Report, diagnose_folder
 from leapgap.reports.diagnosis_recording import record_report, write_replays
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 
 STAGE = "stages.diagnose"
+SWEPT = ("gap_corrected", "gap_nominal", "closure_heldout", "noise_floor")
+"""Figures for the table of a sweep, the one that is ranked by first."""
 
 
-def diagnose(config: DictConfig) -> None:
-    """Judge the logs, then write report, corrected robot, replays and recording, all or nothing."""
+def diagnose(config: DictConfig) -> dict[str, float] | None:
+    """Judge the logs, then write report, corrected robot, replays and recording, all or nothing.
+
+    The figures that a sweep tabulates are returned; None without logs.
+    """
     section = config.diagnose
     settings = read_config(Settings, section.settings, "diagnose.settings")
+    page = read_config(PageSettings, config.report, "report")
     if section.threads is not None and (not isinstance(section.threads, int) or section.threads < 1):
         raise InputError("diagnose.threads", str(section.threads), "null or a number of 1 or more", "correct it")
     model = section.robot or config.robot.model
@@ -40,7 +46,7 @@ def diagnose(config: DictConfig) -> None:
         if report is None:
             write_note(folder)
         else:
-            report.write(folder)
+            report.write(folder, page.viewer)
             if section.recordings:
                 record_report(report, folder / RECORDING)
         if replays is None:
@@ -49,11 +55,13 @@ def diagnose(config: DictConfig) -> None:
         with whole_folder(replays, STAGE) as folder:
             write_replays_or_note(report, folder)
     if report is None:
-        return
+        return None
     if section.metrics:
         write_json(Path(section.metrics), report.content.metrics())
     print(report.sentence)
     print(f"report: {out / 'report.html'}")
+    figures = report.content.metrics()
+    return {name: figures[name] for name in SWEPT if isinstance(figures[name], float)}
 
 
 def write_replays_or_note(report: Report | None, folder: Path) -> None:

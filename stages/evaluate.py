@@ -40,14 +40,17 @@ class EvaluateSettings:
     out: str | None = None
 
 
-def evaluate(config: DictConfig) -> None:
-    """Write the metrics and predictions of held-out jumps; with ``logs``, learning.json of those logs."""
+def evaluate(config: DictConfig) -> dict[str, float] | None:
+    """Write the metrics and predictions of held-out jumps; with ``logs``, learning.json of those logs.
+
+    Cross-validated errors are returned for a sweep.
+    """
     section = read_config(EvaluateSettings, config.evaluate, "evaluate")
     inputs = (section.models, section.windows, section.fixed_models, section.fixed_windows, section.logs)
     out, models = output_folder(section.out, STAGE, (*inputs, config.robot.model)), Path(section.models)
     if section.logs is not None:
         evaluate_logs(Path(section.logs), models, load_robot(config), out)
-        return
+        return None
     extracted = windows.read(Path(section.windows))
     metrics = Path(section.metrics) if section.metrics else out / METRICS
     if not len(extracted):
@@ -58,7 +61,7 @@ def evaluate(config: DictConfig) -> None:
         print(f"no logs: {metrics} kept" if section.metrics and metrics.exists() else f"no logs: {metrics} says so")
         if not metrics.exists():
             write_json(metrics, {"jumps": 0})
-        return
+        return None
     folds, sessions = (evaluation.predict_held_out(extracted, models, prefix) for prefix in ("fold", "session"))
     figures = evaluation.metrics(folds, sessions, extracted)
     roll_outs = None if folds is None else compare_time_grids(folds, section)
@@ -77,6 +80,8 @@ def evaluate(config: DictConfig) -> None:
     if section.metrics:
         write_json(metrics, figures)
     print(f"{len(extracted)} windows of {len(extracted.jumps)} jumps predicted -> {metrics}, {out}")
+    errors = figures.get("cv_mse")
+    return {name: float(value) for name, value in errors.items()} if isinstance(errors, dict) else None
 
 
 def compare_time_grids(folds: HeldOutPredictions, section: EvaluateSettings) -> dict[str, RollOut] | None:

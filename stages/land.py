@@ -30,8 +30,8 @@ from stages.robot import load_robot
 STAGE = "stages.land"
 
 
-def land(config: DictConfig) -> None:
-    """Run all methods on all hardware and tasks; cached results are reused."""
+def land(config: DictConfig) -> dict[str, float]:
+    """Run all methods on all hardware and tasks; cached results are reused. Mean errors are returned for a sweep."""
     settings = read_config(LandSettings, config.land, "land")
     executor = read_config(Executor, config.executor, "executor")
     experiment = experiment_of(config, settings)
@@ -52,6 +52,7 @@ def land(config: DictConfig) -> None:
     for key, value in figures["mean_abs_error_cm"].items():
         print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
     print(f"look at it: {out / PAGE}")
+    return {f"mean_abs_error_cm/{name}": value for name, value in figures["mean_abs_error_cm"].items()}
 
 
 def experiment_of(config: DictConfig, settings: LandSettings) -> LandingExperiment:

@@ -27,7 +27,7 @@ from stages.robot import load_robot
 STAGE = "stages.optimize"
 
 
-def optimize(config: DictConfig) -> None:
+def optimize(config: DictConfig) -> dict[str, float]:
     """Solve all targets; write references, index, solution times and, where a file is named, metrics."""
     section = config.optimize
     grid = Grid(read_config(ContactSchedule, section.schedule, "optimize.schedule"))
@@ -55,6 +55,7 @@ def optimize(config: DictConfig) -> None:
     if section.metrics is not None:
         write_json(Path(section.metrics), metrics(solutions))
     print(f"{len(solutions)} references in {out}")
+    return {f"cost/{name_of(one.problem.target)}": float(one.cost) for one in solutions}
 
 
 def planar_of(section: DictConfig, config: DictConfig) -> PlanarRobot:

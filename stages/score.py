@@ -49,8 +49,8 @@ class ScoreSettings:
     seed: int
 
 
-def score(config: DictConfig) -> None:
-    """Open every truth whose case has a verdict, and write the scores."""
+def score(config: DictConfig) -> dict[str, float]:
+    """Open every truth whose case has a verdict, and write the scores, which are returned for a sweep."""
     settings = read_config(ScoreSettings, config.score, "score")
     inputs = (settings.logs, settings.truth, settings.verdicts, settings.revisits, config.robot.model)
     out = output_folder(settings.out, STAGE, inputs)
@@ -79,6 +79,8 @@ def score(config: DictConfig) -> None:
     for o in outcomes:
         print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {verdict_text(o)}")
     print(f"page: {out / 'index.html'}")
+    scores = round_floats(metrics(halves))
+    return {name: value for name, value in scores.items() if isinstance(value, float)}
 
 
 def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:

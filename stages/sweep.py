@@ -1,44 +1,98 @@
-"""A Hydra callback that ends every multirun with one table of the varied settings and the returned figures."""
+"""A Hydra callback that ends every multirun with one table and one plot of the settings and the figures of its jobs.
+
+Jobs keep their results as files (``stages.common.run_job``), wherever they ran. So a multirun into the folder of an
+earlier one (``hydra.sweep.dir=<folder>``) goes on where that ended, and the table has the jobs of both.
+"""
 
 import csv
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydra.core.utils import JobReturn, JobStatus
+import plotly.graph_objects as go
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import whole_file
+from leapgap.atomic_io import read_json, whole_file, write_text
+from leapgap.reports.page import render_page
+from stages.common import FAILED, FIGURES, JOBS
+
+MOST_FIGURES = 4
+"""Figures that the plot has a panel for, the first ones."""
 
 
 class Table(Callback):
-    """Collects the jobs of a multirun; writes ``table.csv`` into its folder, smallest first figure first."""
-
-    def __init__(self) -> None:
-        self.rows: list[dict[str, Any]] = []
-
-    def on_job_end(self, config: DictConfig, job_return: JobReturn, **kwargs: Any) -> None:
-        """Add one row for a job that returned figures."""
-        if job_return.status == JobStatus.COMPLETED and isinstance(job_return.return_value, dict):
-            overrides = [override.lstrip("+") for override in job_return.overrides or []]  # Hydra's mark of added keys
-            varied = dict(override.split("=", 1) for override in overrides)
-            self.rows.append(varied | job_return.return_value)
+    """Writes ``table.csv`` and ``plot.html`` into the folder of a multirun, smallest first figure first."""
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Write and print the table."""
-        if not self.rows:
+        """Write and print the table, write the plot; exit code 1 where a job failed."""
+        folder = Path(config.hydra.sweep.dir)
+        rows = rank([row_of(read_json(path)) for path in sorted((folder / JOBS).glob("*.json"))])
+        if not rows:
             return
-        columns = list(dict.fromkeys(name for row in self.rows for name in row))
-        figure = next(name for name in columns if isinstance(self.rows[0].get(name), float))
-        ranked = sorted(self.rows, key=lambda row: row.get(figure, float("inf")))
-        path = Path(config.hydra.sweep.dir) / "table.csv"
-        with whole_file(path) as beside, beside.open("w", newline="") as file:
-            writer = csv.DictWriter(file, columns, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(ranked)
-        lines = [columns, *([str(row.get(name, "")) for name in columns] for row in ranked)]
+        columns = list(dict.fromkeys(name for row in rows for name in row))
+        write_table(folder / "table.csv", columns, rows)
+        lines = [columns, *([str(row.get(name, "")) for name in columns] for row in rows)]
         widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
         print(
             "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
         )
-        print(f"{len(ranked)} runs -> {path}")
+        print(f"{len(rows)} runs -> {folder / 'table.csv'}")
+        if figures := figures_of(rows):
+            write_text(folder / "plot.html", plot(rows, figures[:MOST_FIGURES]))
+            print(f"plot: {folder / 'plot.html'}")
+        if failed := sum(FAILED in row for row in rows):
+            print(
+                f"{failed} of {len(rows)} runs failed; the same command with hydra.sweep.dir={folder} tries them again"
+            )
+            raise SystemExit(1)
+
+
+def row_of(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of a job that were varied, its figures, and why it failed, if it did."""
+    overrides = [override.lstrip("+") for override in job["overrides"]]  # Hydra's mark of added keys
+    varied: dict[str, Any] = dict(override.split("=", 1) for override in overrides)
+    failed = {FAILED: job[FAILED]} if FAILED in job else {}
+    return varied | job.get(FIGURES, {}) | failed
+
+
+def figures_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of the numbers that jobs returned, in their order."""
+    return list(dict.fromkeys(name for row in rows for name, value in row.items() if isinstance(value, float)))
+
+
+def rank(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows by their first figure, the smallest first; those without one at the end."""
+    figures = figures_of(rows)
+    if not figures:
+        return list(rows)
+
+    def first(row: Mapping[str, Any]) -> float:
+        value = row.get(figures[0])
+        return value if isinstance(value, float) else float("inf")
+
+    return sorted(rows, key=first)
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write the rows as CSV."""
+    with whole_file(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def plot(rows: Sequence[Mapping[str, Any]], figures: Sequence[str]) -> str:
+    """A page with one bar a job for each figure, in the order of the table."""
+    settings = [name for name in rows[0] if not isinstance(rows[0][name], float) and name != FAILED]
+    varied = [name for name in settings if len({str(row.get(name)) for row in rows}) > 1] or settings
+    labels = [", ".join(f"{name.rsplit('.', 1)[-1]}={row.get(name, '')}" for name in varied) for row in rows]
+    drawn: dict[str, go.Figure] = {}
+    for number, name in enumerate(figures):
+        chart = go.Figure(go.Bar(x=[row.get(name) for row in rows], y=labels, orientation="h", marker_color="#2563c9"))
+        chart.update_layout(height=90 + 26 * len(rows), margin={"l": 200, "r": 20, "t": 10, "b": 45})
+        chart.update_xaxes(title_text=name)
+        chart.update_yaxes(autorange="reversed", automargin=True)
+        drawn[f"figure{number}"] = chart
+    failed = [(label, row[FAILED]) for label, row in zip(labels, rows, strict=True) if FAILED in row]
+    return render_page(Path(__file__).with_name("sweep.html"), drawn, names=figures, failed=failed, jobs=len(rows))

@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "jumping.reports": {"robot", "logs", "effects", "simulation", "diagnosis", "reports", "jumping"},
 }
 """Which packages each package may import, besides itself and the files beside it. Nobody imports ``jumping``."""
-FRONT = {"leapgap.api", "leapgap.cli", "leapgap.settings"}
+FRONT = {"leapgap.api", "leapgap.cli", "leapgap.demo", "leapgap.settings"}
 """The front door: it may import everything but the application, and only the application's stages import it."""
 ONLY_IN = {
     "mujoco": {"robot", "effects", "simulation", "diagnosis", "validation", "jumping"},

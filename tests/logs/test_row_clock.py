@@ -1,4 +1,4 @@
-"""The clock of rows from the motion of the joints, on logs of plain MuJoCo written by a reader with a clock of its own."""
+"""The clock of rows from the motion of the joints, on logs of plain MuJoCo whose writer has a clock of its own."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def uneven(noise: float, seed: int = 1) -> tuple[Log, np.ndarray]:
 
 
 def of_messages(seed: int = 2) -> tuple[Log, np.ndarray]:
-    """A log of the latest message of each joint, which arrives by itself, with six digits; and when each row was written.
+    """A log of the latest message of each joint, each late by itself, with six digits; and when each row was written.
 
     Velocities are filtered differences, as some simulators compute them.
     """

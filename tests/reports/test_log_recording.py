@@ -216,3 +216,59 @@ def test_recordings_do_not_share_a_blueprint(tmp_path):
         (store,) = Recorded(tmp_path / f"{title}.rrd").reader.recordings()
         names.append(store.application_id)
     assert names[0] != names[1]
+
+
+def test_joint_residual_is_ghost_minus_measured(tmp_path, robot, hop):
+    joint = "FL_thigh"
+    bent = replace(hop, columns=dict(hop.columns) | {f"joint_pos/{joint}": hop[f"joint_pos/{joint}"] + 0.07})
+    record_jump(tmp_path / "hop.rrd", hop, robot, {"nominal simulation": bent})
+    shown = Recorded(tmp_path / "hop.rrd").at(f"/joints/FL/{joint}/residual", "Scalars:scalars", AT_S)
+    assert shown[0] == pytest.approx(0.07, abs=1e-6)
+
+
+def test_torque_stands_between_the_limits_of_the_motor(tmp_path, robot, hop):
+    """|R τ + q̇| ≤ voltage, and the model's own limit; 10 V bind at this speed, and the limits lean with it."""
+    joint, row = "RL_calf", 550
+    fast = np.full(len(hop), 6.0)
+    columns = dict(hop.columns) | {f"joint_vel/{joint}": fast, "supply_voltage": np.full(len(hop), 10.0)}
+    record_jump(tmp_path / "hop.rrd", replace(hop, columns=columns), robot)
+    found = Recorded(tmp_path / "hop.rrd")
+    entity = f"/joints/RL/{joint}/torque"
+    names = found.static[entity]["SeriesLines:names"]
+    high, low = found.at(entity, "Scalars:scalars", row / 1000)[
+        [names.index(f"{end} limit of the motor") for end in ("upper", "lower")]
+    ]
+    resistance = float(robot.model.numeric("motor_resistance").data[0])
+    own = abs(robot.model.actuator(joint).forcerange).max() if robot.model.actuator(joint).forcelimited else np.inf
+    assert high == pytest.approx(min((10.0 - 6.0) / resistance, own), rel=1e-5)
+    assert low == pytest.approx(max((-10.0 - 6.0) / resistance, -own), rel=1e-5)
+    assert high < -low
+
+
+def test_planned_contacts_stand_beside_the_measured_ones(hop_recording):
+    """Rear contact from 0.1 s: the front feet are planned to lift then; in flight, from 0.25 s, all are in the air."""
+    for pair, planned in (
+        ("front", ["contact", "air", "air", "air"]),
+        ("rear", ["contact", "contact", "contact", "air"]),
+    ):
+        seconds, states = hop_recording.moving[f"/phases/plan_{pair}"]["StateChange:state"]
+        np.testing.assert_allclose(seconds, [0.0, 0.1, 0.15, 0.25])
+        assert [state[0] for state in states] == planned
+        assert f"/phases/switch_{pair}" in hop_recording.moving
+
+
+def test_friction_cone_stands_under_a_pair_while_it_pushes(hop_recording, robot, hop):
+    entity = "/world/measured/friction_cone"
+    cones = hop_recording.at(entity, "LineStrips3D:strips", 0.05)
+    assert len(cones) == 2
+    data = kinematics(robot, hop, 0.05)
+    tip = (data.geom("FR").xpos + data.geom("FL").xpos) / 2
+    cone = np.array(cones[0], dtype=float) - tip
+    height = cone[:, 2].max()
+    rim = cone[np.isclose(cone[:, 2], height)]
+    friction = max(robot.model.geom("FR").friction[0], robot.model.geom("floor").friction[0])
+    np.testing.assert_allclose(np.hypot(rim[:, 0], rim[:, 1]), friction * height, rtol=1e-4)
+    assert len(hop_recording.at(entity, "LineStrips3D:strips", 0.15)) == 1
+    assert len(hop_recording.at(entity, "LineStrips3D:strips", AT_S)) == 0
+    ratio = hop_recording.at("/forces/ratio_front", "Scalars:scalars", 0.05)
+    assert ratio[0] == pytest.approx(5.0 / 60.0, rel=1e-5) and ratio[-1] == pytest.approx(friction, rel=1e-5)

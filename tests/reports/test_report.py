@@ -13,7 +13,7 @@ from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
 from leapgap.reports.diagnosis import cause_in_words
-from leapgap.reports.report import CORRECTED, closures, every_channel, overlay, profiles, rounded, row_of
+from leapgap.reports.report import CORRECTED, closures, overlay, profiles, rounded, row_of
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -92,21 +92,6 @@ def test_list_and_legend_stand_above_the_titles_however_many_rows_there_are(tmp_
     plotted = layout.height - layout.margin.t - layout.margin.b
     for above in (layout.legend.y, layout.updatemenus[0].y):
         assert 70 < (above - 1) * plotted < layout.margin.t
-
-
-def test_every_channel_is_drawn_as_measured_nominal_and_corrected(tmp_path: Path) -> None:
-    motors = "".join(f'<motor joint="j{i}"/>' for i in range(3))
-    bodies = "".join(f'<body><joint name="j{i}"/><geom size=".1"/>' for i in range(3)) + "</body>" * 3
-    (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody><actuator>{motors}</actuator></mujoco>")
-    log = arm_log(3)
-    report = SimpleNamespace(median_log="log", answer=(("joint_damping",),))
-    others = {"log": log}
-    figure = every_channel(report, [log], Robot.load(tmp_path / "arm.xml"), others, others)  # type: ignore[arg-type]
-    titles = [title.text for title in figure.layout.annotations]
-    assert titles == [f"j{i} {what}" for what in ("position, rad", "velocity, rad/s") for i in range(3)]
-    names = ["measured", "nominal simulation", "corrected, not fitted on this log"]
-    assert [curve.name for curve in figure.data] == 6 * names
-    assert max(len(curve.x) for curve in figure.data) <= 300
 
 
 def test_small_motions_keep_their_digits() -> None:

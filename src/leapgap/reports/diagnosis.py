@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.blas import one_blas_thread
@@ -14,6 +15,15 @@ from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log, read_logs
 from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
+from leapgap.reports.viewer import (
+    EMBEDDED,
+    LIGHT,
+    VIEWERS,
+    EmbeddedViewer,
+    check_viewer,
+    embedded_viewer,
+    viewer_folder,
+)
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.corrected import write_corrected
@@ -24,6 +34,18 @@ REPORT, PAGE, CORRECTED, RECORDING = "report.json", "report.html", "corrected", 
 SAVED_BY = "leapgap diagnose"
 """What the marker of a saved report says that wrote it."""
 CAUSES_PRINTED = 5
+
+
+@dataclass(frozen=True)
+class PageSettings:
+    """Section ``report`` of the configuration."""
+
+    viewer: str = LIGHT
+    """``light`` or ``embedded``, for the Rerun viewer inside the page."""
+
+    def __post_init__(self) -> None:
+        if self.viewer not in VIEWERS:
+            raise ValueError(f"viewer {self.viewer}: one of {', '.join(VIEWERS)}")
 
 
 @dataclass(frozen=True)
@@ -84,24 +106,37 @@ class Report:
             lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
 
-    def save(self, folder: Path | str) -> Path:
+    def save(self, folder: Path | str, viewer: str = LIGHT) -> Path:
         """Write report, page, corrected robot and, where Rerun is installed, a recording; the folder.
 
         Files of an earlier report in the folder are replaced; nothing else in it is touched. A file of yours that has
-        the name of one of the report's is an ``InputError``.
+        the name of one of the report's is an ``InputError``. ``viewer``: ``light``, or ``embedded`` for the Rerun
+        viewer inside the page.
         """
         with merged_folder(Path(folder), SAVED_BY) as beside:
-            self.write(beside)
+            self.write(beside, viewer)
             if self.record is not None:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
     @one_blas_thread()
-    def write(self, folder: Path) -> None:
-        """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder."""
+    def write(self, folder: Path, viewer: str = LIGHT) -> None:
+        """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder; ``viewer`` as of ``save``."""
+        check_viewer(viewer)
+        inside = self.embedded() if viewer == EMBEDDED else None
         write_json(folder / REPORT, self.content.to_json())
-        write_text(folder / PAGE, html(self.content, self.logs, self.robot, self.nominal, self.corrected))
+        page = html(self.content, self.logs, self.robot, self.nominal, self.corrected, inside)
+        write_text(folder / PAGE, page)
         write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
+
+    def embedded(self) -> EmbeddedViewer:
+        """The viewer with the recording of this report."""
+        viewer_folder()  # says what is missing before anything is recorded
+        from leapgap.reports.diagnosis_recording import record_report
+
+        with TemporaryDirectory() as folder:
+            record_report(self, Path(folder) / RECORDING)
+            return embedded_viewer((Path(folder) / RECORDING).read_bytes())
 
 
 def gains_of(log: Log) -> dict[str, tuple[float, float]]:

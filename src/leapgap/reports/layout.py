@@ -10,6 +10,7 @@ from leapgap.reports.plots import COMPONENTS, FORCE_COLOURS, components, has_pai
 from leapgap.reports.recorder import TIMELINE
 from leapgap.reports.scene import WORLD, extent
 from leapgap.reports.shown_robot import ShownRobot
+from leapgap.robot.topology import PAIRS
 
 PLAYBACK_SPEED = 0.25
 """Of real time, since a jump takes only 1.2 s."""
@@ -19,21 +20,29 @@ MOST_JOINTS = 8
 """Number of joints that are shown beside the scene of a robot without a base state."""
 
 
-def jump_blueprint(actors: Sequence[ShownRobot], extra_lanes: int = 0) -> rrb.Blueprint:
-    """Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs."""
+def jump_blueprint(
+    actors: Sequence[ShownRobot], extra_lanes: int = 0, further: Sequence[rrb.Container] = ()
+) -> rrb.Blueprint:
+    """Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs.
+
+    ``further`` tabs come after those of the forces.
+    """
     main = actors[0]
     tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors), extra_lanes)]
-    tabs.append(rrb.Tabs(*[leg(main, name) for name in legs(main)], name="Joints"))
+    tabs.append(rrb.Tabs(*[leg(main, name, len(actors) > 1) for name in legs(main)], name="Joints"))
     forces = []
     if any(has_pair_force(main.jump, source) for source in FORCE_COLOURS):
         for axis in PAIR_FORCE_AXES:
             forces.append(
                 plot(f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0])
             )
+        for pair in PAIRS:
+            forces.append(plot(f"forces/ratio_{pair}", f"{pair} feet, |F_x| / F_z", legend=pair == PAIRS[0]))
     if any(f"foot_force/{foot}" in main.jump for foot in main.robot.feet):
         forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
     if forces:
         tabs.append(rrb.Grid(*forces, grid_columns=2, name="Ground forces on the robot"))
+    tabs.extend(further)
     tabs.append(
         rrb.Horizontal(
             rrb.TextDocumentView(origin="notes", name="Notes"),
@@ -72,7 +81,7 @@ def overview(actors: Sequence[ShownRobot], plots: rrb.Container, extra_lanes: in
     return rrb.Vertical(
         above,
         rrb.StateTimelineView(origin="phases", name="Phases planned, contacts measured" if pairs else "Segments"),
-        row_shares=[1.0, 0.1 + 0.055 * (1 + pairs + extra_lanes)],
+        row_shares=[1.0, 0.1 + 0.055 * (1 + 2 * pairs + extra_lanes)],
         name=name,
     )
 
@@ -136,10 +145,12 @@ def legs(actor: ShownRobot) -> tuple[str, ...]:
     return tuple(dict.fromkeys(actor.robot.limb_of(joint) for joint in actor.robot.joints))
 
 
-def leg(actor: ShownRobot, name: str) -> rrb.Container:
-    """Position, velocity and torque of a leg's joints, a column each."""
+def leg(actor: ShownRobot, name: str, residual: bool = False) -> rrb.Container:
+    """Position, velocity and torque of a leg's joints, a column each; with ghosts, what their positions differ by."""
     joints = [joint for joint in actor.robot.joints if actor.robot.limb_of(joint) == name]
-    rows = (("joint_pos", "position [rad]"), ("joint_vel", "velocity [rad/s]"), ("torque", "torque [N·m]"))
+    rows = [("joint_pos", "position [rad]"), ("joint_vel", "velocity [rad/s]"), ("torque", "torque [N·m]")]
+    if residual:
+        rows.append(("residual", f"Δ position [rad], ghost − {actor.label}"))
     views = [
         plot(
             f"joints/{name}/{joint}/{quantity}",

@@ -1,10 +1,12 @@
 """One jump, with or without ghosts beside it, as a Rerun recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import rerun as rr
+import rerun.blueprint as rrb
 
 from leapgap.logs.log import Log, LogInfo
 from leapgap.reports.layout import jump_blueprint
@@ -17,6 +19,14 @@ from leapgap.robot.model import Robot
 NONE: Mapping[str, Log] = MappingProxyType({})
 
 
+@dataclass(frozen=True)
+class Further:
+    """What an application adds to a recording: a tab, and what logs its entities."""
+
+    tab: rrb.Container
+    log: Callable[[Recorder, Sequence[ShownRobot]], None]
+
+
 def record_jump(
     path: Path,
     jump: Log,
@@ -26,6 +36,7 @@ def record_jump(
     label: str = "measured",
     says: str = "",
     substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES,
+    further: Sequence[Further] = (),
 ) -> None:
     """Write a jump as a recording, whole or not at all.
 
@@ -34,9 +45,11 @@ def record_jump(
     columns only. ``label`` names the jump itself in legends: measured, simulated, reference. ``says``
     is put in front of its notes. ``substitutes``: for each robot, by its label, times in s and reasons of fallback
     commands of its controller; each such robot gets a lane of its own and lines among the events.
+    ``further`` is what an application adds.
     """
     actors = shown_robots(label, jump, ghosts, robot)
-    with recording(path, title or jump.name, jump_blueprint(actors, extra_lanes=len(substitutes))) as to:
+    blueprint = jump_blueprint(actors, len(substitutes), [one.tab for one in further])
+    with recording(path, title or jump.name, blueprint) as to:
         log_scene(to, actors)
         end = max(actor.jump.time[-1] for actor in actors)
         for actor in actors:
@@ -46,6 +59,8 @@ def record_jump(
         log_joints(to, actors)
         log_ground_forces(to, actors[0])
         log_phases(to, actors[0], substitutes)
+        for one in further:
+            one.log(to, actors)
         log_notes(to, actors, title or jump.name, says)
 
 

@@ -7,11 +7,14 @@ from types import MappingProxyType
 import numpy as np
 import rerun as rr
 
+from leapgap.effects.torque_speed_limit import TorqueSpeedLimit
 from leapgap.logs import state
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
+from leapgap.logs.segments import FLIGHT, TOUCH_DOWN
 from leapgap.reports.recorder import Recorder, rows_at_period
 from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
 BASE_PERIOD_S = 0.002
@@ -29,6 +32,14 @@ PHASE_COLOURS = ((74, 144, 255), (255, 140, 40), (240, 200, 60), (150, 110, 230)
 SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "regular": (70, 74, 84)}
 HELD_S = 0.025
 """Period between two updates of a controller, for which a substitute command is held."""
+LIMIT_COLOUR: Colour = (200, 60, 60)
+LEAST_PUSH_N = 10.0
+"""Vertical force of a pair from which its direction means anything."""
+PUSHING = dict.fromkeys(("rear_contact", "lift_off"), (False, True)) | {
+    FLIGHT: (False, False),
+    TOUCH_DOWN: (False, False),
+}
+"""Segments of a jump in which not both pairs of feet are planned to push: (front, rear)."""
 NO_SUBSTITUTES: Mapping[str, Sequence[tuple[float, str]]] = MappingProxyType({})
 CONTACT_COLOURS = {"contact": (46, 160, 100), "air": (70, 74, 84)}
 
@@ -124,13 +135,54 @@ def log_joints(to: Recorder, actors: Sequence[ShownRobot]) -> None:
             if commanded in main.jump:
                 curves.append(Curve("command", COMMAND_COLOUR, main.jump[commanded][rows]))
             log_plot(to, f"{entity}/{quantity}", time, curves)
+        log_joint_residual(to, entity, joint, actors, time)
         curves = []
         torque = commanded_torque(main.jump, joint)
         if torque is not None:
             curves.append(Curve("commanded", main.colour, torque[rows]))
         if f"tau/{joint}" in main.jump:
             curves.append(Curve("measured", COMMAND_COLOUR, main.jump[f"tau/{joint}"][rows]))
+        if curves:
+            low, high = torque_bounds(main.jump, joint, main.robot)
+            if np.isfinite([low, high]).all():
+                curves.append(Curve("upper limit of the motor", LIMIT_COLOUR, high[rows]))
+                curves.append(Curve("lower limit of the motor", LIMIT_COLOUR, low[rows]))
         log_plot(to, f"{entity}/torque", time, curves)
+
+
+def log_joint_residual(to: Recorder, entity: str, joint: str, actors: Sequence[ShownRobot], time_s: np.ndarray) -> None:
+    """Log how far each ghost's joint position is from that of the main robot, rad."""
+    main, name = actors[0], f"joint_pos/{joint}"
+    if name not in main.jump:
+        return
+    measured = on_clock(time_s, main.jump, main.jump[name])
+    curves = [
+        Curve(f"{ghost.label} − {main.label}", ghost.colour, on_clock(time_s, ghost.jump, ghost.jump[name]) - measured)
+        for ghost in actors[1:]
+        if name in ghost.jump
+    ]
+    log_plot(to, f"{entity}/residual", time_s, curves)
+
+
+def torque_bounds(jump: Log, joint: str, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest torque that a joint's motor can deliver at each row, N·m, (rows,); infinite without a limit.
+
+    The model's limit, and, where the model states its motors' constants and the speed was measured, the law of
+    ``torque_speed_limit`` at the logged supply voltage, or else at the one that allows full torque at top speed.
+    """
+    limit = float(robot.torque_limits[robot.joints.index(joint)])
+    low, high = np.full(len(jump), -limit), np.full(len(jump), limit)
+    motors, speed = robot.motors, f"joint_vel/{joint}"
+    if motors is None or speed not in jump:
+        return low, high
+    (ample,) = TorqueSpeedLimit.parameters(robot)
+    voltage = np.full(len(jump), ample.nominal)
+    if "supply_voltage" in jump:
+        voltage = jump["supply_voltage"]
+    back = jump[speed]
+    low = np.maximum(low, (-voltage - back) / motors.resistance)
+    high = np.minimum(high, (voltage - back) / motors.resistance)
+    return low, high
 
 
 def commanded_torque(jump: Log, joint: str) -> np.ndarray | None:
@@ -148,9 +200,30 @@ def log_ground_forces(to: Recorder, actor: ShownRobot) -> None:
     for axis in PAIR_FORCE_AXES:
         curves = [Curve(s, FORCE_COLOURS[s], jump[f"{s}/{axis}"][rows]) for s in sources]
         log_plot(to, f"forces/{axis}", jump.time[rows], curves)
+    log_force_ratios(to, actor, sources, rows)
     sensors = [foot for foot in actor.robot.feet if f"foot_force/{foot}" in jump]
     curves = [Curve(foot, FOOT_COLOURS[i % 4], jump[f"foot_force/{foot}"][rows]) for i, foot in enumerate(sensors)]
     log_plot(to, "forces/foot_sensors", jump.time[rows], curves)
+
+
+def log_force_ratios(to: Recorder, actor: ShownRobot, sources: Sequence[str], rows: np.ndarray) -> None:
+    """Log |F_x| / F_z of each pair beside the friction of the ground; no ratio where hardly anything pushes."""
+    jump = actor.jump
+    for pair in PAIRS if sources else ():
+        curves = []
+        for source in sources:
+            along, up = (jump[f"{source}/{pair}_{axis}"][rows] for axis in ("x", "z"))
+            ratio = np.where(up > LEAST_PUSH_N, np.abs(along) / np.maximum(up, LEAST_PUSH_N), np.nan)
+            curves.append(Curve(source, FORCE_COLOURS[source], ratio))
+        friction = np.full(len(rows), ground_friction(actor.robot))
+        log_plot(to, f"forces/ratio_{pair}", jump.time[rows], [*curves, Curve("friction", LIMIT_COLOUR, friction)])
+
+
+def ground_friction(robot: Robot) -> float:
+    """Sliding friction between feet and floor: the larger of the two, as MuJoCo combines them."""
+    model = robot.model
+    floor = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == 0]
+    return float(model.geom_friction[[*robot.foot_geoms, *floor], 0].max())
 
 
 def has_pair_force(jump: Log, source: str) -> bool:
@@ -172,6 +245,11 @@ def log_phases(
         unique = list(dict.fromkeys(names))
         colours = {name: PHASE_COLOURS[k % len(PHASE_COLOURS)] for k, name in enumerate(unique)}
         log_lane(to, "phases/planned", np.array([segment.begin_s for segment in segments]), names, colours)
+    for place, pair in enumerate(PAIRS):
+        if pair in switched_pairs(actor) and segments:
+            planned = [PUSHING.get(segment.name, (True, True))[place] for segment in segments]
+            states = ["contact" if pushes else "air" for pushes in planned]
+            log_lane(to, f"phases/plan_{pair}", np.array([one.begin_s for one in segments]), states, CONTACT_COLOURS)
     for pair in switched_pairs(actor):
         closed = np.any([jump[f"contact/{foot}"] > 0 for foot in actor.robot.feet_of_pair(pair)], axis=0)
         changes = np.flatnonzero(np.diff(closed.astype(int), prepend=2))

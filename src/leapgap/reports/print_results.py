@@ -3,6 +3,7 @@
 from pathlib import Path
 
 REPORTS = Path("data/reports")
+INDEX = Path("data/index.html")
 
 
 def main() -> None:
@@ -15,6 +16,8 @@ def main() -> None:
     if report is real:
         print(f"  simulated:  {simulated}")
     print("  recordings: rerun data/views/*.rrd")
+    if INDEX.exists():
+        print(f"  all results: {INDEX}")
 
 
 if __name__ == "__main__":

@@ -5,24 +5,33 @@ Plotly is imported where a figure is drawn, so that ``import leapgap`` stays fas
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from leapgap.diagnosis.channels import JUMP, is_logged, logged_channels, logged_values
+from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
 from leapgap.diagnosis.localisation import phase_names
-from leapgap.diagnosis.report import ReportContent
+from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
 from leapgap.logs.log import Log
 from leapgap.logs.schema import QUANTITIES, quantity_of
-from leapgap.reports.page import render_page
+from leapgap.reports.channels_data import channels_data
+from leapgap.reports.page import embed_json, render_page
+from leapgap.reports.similarity import Similarity, similarity
 from leapgap.robot.model import Robot
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
+
+    from leapgap.reports.viewer import EmbeddedViewer
+
+TIMELINE = "time"
+"""Timeline of the recordings; ``recorder.TIMELINE``, which imports Rerun."""
 
 REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
 GREY = "#8a93a3"
@@ -55,17 +64,30 @@ SHOWN_EVERY_S = 0.004
 
 
 def html(
-    report: ReportContent, logs: Sequence[Log], robot: Robot, nominal: Mapping[str, Log], corrected: Mapping[str, Log]
+    report: ReportContent,
+    logs: Sequence[Log],
+    robot: Robot,
+    nominal: Mapping[str, Log],
+    corrected: Mapping[str, Log],
+    viewer: EmbeddedViewer | None = None,
 ) -> str:
-    """The page as HTML text; equal reports give equal bytes."""
+    """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots."""
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
         "overlay": overlay(report, logs, nominal, corrected),
-        "channels": every_channel(report, logs, robot, nominal, corrected),
+        "horizons": horizons(report),
         "closure": closures(report),
         "profiles": profiles(report),
         "logs": gap_per_log(report),
     }
+    config = report.provenance.config
+    lengths = {name: config[name] for name in ("horizon_s", "every_s") if name in config}
+    alike = similarity(report.causes, logs, robot, **lengths)
+    if alike is not None:
+        figures["similarity"] = similarities(alike)
+    channels = channels_data(
+        logs, robot, nominal, corrected if report.answer else None, report.median_log, channel_title
+    )
     return render_page(
         Path(__file__).with_name("report.html"),
         figures,
@@ -75,10 +97,22 @@ def html(
         title=channel_title,
         kind=kind_of(report, robot),
         brief=brief,
+        fitted=partial(fitted_value, report.causes[: len(report.answer)]),
         number_of_logs=len(logs),
+        viewer=viewer,
+        timeline=TIMELINE,
+        channels=embed_json(json.dumps(channels, separators=(",", ":"), ensure_ascii=False), channels="all"),
         segments=[segment.name for segment in logs[0].info.segments],
         judged_until=max(log.time[-1] for log in logs),
     )
+
+
+def fitted_value(causes: Sequence[Cause], quantity: str) -> str:
+    """What the answer has for a number that evidence tells, ``<effect>.<parameter>``; a dash where it has none."""
+    effect, _, parameter = quantity.partition(".")
+    own = (cause.parameters[parameter] for cause in causes if cause.effect == effect and parameter in cause.parameters)
+    found = next(own, None)
+    return "–" if found is None else f"{found.value:.4g} {found.unit}"
 
 
 def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Figure:
@@ -226,41 +260,6 @@ def rounded(values: np.ndarray) -> np.ndarray:
     return np.round(values, 4 if largest == 0 else max(4, 4 - math.ceil(math.log10(largest))))
 
 
-def every_channel(
-    report: ReportContent,
-    logs: Sequence[Log],
-    robot: Robot,
-    nominal: Mapping[str, Log],
-    corrected: Mapping[str, Log],
-) -> go.Figure:
-    """All channels of the log whose gap is the median: as measured, and in its replays."""
-    from plotly.subplots import make_subplots
-
-    log = next(log for log in logs if log.name == report.median_log)
-    channels = [channel.name for channel in logged_channels(logs, robot)]
-    rows = math.ceil(len(channels) / CHANNELS_A_ROW)
-    height = 70 + 190 * rows
-    figure = make_subplots(
-        rows=rows,
-        cols=CHANNELS_A_ROW,
-        subplot_titles=[channel_title(c) for c in channels],
-        horizontal_spacing=0.05,
-        vertical_spacing=50 / height if rows > 1 else 0.0,
-    )
-    figure.update_annotations(font_size=12)
-    every = max(log.info.rows(SHOWN_EVERY_S), math.ceil(len(log) / MOST_POINTS))
-    for c, channel in enumerate(channels):
-        for curve in curves(report, log, channel, nominal, corrected, every):
-            curve.update(showlegend=c == 0)
-            figure.add_trace(curve, row=c // CHANNELS_A_ROW + 1, col=c % CHANNELS_A_ROW + 1)
-    figure.update_layout(
-        height=height,
-        margin={"l": 45, "r": 15, "t": 60, "b": 30},
-        legend={"orientation": "h", "x": 0, "y": 1 + 55 / (height - 90)},
-    )
-    return figure
-
-
 def kind_of(report: ReportContent, robot: Robot) -> str:
     """``jump`` for logs of jumps, ``base`` for others of a robot with a free base, ``fixed`` for one without."""
     if report.headline.preset == "jump":
@@ -291,6 +290,53 @@ def channel_words(channel: str) -> str:
     return f"{joint} {JOINT_WORDS[quantity]}"
 
 
+def horizons(report: ReportContent) -> go.Figure:
+    """The headline gap against the length of the replays: nominal, corrected, and a robot that stays as it was."""
+    import plotly.graph_objects as go
+
+    ordered = sorted(report.horizons, key=lambda at: at.horizon_s or math.inf)
+    labels = [f"{at.horizon_s:g} s" if at.horizon_s else "whole logs" for at in ordered]
+    curves = [("nominal", NOMINAL, "solid", [at.nominal for at in ordered])]
+    if report.answer:
+        curves.append(("corrected", CORRECTED, "solid", [at.corrected for at in ordered]))
+    curves.append(("stays as it was", GREY, "dot", [at.unmoved for at in ordered]))
+    figure = go.Figure()
+    for name, colour, dash, values in curves:
+        line = {"color": colour, "width": 2, "dash": dash}
+        figure.add_scatter(x=labels, y=values, name=name, mode="lines+markers", line=line)
+    figure.update_layout(
+        height=330, margin={"l": 55, "r": 15, "t": 40, "b": 45}, legend={"orientation": "h", "y": 1.18, "x": 0}
+    )
+    figure.update_xaxes(title_text="replays start anew from the log after", type="category")
+    figure.update_yaxes(title_text="gap", type="log")
+    return figure
+
+
+def similarities(alike: Similarity) -> go.Figure:
+    """Correlations of what the effects change, as a map."""
+    import plotly.graph_objects as go
+
+    values = np.round(alike.correlation, 2)
+    figure = go.Figure(
+        go.Heatmap(
+            z=values,
+            x=list(alike.names),
+            y=list(alike.names),
+            zmin=-1,
+            zmax=1,
+            colorscale="RdBu_r",
+            text=[[f"{value:.2f}" for value in row] for row in values],
+            texttemplate="%{text}",
+            hovertemplate="%{y} and %{x}: %{z:.2f}<extra></extra>",
+            xgap=2,
+            ygap=2,
+        )
+    )
+    figure.update_layout(height=130 + 42 * len(alike.names), margin={"l": 170, "r": 20, "t": 20, "b": 90})
+    figure.update_yaxes(autorange="reversed")
+    return figure
+
+
 def closures(report: ReportContent) -> go.Figure:
     """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals.
 
@@ -319,7 +365,7 @@ def closures(report: ReportContent) -> go.Figure:
         )
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
-    figure.update_xaxes(title_text="share of the gap above the noise floor that goes away on logs not fitted on, %")
+    figure.update_xaxes(title_text="closed on logs not fitted on, % of the gap above noise")
     return figure
 
 

@@ -7,8 +7,8 @@ import rerun as rr
 
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
-from leapgap.logs.segments import FLIGHT, TOUCH_DOWN, segment_of_rows
-from leapgap.reports.plots import has_pair_force
+from leapgap.logs.segments import segment_of_rows
+from leapgap.reports.plots import PUSHING, ground_friction, has_pair_force
 from leapgap.reports.recorder import Recorder
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.terrain import Box
@@ -25,11 +25,10 @@ BOX_COLOUR = (184, 158, 122)
 TARGET_COLOUR = (240, 200, 60)
 FORCES = {"mpc_force": (240, 70, 70), "pd_force": (240, 200, 60)}
 GHOST_ALPHA = 70
-PUSHING = dict.fromkeys(("rear_contact", "lift_off"), (False, True)) | {
-    FLIGHT: (False, False),
-    TOUCH_DOWN: (False, False),
-}
-"""Segments of a jump in which not both pairs of feet are planned to push: (front, rear)."""
+CONE_HEIGHT_M = 0.12
+"""Height of the friction cones, that of an arrow of the A1's weight."""
+CONE_COLOUR = (150, 200, 90, 110)
+RING_POINTS = 16
 
 
 def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
@@ -242,6 +241,8 @@ def log_forces(to: Recorder, actor: ShownRobot) -> None:
     if not all(feet for _, feet in pairs):
         return
     origins = np.stack([actor.poses.feet[:, feet].mean(axis=1) for _, feet in pairs], axis=1)
+    if any(has_pair_force(jump, source) for source in FORCES):
+        log_cones(to, actor, origins, is_pushing(jump, actor.time))
     for source, colour in FORCES.items():
         if not has_pair_force(jump, source):
             continue
@@ -255,6 +256,29 @@ def log_forces(to: Recorder, actor: ShownRobot) -> None:
             vectors=vectors[pushing].astype(np.float32), origins=origins[pushing].astype(np.float32)
         )
         to.over_time(entity, actor.time, columns.partition(pushing.sum(axis=1)))
+
+
+def log_cones(to: Recorder, actor: ShownRobot, origins: np.ndarray, pushing: np.ndarray) -> None:
+    """Log the friction cone of each pair while it is planned to push: a force within it does not slip.
+
+    ``origins`` are the middles of the pairs' feet, m, (rows, 2, 3).
+    """
+    shape = cone_outline(ground_friction(actor.robot))
+    entity = f"{WORLD}/{actor.key}/friction_cone"
+    to.static(entity, rr.LineStrips3D.from_fields(colors=[CONE_COLOUR], radii=[0.0012]))
+    strips = [origin + shape for origin in origins[pushing].astype(np.float32)]
+    columns = rr.LineStrips3D.columns(strips=strips)
+    to.over_time(entity, actor.time, columns.partition(pushing.sum(axis=1)))
+
+
+def cone_outline(friction: float) -> np.ndarray:
+    """One line that draws a cone with its tip at 0: four edges and the rim, m, (points, 3)."""
+    turn = 2 * np.pi * np.arange(RING_POINTS + 1) / RING_POINTS
+    wide = friction * CONE_HEIGHT_M
+    rim = np.stack([wide * np.cos(turn), wide * np.sin(turn), np.full(len(turn), CONE_HEIGHT_M)], axis=1)
+    tip = np.zeros((1, 3))
+    edges = [np.concatenate([tip, rim[i : i + 1]]) for i in range(0, RING_POINTS, RING_POINTS // 4)]
+    return np.concatenate([*edges, tip, rim]).astype(np.float32)
 
 
 def is_pushing(jump: Log, time_s: np.ndarray) -> np.ndarray:

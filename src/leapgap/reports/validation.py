@@ -5,11 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import plotly.graph_objects as go
-import plotly.offline
 
-from leapgap.reports.page import embed_figure
+from leapgap.reports.page import embed_figure, render_text
 from leapgap.reports.report import CORRECTED, GREY, NOMINAL
 from leapgap.validation.scoring import CONDITIONS
 
@@ -46,9 +44,6 @@ def html(
     reliability: Mapping[str, Sequence[tuple[float, float, int]]],
 ) -> str:
     """The page as HTML text; equal scores give equal bytes."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
     figures = {
         f"{kind}_{half}": embed_figure(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
         for half in halves
@@ -61,9 +56,9 @@ def html(
         )
     }
     wrong = [r for r in rows if r["half"] in halves and (r["wrongly_named"] or not r["right"])]
-    return environment.get_template("validation.html").render(
-        plotly=plotly.offline.get_plotlyjs(),
-        figures=figures,
+    return render_text(
+        Path(__file__).with_name("validation.html"),
+        figures,
         halves=HALVES,
         table=score_table(halves),
         missed=missed_bars(halves, rows, revisits["missed"]),

@@ -4,10 +4,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import rerun.blueprint as rrb
+
 from leapgap.atomic_io import read_json
-from leapgap.logs.log import read_log
-from leapgap.reports.log_recording import record_jump
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
+from leapgap.jumping.reports.mpc_horizon import MpcHorizons, in_words, mpc_horizons, planned_for
+from leapgap.logs.log import Log, read_log
+from leapgap.reports.layout import plot
+from leapgap.reports.log_recording import Further, record_jump
+from leapgap.reports.recorder import Recorder
+from leapgap.reports.shown_robot import ShownRobot
 from leapgap.robot.model import Robot
+
+PREDICTING = "nominal_variable"
+"""Method whose predictions are shown."""
+ENDS = (("x", "m"), ("z", "m"), ("pitch", "rad"))
 
 
 def comparison_logs(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
@@ -19,10 +30,20 @@ def comparison_logs(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]
     return dict(sorted(found.items()))
 
 
-def record_comparison(path: Path, task: str, logs: Sequence[Path], robot: Robot) -> None:
-    """Write the methods' runs of a task as one recording; the figures of each log are in a JSON file beside it."""
+def record_comparison(
+    path: Path, task: str, logs: Sequence[Path], robot: Robot, references: Path | None = None
+) -> None:
+    """Write the methods' runs of a task as one recording; the figures of each log are in a JSON file beside it.
+
+    With a folder of ``references``, what the nominal MPC predicts at each update is shown beside its run.
+    """
     runs = {log.parent.name: (read_log(log), read_json(log.with_suffix(".json"))) for log in logs}
     (first, (main, _)), *others = runs.items()
+    horizons = {
+        name: found
+        for name, (log, _) in runs.items()
+        if name == PREDICTING and references and (found := horizons_of(log, references, robot)) is not None
+    }
     record_jump(
         path,
         main,
@@ -30,9 +51,33 @@ def record_comparison(path: Path, task: str, logs: Sequence[Path], robot: Robot)
         {name: log for name, (log, _) in others},
         title=f"landing {task}",
         label=first,
-        says="  \n".join(describe_run(name, kept) for name, (_, kept) in runs.items()),
+        says="  \n".join(
+            [*(describe_run(name, kept) for name, (_, kept) in runs.items()), *map(in_words, horizons.values())]
+        ),
+        further=[horizon_tab(name, one) for name, one in horizons.items()],
         substitutes={name: kept["substituted"] for name, (_, kept) in runs.items() if kept["substituted"]},
     )
+
+
+def horizons_of(log: Log, references: Path, robot: Robot) -> MpcHorizons | None:
+    """Predictions of the nominal MPC in a run; None where its reference is not in the folder."""
+    planned = planned_for(log, references)
+    if planned is None:
+        return None
+    body = planner_body(robot, planned.per_joint("cmd_pos", robot.joints)[0], None)
+    return mpc_horizons(log, planned, robot, RigidBodyModel(body))
+
+
+def horizon_tab(method: str, horizons: MpcHorizons) -> Further:
+    """A tab with where each update expects to land, and the predicted ways in the scene."""
+    views = [plot(f"mpc/{name}", f"{name} at the end of the horizon [{unit}]", True) for name, unit in ENDS]
+    tab = rrb.Grid(*views, grid_columns=1, name=f"Horizon of {method}")
+
+    def log(to: Recorder, actors: Sequence[ShownRobot]) -> None:
+        (key,) = [actor.key for actor in actors if actor.label == method]
+        horizons.log(to, key)
+
+    return Further(tab, log)
 
 
 def describe_run(method: str, kept: Mapping[str, Any]) -> str:

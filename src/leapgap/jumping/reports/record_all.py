@@ -103,7 +103,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         yield describe_recordings(f"prediction_{kind}", folder, len(tables), view.most_predictions)
     found = comparison_logs(Path(view.landings), view.landing_methods)
     for task, logs in islice(found.items(), view.most):
-        record_comparison(out / f"landing_{task}.rrd", task, logs, robot)
+        record_comparison(out / f"landing_{task}.rrd", task, logs, robot, Path(view.references))
     yield describe_recordings("landing", view.landings, len(found), view.most)
 
 

@@ -1,0 +1,67 @@
+"""``dvc plots show`` or ``dvc plots diff`` as a page that opens without a network: ``plots/index.html``.
+
+DVC's own page loads Vega from the net. Here it stands inside, from the package ``vl-convert-python`` (extra ``plots``).
+
+Examples:
+
+    python -m stages.plots
+    python -m stages.plots diff HEAD~1
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from leapgap.atomic_io import write_text
+from leapgap.errors import InputError
+from stages.common import answered_at_once, refuse
+
+TEMPLATE, OUT = Path(".dvc/tmp/plots.html"), Path("plots")
+PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>leapgap: plots</title>
+<style>
+  body {{ font: 15px/1.55 system-ui, sans-serif; margin: 0 auto; max-width: 1100px; padding: 24px; }}
+  body > div {{ margin: 0 0 36px; overflow-x: auto; }}
+</style>
+<script>{bundle}</script>
+</head>
+<body>
+{{plot_divs}}
+</body>
+</html>
+"""
+
+
+def template() -> str:
+    """The page with Vega inside, and a place for DVC's plots."""
+    try:
+        import vl_convert
+    except ImportError:
+        do = "pip install -c constraints.txt '.[plots]'"
+        raise InputError(
+            "stages.plots", "no package vl-convert-python", "Vega for a page without a network", do
+        ) from None
+    return PAGE.format(bundle=vl_convert.javascript_bundle().replace("</script", "<\\/script"))
+
+
+def plots(arguments: list[str]) -> int:
+    """Write the template and let DVC fill it; DVC's exit code."""
+    what, *others = arguments or ["show"]
+    if what not in ("show", "diff"):
+        raise InputError("stages.plots", what, "show or diff", "python -m stages.plots diff HEAD~1")
+    write_text(TEMPLATE, template())
+    return subprocess.run(["dvc", "plots", what, *others, "--html-template", str(TEMPLATE), "-o", str(OUT)]).returncode
+
+
+if __name__ == "__main__":
+    try:
+        if answer := answered_at_once("plots", sys.argv[1:]):
+            print(answer, end="")
+        else:
+            sys.exit(plots(sys.argv[1:]))
+    except InputError as error:
+        refuse("plots", error)
