@@ -22,9 +22,8 @@ from tests.conftest import standing
 
 SOON_S = 3.0
 """Time in which a command must have ended after Ctrl-C."""
-ORPHAN_S = 15.0
-"""Time after which a process without its parent counts as an orphan. On a busy machine an interpreter that is being
-started takes seconds before it runs a line of ours, and only then does it learn that its parent has gone."""
+ORPHAN_S = 5.0
+"""Time after which a process without its parent counts as an orphan."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +126,14 @@ class Running:
         """Wait until it has that many workers at work; False where it ended before."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end and self.process.poll() is None:
-            if len([pid for pid in self.members() if pid != self.process.pid]) >= count:
+            if len(self.workers()) >= count:
                 return True
-            time.sleep(0.02)
+            time.sleep(0.005)
         return False
+
+    def workers(self) -> list[int]:
+        """Living processes that it started, without those that wait for its end to clean up."""
+        return [pid for pid in self.members() if pid != self.process.pid and not mentions(pid, "guardian.py")]
 
     def kill_all(self) -> None:
         """End whatever is left of it."""
@@ -160,8 +163,13 @@ def session_members(session: int) -> list[int]:
 
 def is_helper(pid: int) -> bool:
     """Whether a process is one that only clears shared memory and ends by itself with the last of the others."""
+    return mentions(pid, "resource_tracker")
+
+
+def mentions(pid: int, word: str) -> bool:
+    """Whether a word stands in the command line of a process; True where the process is gone."""
     with contextlib.suppress(OSError):
-        return "resource_tracker" in Path(f"/proc/{pid}/cmdline").read_text()
+        return word in Path(f"/proc/{pid}/cmdline").read_text()
     return True
 
 
