@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,8 @@ from tests.conftest import standing
 
 SOON_S = 3.0
 """Time in which a command must have ended after Ctrl-C."""
+LATEST_S = 6.0
+"""Kills come up to this time after the workers began."""
 ORPHAN_S = 5.0
 """Time after which a process without its parent counts as an orphan."""
 
@@ -217,19 +219,19 @@ def visible(out: Path) -> dict[str, bytes]:
     return {name: data for name, data in found.items() if not any(part.startswith(".") for part in name.split("/"))}
 
 
-def kill_everything(kills: int, folder: Path, progress: Callable[[str], None] = print) -> KillTally:
-    """Kill the stages in turn, at moments spread over their work."""
-    inputs, total = folder / "inputs", KillTally()
-    prepare(inputs)
-    expected = {}
-    for call in CALLS:
-        run(call, inputs, folder / call.name / "out")
-        expected[call.name] = files(folder / call.name / "out")
-    for number in range(kills):
-        call = CALLS[number % len(CALLS)]
-        after_s = 0.1 + 0.37 * (number // len(CALLS))
-        tally = kill_and_resume(call, inputs, folder / f"kill_{number}", expected[call.name], after_s % 6)
-        for name, value in vars(tally).items():
-            setattr(total, name, getattr(total, name) + value)
-        progress(f"kill {number + 1} of {kills}, {call.name}: {tally}")
-    return total
+def kill_number(number: int, folder: Path) -> KillTally:
+    """The kill of that number, at a moment of its own; inputs and whole outputs in ``folder`` are made if missing."""
+    call = CALLS[number % len(CALLS)]
+    inputs, whole = folder / "inputs", folder / call.name
+    if not (folder / "ready").exists():
+        shutil.rmtree(folder, ignore_errors=True)
+        prepare(inputs)
+        (folder / "ready").touch()
+    if not (whole / "ready").exists():
+        shutil.rmtree(whole, ignore_errors=True)
+        run(call, inputs, whole / "out")
+        (whole / "ready").touch()
+    killed = folder / f"kill_{number}"
+    shutil.rmtree(killed, ignore_errors=True)
+    after_s = (0.1 + 0.37 * (number // len(CALLS))) % LATEST_S
+    return kill_and_resume(call, inputs, killed, files(whole / "out"), after_s)
