@@ -1,4 +1,4 @@
-"""Ends the workers of a process that was killed; run as a script of its own, which imports nothing but Python's library.
+"""Ends the workers of a process that was killed; a script of its own, which imports nothing but Python's library.
 
 ``python guardian.py <pid>``: its standard input is a pipe that ends when the process of that number does. Workers can
 end themselves only once they run a line of ours, for which a busy machine may take minutes. This script waits already.

@@ -15,9 +15,11 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import norm
 
 from leapgap.atomic_io import whole_file
+from leapgap.errors import InputError
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel, KernelPart, gauss
+from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
 from leapgap.jumping.learning.splits import hold_out
-from leapgap.jumping.learning.windows import RolloutInputs, Windows, read_npz, write_npz
+from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import Situation, columns
 
 LEVELS = (0.5, 0.8, 0.95)
@@ -129,6 +131,9 @@ def save(uncertainty: PredictionUncertainty, path: Path) -> None:
 def load(path: Path, kernel: KernelModel) -> PredictionUncertainty:
     """Read back, beside the kernel it is of."""
     arrays = read_npz(path)
+    check_finite(arrays, path, "run stages.train anew")
+    if {name: array.ndim for name, array in arrays.items()} != {"variance": 3, "familiar": 2, "ridge": 1}:
+        raise InputError(path, f"arrays {', '.join(arrays)}", "variance, familiar and ridge", "run stages.train anew")
     config = KernelConfig(ridge_contact=float(arrays["ridge"][0]), ridge_flight=float(arrays["ridge"][1]))
     bare = kernel_posterior(kernel, config)
     return PredictionUncertainty(kernel, bare.inverse, bare.ridge, arrays["variance"], arrays["familiar"])

@@ -39,6 +39,14 @@ class KernelConfig(ModelSettings):
     ridge_flight: float = 0.3
     """Noise variance over signal variance, per training step."""
 
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing, before any work."""
+        for name in ("length_contact", "length_flight", "ridge_contact", "ridge_flight"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} {getattr(self, name)}: above 0")
+        if not self.force_scale > 0 or not all(0 < weight < np.inf for weight in self.inputs.values()):
+            raise ValueError("force_scale and the weights of the inputs: above 0")
+
 
 @dataclass(frozen=True)
 class KernelPart:
@@ -143,6 +151,7 @@ class KernelForecast(KernelModel):
     """Predicts from the first state and the phase alone; measured feet and forces are not looked at."""
 
     kind: ClassVar[str] = "kernel_forecast"
+    infinite: ClassVar[tuple[str, ...]] = ("force_scale",)
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
         """Roll out without forces."""
