@@ -47,12 +47,12 @@ LAUGHS = f'<?xml version="1.0"?><!DOCTYPE m [<!ENTITY e0 "ha">{TEN_TIMES}]><mujo
 
 REFUSED: dict[str, tuple[str, str]] = {
     "empty": ("", "an empty file"),
-    "blank": ("  ", "no valid XML"),
-    "text": ("not a robot", "no valid XML"),
-    "no end": ("<mujoco><worldbody>", "no valid XML"),
+    "blank": ("  ", "no valid MuJoCo model"),
+    "text": ("not a robot", "no valid MuJoCo model"),
+    "no end": ("<mujoco><worldbody>", "no valid MuJoCo model"),
     "other top": ("<sdf><model/></sdf>", "no valid MuJoCo model"),
-    "null bytes": ("<mujoco>\0</mujoco>", "no valid XML"),
-    "entities": (LAUGHS, "no valid XML"),
+    "null bytes": ("<mujoco>\0</mujoco>", "no valid MuJoCo model"),
+    "entities": (LAUGHS, "no valid MuJoCo model"),
     "unknown element": (mjcf("<bodi/>"), "no valid MuJoCo model"),
     "deep": (mjcf(nested("body", 1000, GEOM)), "more than 200 deep"),
     "replicate": (mjcf(LINK + replicate(10**9)), "replicate with count=1000000000"),
@@ -121,7 +121,7 @@ REFUSED: dict[str, tuple[str, str]] = {
         mjcf(body(geom='type="mesh" mesh="x"'), '<asset><mesh name="x" file="../../../../../../etc/passwd"/></asset>'),
         "found ",
     ),
-    "password file as a part": (mjcf(rest=MOTORS + '<include file="/etc/passwd"/>'), "no valid XML in /etc/passwd"),
+    "password file as a part": (mjcf(rest=MOTORS + '<include file="/etc/passwd"/>'), "no valid MuJoCo model in /etc/passwd"),
     "plugin": (mjcf(rest='<extension><plugin plugin="evil.so"/></extension>'), "no valid MuJoCo model"),
     "URDF: no link": ('<robot name="r"/>', "no actuator at any joint"),
     "URDF: circle": (

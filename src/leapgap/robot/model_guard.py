@@ -104,7 +104,7 @@ def parse(text: str, path: Path, of: str = "") -> ElementTree.Element:
     try:
         return ElementTree.fromstring(COMMENT.sub("", text))
     except (ElementTree.ParseError, ValueError) as error:
-        found = f"no valid XML{of} ({' '.join(str(error).split())})"
+        found = f"no valid MuJoCo model{of} ({' '.join(str(error).split())})"
         raise InputError(path, found, "a MuJoCo model (XML) or a URDF", "repair it") from None
 
 
