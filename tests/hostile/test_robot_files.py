@@ -121,7 +121,10 @@ REFUSED: dict[str, tuple[str, str]] = {
         mjcf(body(geom='type="mesh" mesh="x"'), '<asset><mesh name="x" file="../../../../../../etc/passwd"/></asset>'),
         "found ",
     ),
-    "password file as a part": (mjcf(rest=MOTORS + '<include file="/etc/passwd"/>'), "no valid MuJoCo model in /etc/passwd"),
+    "password file as a part": (
+        mjcf(rest=MOTORS + '<include file="/etc/passwd"/>'),
+        "no valid MuJoCo model in /etc/passwd",
+    ),
     "plugin": (mjcf(rest='<extension><plugin plugin="evil.so"/></extension>'), "no valid MuJoCo model"),
     "URDF: no link": ('<robot name="r"/>', "no actuator at any joint"),
     "URDF: circle": (
