@@ -1,7 +1,7 @@
 """Logs diagnosed, and what it comes to: printed, and written as report, page and corrected robot."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from leapgap.atomic_io import sha256, write_json, write_text
@@ -12,6 +12,7 @@ from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log, read_logs
+from leapgap.logs.stretches import choose_stretches
 from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
@@ -133,12 +134,19 @@ def diagnose_logs(
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
 
-    A single long log is cut into parts, so that there are others to judge a cause on.
+    A single long log is cut into parts, so that there are others to judge a cause on. Of more rows than a diagnosis can
+    use, stretches are taken (``logs.stretches``); the report says so.
     """
+    logs, left_out = choose_stretches(logs)
     logs = at_least_two(logs)
+    for sentence in left_out:
+        progress(sentence)
     for note in robot.notes:
         progress(f"{robot.name}: {note}")
     diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
+    if left_out:
+        said = (*left_out, *diagnosis.report.not_judged)
+        diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said))
     replayer = Replayer(robot)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:

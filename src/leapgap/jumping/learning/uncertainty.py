@@ -144,7 +144,8 @@ def without_jump(whole: PredictionUncertainty, windows: Windows, jump: int) -> P
             weights=part.weights[~own] - across @ share[:, across.shape[0] :],
         )
         inverse[phase] = every[np.ix_(~own, ~own)] - across @ share[:, : across.shape[0]]
-    return replace(whole, kernel=replace(whole.kernel, **parts), inverse=inverse)
+    kernel = replace(whole.kernel, contact=parts["contact"], flight=parts["flight"])
+    return replace(whole, kernel=kernel, inverse=inverse)
 
 
 def smooth_mean(squared: np.ndarray) -> np.ndarray:
