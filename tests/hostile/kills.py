@@ -24,8 +24,9 @@ SOON_S = 3.0
 """Time in which a command must have ended after Ctrl-C."""
 LATEST_S = 6.0
 """Kills come up to this time after the workers began."""
-ORPHAN_S = 5.0
-"""Time after which a process without its parent counts as an orphan."""
+ORPHAN_S = 15.0
+"""Time after which a process without its parent counts as an orphan: a process that was killed still needs a processor
+to end, and on a busy machine waits for it."""
 
 
 @dataclass(frozen=True)

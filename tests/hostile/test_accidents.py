@@ -134,7 +134,7 @@ def test_a_worker_that_a_busy_machine_never_lets_run_ends_with_its_parent(
             os.kill(pid, signal.SIGSTOP)
         running.process.kill()
         running.process.wait()
-        assert running.left_after(3.0) == []
+        assert running.left_after(ORPHAN_S) == []
     finally:
         running.kill_all()
 
