@@ -27,6 +27,9 @@ HELD_OUT, STOPPING = "held_out", "stopping"
 """Windows that are looked at besides those trained on: for the curve, and to stop by."""
 DIVERGED, LEAST_LOSS = 1e4, 1e-6
 """A training diverges if its loss is this many times that of its first step; a smaller first loss counts as this."""
+MOST_WINDOWS = 4096
+"""Largest number of windows that are trained on, and looked at for a curve; memory grows with their number. It is that
+of 150 jumps; of more jumps, windows spread evenly are taken."""
 CURVE = ("step", "train_loss", "validation_loss")
 
 
@@ -211,6 +214,7 @@ def fit(
     others = {} if held_out is None else {HELD_OUT: held_out}
     if fitting.patience:
         train, others[STOPPING] = stopping_split(train, fitting.stopping_jumps)
+    train, others = train.thin(MOST_WINDOWS), {name: windows.thin(MOST_WINDOWS) for name, windows in others.items()}
     learner = Learner(ResidualModule(model, fitting.dropout), train, others, fitting, run.seed)
     every = min(run.steps_an_epoch, fitting.steps)
     curve = LossCurve(every, run.title)

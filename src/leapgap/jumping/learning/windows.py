@@ -151,6 +151,13 @@ class Windows:
         arrays["jump"] = np.array([number[int(j)] for j in arrays["jump"]], dtype=int)
         return replace(self, jumps=kept, **arrays)
 
+    def thin(self, most: int) -> "Windows":
+        """The same windows, or ``most`` of them spread evenly."""
+        if len(self) <= most:
+            return self
+        kept = np.arange(most) * len(self) // most
+        return replace(self, **{name: getattr(self, name)[kept] for name in ARRAYS})
+
 
 Motion = TypeVar("Motion", RolloutInputs, Windows)
 
