@@ -56,12 +56,13 @@ def stretches_of(log: Log) -> list[Stretch]:
     return [Stretch(log, begin, end) for begin, end in itertools.pairwise(edges)]
 
 
-def choose_stretches(logs: Sequence[Log], most_rows: int = MOST_ROWS) -> tuple[list[Log], tuple[str, ...]]:
+def choose_stretches(logs: Sequence[Log], most_rows: int | None = None) -> tuple[list[Log], tuple[str, ...]]:
     """The logs, or stretches of them with no more than about ``most_rows`` rows, and a sentence on what is left out.
 
-    Long logs are cut into stretches of ``STRETCH_S``; of these and of the short logs, in their order, every n-th is
+    By default ``MOST_ROWS``. Long logs are cut into stretches of ``STRETCH_S``; of these and of the short logs, in their order, every n-th is
     taken.
     """
+    most_rows = MOST_ROWS if most_rows is None else most_rows
     total = sum(len(log) for log in logs)
     if total <= most_rows:
         return list(logs), ()

@@ -131,13 +131,16 @@ def diagnose_logs(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
     record: Callable[[Report, Path], None] | None = None,
+    left_out: Sequence[str] = (),
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
 
     A single long log is cut into parts, so that there are others to judge a cause on. Of more rows than a diagnosis can
-    use, stretches are taken (``logs.stretches``); the report says so.
+    use, stretches are taken (``logs.stretches``); the report says so. ``left_out`` are sentences of a caller who has
+    taken them already.
     """
-    logs, left_out = choose_stretches(logs)
+    if not left_out:
+        logs, left_out = choose_stretches(logs)
     logs = at_least_two(logs)
     for sentence in left_out:
         progress(sentence)
@@ -173,4 +176,5 @@ def diagnose_folder(
         return None
     files = {log.name: sha256(folder / f"{log.name}.parquet") for log in logs}
     provenance = Provenance.of(logs, robot, asdict(settings), files)
-    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads)
+    logs, left_out = choose_stretches(logs)  # so that the others are not kept in memory
+    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads, left_out=left_out)
