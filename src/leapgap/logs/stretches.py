@@ -59,7 +59,7 @@ def stretches_of(log: Log) -> list[Stretch]:
 def choose_stretches(logs: Sequence[Log], most_rows: int | None = None) -> tuple[list[Log], tuple[str, ...]]:
     """The logs, or stretches of them with no more than about ``most_rows`` rows, and a sentence on what is left out.
 
-    By default ``MOST_ROWS``. Long logs are cut into stretches of ``STRETCH_S``; of these and of the short logs, in their
+    By default ``MOST_ROWS``. Long logs are cut into stretches of ``STRETCH_S``; of these and of short logs, in their
     order, every n-th is taken.
     """
     most_rows = MOST_ROWS if most_rows is None else most_rows
