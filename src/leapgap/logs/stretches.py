@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from leapgap.logs.cutting import within
 from leapgap.logs.log import Log
 
-MOST_ROWS = 100_000
-"""Number of rows of all logs together up to which all are diagnosed: 80 jumps, or 100 s at 1 kHz."""
+MOST_ROWS = 60_000
+"""Number of rows of all logs together up to which all are diagnosed: 40 jumps, or a minute at 1 kHz."""
 STRETCH_S = 5.0
 """Length of the stretches of a log that is longer; a shorter log is one stretch."""
 LEAST_STRETCHES = 2
