@@ -6,6 +6,7 @@ Bad input ends with exit code 2 and one message, and no traceback.
 """
 
 import hashlib
+import math
 import os
 import re
 import sys
@@ -184,7 +185,9 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     with it. A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
     """
     try:
-        section = OmegaConf.create(OmegaConf.to_container(section, resolve=True))  # merged, it loses what it refers to
+        values = OmegaConf.to_container(section, resolve=True)  # merged, it loses what it refers to
+        check_numbers(values, key)
+        section = OmegaConf.create(values)
         schema = OmegaConf.structured(kind)
         unlock(schema)
         empty_mappings(schema, section)
@@ -198,6 +201,18 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
         raise InputError(where, message, f"the keys {fields}", do) from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
+
+
+def check_numbers(value: Any, key: str) -> None:
+    """Raise ``InputError`` for a setting that is NaN: all comparisons with it fail, so that no later check sees it."""
+    if isinstance(value, dict):
+        for name, one in value.items():
+            check_numbers(one, f"{key}.{name}")
+    elif isinstance(value, list):
+        for number, one in enumerate(value):
+            check_numbers(one, f"{key}[{number}]")
+    elif isinstance(value, float) and math.isnan(value):
+        raise InputError(key, "nan", "a number", "correct it in conf/ or on the command line")
 
 
 def unlock(node: DictConfig) -> None:

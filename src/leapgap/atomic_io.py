@@ -85,11 +85,13 @@ def write_json(path: Path, value: object) -> None:
 def read_json(path: Path | str) -> Mapping:
     """Read a JSON object; an absent or broken file is an ``InputError``."""
     path = Path(path)
+    if path.exists() and not path.is_file():  # a pipe would wait for ever
+        raise InputError(path, "no file", "a JSON file", "name a file")
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(path, "no such file", "a JSON file", "run the stage that writes it") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(path, f"no valid JSON ({error})", "a JSON file", "write it again") from None
     if not isinstance(value, Mapping):
         raise InputError(path, type(value).__name__, "a JSON object", "write it again")

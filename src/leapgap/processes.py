@@ -26,6 +26,8 @@ PARENT = "LEAPGAP_PARENT"
 """Variable that tells a worker which process started it, and whether by its main thread."""
 SET_DEATH_SIGNAL = 1
 """``PR_SET_PDEATHSIG`` of ``prctl``."""
+GUARDED: dict[int, int] = {}
+"""Process that has a guardian → its end of the pipe at whose end the guardian acts; never closed but by its end."""
 
 
 @contextmanager
@@ -38,6 +40,7 @@ def starting_workers() -> Iterator[tuple[Callable[..., None], tuple[int, bool]]]
     is_main = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
     filters = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), TRACKER_ADVICE)))
+    start_guardian()
     given = {"PYTHONWARNINGS": filters, PARENT: f"{os.getpid()} {int(is_main)}"}
     before = {name: os.environ.get(name) for name in given}
     os.environ.update(given)
@@ -51,6 +54,28 @@ def starting_workers() -> Iterator[tuple[Callable[..., None], tuple[int, bool]]]
                 os.environ[name] = value
         if handler is not None:
             signal.signal(signal.SIGINT, handler)
+
+
+def start_guardian() -> None:
+    """Start the process that ends the workers of this one if it is killed, once; on Linux, which lists processes."""
+    if sys.platform != "linux" or not sys.executable or os.getpid() in GUARDED:
+        return
+    ends, held = os.pipe()
+    script = str(Path(__file__).with_name("guardian.py"))
+    nowhere = ((os.POSIX_SPAWN_OPEN, stream, os.devnull, os.O_WRONLY, 0) for stream in (1, 2))
+    try:
+        os.posix_spawn(
+            sys.executable,
+            [sys.executable, "-I", "-S", script, str(os.getpid())],
+            {name: value for name, value in os.environ.items() if name != PARENT},
+            file_actions=[(os.POSIX_SPAWN_DUP2, ends, 0), *nowhere],
+        )
+    except OSError:  # no process to be had: workers still end by themselves
+        os.close(held)
+        return
+    finally:
+        os.close(ends)
+    GUARDED[os.getpid()] = held
 
 
 def end_with_parent_early() -> None:

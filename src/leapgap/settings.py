@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import re
 import types
 import typing
@@ -86,7 +87,8 @@ def converted(kind: Any, value: Any, where: str) -> Any:
             items = [converted(inner[0], one, f"{where}, item {i}") for i, one in enumerate(value)]
             return tuple(items) if origin is tuple else items
     elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
+        if not math.isnan(value):
+            return float(value)
     elif isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
         return value
     raise InputError(where, repr(value), f"a value of type {getattr(kind, '__name__', kind)}", "correct it")

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,9 +22,11 @@ from tests.conftest import standing
 
 SOON_S = 3.0
 """Time in which a command must have ended after Ctrl-C."""
+LATEST_S = 6.0
+"""Kills come up to this time after the workers began."""
 ORPHAN_S = 15.0
-"""Time after which a process without its parent counts as an orphan. On a busy machine an interpreter that is being
-started takes seconds before it runs a line of ours, and only then does it learn that its parent has gone."""
+"""Time after which a process without its parent counts as an orphan: a process that was killed still needs a processor
+to end, and on a busy machine waits for it."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +129,14 @@ class Running:
         """Wait until it has that many workers at work; False where it ended before."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end and self.process.poll() is None:
-            if len([pid for pid in self.members() if pid != self.process.pid]) >= count:
+            if len(self.workers()) >= count:
                 return True
-            time.sleep(0.02)
+            time.sleep(0.005)
         return False
+
+    def workers(self) -> list[int]:
+        """Living processes that it started, without those that wait for its end to clean up."""
+        return [pid for pid in self.members() if pid != self.process.pid and not mentions(pid, "guardian.py")]
 
     def kill_all(self) -> None:
         """End whatever is left of it."""
@@ -160,8 +166,13 @@ def session_members(session: int) -> list[int]:
 
 def is_helper(pid: int) -> bool:
     """Whether a process is one that only clears shared memory and ends by itself with the last of the others."""
+    return mentions(pid, "resource_tracker")
+
+
+def mentions(pid: int, word: str) -> bool:
+    """Whether a word stands in the command line of a process; True where the process is gone."""
     with contextlib.suppress(OSError):
-        return "resource_tracker" in Path(f"/proc/{pid}/cmdline").read_text()
+        return word in Path(f"/proc/{pid}/cmdline").read_text()
     return True
 
 
@@ -209,19 +220,19 @@ def visible(out: Path) -> dict[str, bytes]:
     return {name: data for name, data in found.items() if not any(part.startswith(".") for part in name.split("/"))}
 
 
-def kill_everything(kills: int, folder: Path, progress: Callable[[str], None] = print) -> KillTally:
-    """Kill the stages in turn, at moments spread over their work."""
-    inputs, total = folder / "inputs", KillTally()
-    prepare(inputs)
-    expected = {}
-    for call in CALLS:
-        run(call, inputs, folder / call.name / "out")
-        expected[call.name] = files(folder / call.name / "out")
-    for number in range(kills):
-        call = CALLS[number % len(CALLS)]
-        after_s = 0.1 + 0.37 * (number // len(CALLS))
-        tally = kill_and_resume(call, inputs, folder / f"kill_{number}", expected[call.name], after_s % 6)
-        for name, value in vars(tally).items():
-            setattr(total, name, getattr(total, name) + value)
-        progress(f"kill {number + 1} of {kills}, {call.name}: {tally}")
-    return total
+def kill_number(number: int, folder: Path) -> KillTally:
+    """The kill of that number, at a moment of its own; inputs and whole outputs in ``folder`` are made if missing."""
+    call = CALLS[number % len(CALLS)]
+    inputs, whole = folder / "inputs", folder / call.name
+    if not (folder / "ready").exists():
+        shutil.rmtree(folder, ignore_errors=True)
+        prepare(inputs)
+        (folder / "ready").touch()
+    if not (whole / "ready").exists():
+        shutil.rmtree(whole, ignore_errors=True)
+        run(call, inputs, whole / "out")
+        (whole / "ready").touch()
+    killed = folder / f"kill_{number}"
+    shutil.rmtree(killed, ignore_errors=True)
+    after_s = (0.1 + 0.37 * (number // len(CALLS))) % LATEST_S
+    return kill_and_resume(call, inputs, killed, files(whole / "out"), after_s)

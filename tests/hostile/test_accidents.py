@@ -120,6 +120,33 @@ def test_ctrl_c_while_a_stage_is_imported(after_s: float, inputs: Path, tmp_path
         running.kill_all()
 
 
+@pytest.mark.parametrize("name", ["collect", "train"])
+def test_a_worker_that_a_busy_machine_never_lets_run_ends_with_its_parent(
+    name: str, inputs: Path, tmp_path: Path
+) -> None:
+    """It is stopped before it has run a line of ours, so that only others can end it."""
+    running = Running(BY_NAME[name], inputs, tmp_path / "out")
+    try:
+        while not (workers := [pid for pid in running.workers() if is_told_its_parent(pid)]):
+            assert running.process.poll() is None
+            time.sleep(0.002)
+        for pid in workers:
+            os.kill(pid, signal.SIGSTOP)
+        running.process.kill()
+        running.process.wait()
+        assert running.left_after(ORPHAN_S) == []
+    finally:
+        running.kill_all()
+
+
+def is_told_its_parent(pid: int) -> bool:
+    """Whether a process has left its fork and has the environment of a worker."""
+    try:
+        return b"LEAPGAP_PARENT=" in Path(f"/proc/{pid}/environ").read_bytes()
+    except OSError:
+        return False
+
+
 @pytest.fixture(scope="module")
 def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("raw")

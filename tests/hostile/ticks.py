@@ -199,7 +199,7 @@ def check(command: Command, controller: Controller, told: StateEstimate, tally: 
         tally.note("outside_limits", f"{kind}, told {told}: {command}")
 
 
-def hostile_ticks(ticks: int, seed: int, robot: Robot, reference: Reference) -> Tally:
+def hostile_ticks(ticks: int, seed: int | tuple[int, ...], robot: Robot, reference: Reference) -> Tally:
     """Run controllers of every kind through that many ticks, four of five of them harmed, in stretches."""
     rng, tally = np.random.default_rng(seed), Tally()
     for controller in controllers(robot, reference, rng):

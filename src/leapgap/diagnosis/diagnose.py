@@ -85,6 +85,27 @@ class Settings:
     bootstrap_draws: int = 500
     seed: int = 1
 
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing, before any work."""
+        counts = {"folds": 2, "pieces_per_log": 1, "most_pieces": 1, "noise_draws": 1, "bootstrap_draws": 1, "seed": 0}
+        for name, least in counts.items():
+            if getattr(self, name) < least:
+                raise wrong_setting(name, getattr(self, name), f"{least} or more")
+        for name in ("horizon_s", "every_s", "where_horizon_s"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise wrong_setting(name, getattr(self, name), "a time above 0, s")
+        if self.every_s > self.horizon_s:
+            raise wrong_setting("every_s", self.every_s, f"at most horizon_s, {self.horizon_s:g} s")
+        sizes = {f"sizes.{name}": size for name, size in self.sizes.items()}
+        sizes |= {f"tolerances.{name}": size for name, size in self.tolerances.items()}
+        for name, size in sizes.items():
+            if not 0 < size < np.inf:
+                raise wrong_setting(name, size, "a number above 0")
+        shares = ("model_error", "clock_threshold", "even_threshold", "fall_threshold", "planted_threshold_m")
+        for name in shares:
+            if not 0 <= getattr(self, name) < np.inf:
+                raise wrong_setting(name, getattr(self, name), "a number of 0 or more")
+
     def pieces(self, logs: int) -> int:
         """Largest number of pieces that are replayed of so many logs together."""
         return min(self.most_pieces, self.pieces_per_log * logs)
@@ -100,6 +121,11 @@ class Settings:
             "free_fall": self.fall_threshold,
             "planted_feet": self.planted_threshold_m,
         }
+
+
+def wrong_setting(name: str, value: float, expected: str) -> InputError:
+    """The refusal of a setting of a diagnosis."""
+    return InputError(f"diagnose.settings.{name}", f"{value}", expected, "correct it")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Logs diagnosed, and what it comes to: printed, and written as report, page and corrected robot."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,6 +13,7 @@ from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log, read_logs
+from leapgap.logs.stretches import choose_stretches
 from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
 from leapgap.reports.viewer import (
@@ -166,17 +167,27 @@ def diagnose_logs(
     threads: int | None = None,
     record: Callable[[Report, Path], None] | None = None,
     descriptions: Sequence[Robot] = (),
+    left_out: Sequence[str] = (),
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
 
-    A single long log is cut into parts, so that there are others to judge a cause on.
+    A single long log is cut into parts, so that there are others to judge a cause on. Of more rows than a diagnosis can
+    use, stretches are taken (``logs.stretches``); the report says so. ``left_out`` are sentences of a caller who has
+    taken them already.
     """
+    if not left_out:
+        logs, left_out = choose_stretches(logs)
     logs = at_least_two(logs)
+    for sentence in left_out:
+        progress(sentence)
     for note in robot.notes:
         progress(f"{robot.name}: {note}")
     diagnosis = diagnose(
         logs, robot, settings, provenance, progress=progress, threads=threads, own=own, descriptions=descriptions
     )
+    if left_out:
+        said = (*left_out, *diagnosis.report.not_judged)
+        diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said))
     replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
@@ -204,4 +215,7 @@ def diagnose_folder(
         return None
     files = {log.name: sha256(folder / f"{log.name}.parquet") for log in logs}
     provenance = Provenance.of(logs, robot, asdict(settings), files)
-    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads, descriptions=descriptions)
+    logs, left_out = choose_stretches(logs)  # so that the others are not kept in memory
+    return diagnose_logs(
+        logs, robot, settings, own, provenance, progress, threads, descriptions=descriptions, left_out=left_out
+    )

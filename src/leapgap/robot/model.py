@@ -12,7 +12,7 @@ from leapgap.errors import InputError
 from leapgap.robot.actuators import SINGLE, JointActuator, actuators_of, check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
 from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import compile_spec, read_spec
+from leapgap.robot.model_file import compile_spec, gravity_of, read_spec
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.terrain import Box
@@ -23,6 +23,10 @@ DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 ROOTED_M = 0.5
 """Blocks reach this far below the floor. A soft foot that sinks past the middle of a thin box would be pushed out at
 its underside."""
+EARTH, USUAL_GRAVITY = np.array([0.0, 0.0, -9.81]), 0.05
+"""Gravity at the ground, and largest departure from it that is not worth a note, m/s²."""
+DOWNWARDS, LEAST_GRAVITY = 0.7, 0.1
+"""Least share of the gravity of a free base that points down, and least gravity, m/s²."""
 PARKED_BELOW_FLOOR_M = 50.0
 LEVEL = 1 - 1e-6
 """Cosine of the largest slope of a level floor."""
@@ -73,6 +77,7 @@ class Robot:
                 "at most one free joint, the base's and the first of all; other joints turn or slide about one axis",
                 "leave loose objects out of the model, and put the robot first",
             )
+        self.check_gravity()
         if not self.driven.any():
             raise InputError(
                 self.path,
@@ -81,6 +86,20 @@ class Robot:
                 "add the actuators",
             )
         check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)
+
+    def check_gravity(self) -> None:
+        """Raise ``InputError`` for a free base without gravity, or with one that does not point down.
+
+        Logs have z up, and their feet stand. A robot that is held may have any gravity: an arm on a wall, or in space.
+        """
+        x, y, z = gravity = gravity_of(self.model)
+        if self.has_free_base and not -z >= DOWNWARDS * max(float(np.linalg.norm(gravity)), LEAST_GRAVITY):
+            raise InputError(
+                self.path,
+                f"gravity ({x:g}, {y:g}, {z:g}) m/s² for a robot with a free base",
+                "gravity along −z: the world of a log has z up",
+                "correct option gravity and its flag, or hold the base (fix_base)",
+            )
 
     @cached_property
     def model(self) -> mujoco.MjModel:
@@ -114,6 +133,9 @@ class Robot:
         notes = self._reading[1]
         if self.has_free_base and not self._has_ground:
             notes = (*notes, "the model has no ground: the robot falls freely (a scene file may add the floor)")
+        x, y, z = gravity = gravity_of(self.model)
+        if np.abs(gravity - EARTH).max() > USUAL_GRAVITY:
+            notes = (*notes, f"gravity is ({x:g}, {y:g}, {z:g}) m/s², not 9.81 m/s² downwards")
         return notes
 
     @cached_property

@@ -7,9 +7,18 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.model_guard import check_model_file, check_text
 from leapgap.robot.urdf import is_urdf, readable_urdf
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+FINITE = (
+    *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "qpos0", "jnt_axis", "jnt_pos"),
+    *("geom_size", "geom_pos", "geom_friction", "dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"),
+    *("actuator_gear", "actuator_forcerange", "actuator_gainprm", "actuator_biasprm"),
+)
+FINITE_OPTIONS = ("gravity", "wind", "density", "viscosity", "timestep")
+LARGEST, LONGEST_STEP_S = 1e9, 0.1
+"""Largest absolute value of a number of a model, SI units, and longest time step of the simulation."""
 POSE, TWIST = 7, 6
 """Numbers of a free joint in ``qpos`` and in ``qvel``."""
 
@@ -20,16 +29,15 @@ def read_spec(path: Path, fix_base: bool | None) -> tuple[mujoco.MjSpec, tuple[s
     ``fix_base`` holds a floating robot at the pose of its model file. False gives a robot of a URDF a free base; None
     leaves the base as the file has it.
     """
-    if not path.is_file():
-        raise InputError(path, "no such file", "a MuJoCo model (XML) or a URDF", "name the robot's model file")
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = check_model_file(path)
     try:
         if is_urdf(text):
             readable, notes = readable_urdf(text, path)
+            check_text(readable, path)
             spec = mujoco.MjSpec.from_string(readable)
         else:
             spec, notes = mujoco.MjSpec.from_file(str(path)), ()
-    except ValueError as error:
+    except (ValueError, MemoryError) as error:
         raise invalid(path, error) from None
     notes = (*notes, *drop_missing_meshes(spec, path))
     if fix_base:
@@ -42,9 +50,30 @@ def read_spec(path: Path, fix_base: bool | None) -> tuple[mujoco.MjSpec, tuple[s
 def compile_spec(spec: mujoco.MjSpec, where: object) -> mujoco.MjModel:
     """The compiled model; ``InputError`` where MuJoCo refuses it."""
     try:
-        return spec.compile()
-    except ValueError as error:
+        model = spec.compile()
+    except (ValueError, MemoryError) as error:
         raise invalid(where, error) from None
+    check_physics(model, where)
+    return model
+
+
+def check_physics(model: mujoco.MjModel, where: object) -> None:
+    """Raise ``InputError`` for a compiled model with numbers that no robot can have; MuJoCo lets NaN pass."""
+    arrays = {name: np.asarray(getattr(model, name)) for name in FINITE}
+    arrays |= {f"option {name}": np.asarray(getattr(model.opt, name)) for name in FINITE_OPTIONS}
+    for name, values in arrays.items():
+        if not (np.abs(values) <= LARGEST).all():  # false for NaN, too
+            found = f"{name} with values that are not finite or above {LARGEST:g}"
+            raise InputError(where, found, "numbers of a robot, in SI units", "correct them")
+    if not 0 < model.opt.timestep <= LONGEST_STEP_S:
+        found = f"a time step of {model.opt.timestep:g} s"
+        raise InputError(where, found, f"above 0 and {LONGEST_STEP_S:g} s at most", "correct option timestep")
+
+
+def gravity_of(model: mujoco.MjModel) -> np.ndarray:
+    """Gravity that acts in a model, m/s², (3,): zero where a flag switches it off."""
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    return np.zeros(3) if off else model.opt.gravity.copy()
 
 
 def invalid(where: object, error: Exception) -> InputError:

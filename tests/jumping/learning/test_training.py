@@ -286,3 +286,20 @@ def test_a_trainer_that_is_not_there_is_named(windows: Windows, tmp_path):
 def test_all_arrays_of_windows_are_listed(windows: Windows):
     """They are hashed into the keys and cut by jump; one forgotten would do neither."""
     assert set(ARRAYS) == {name for name, value in vars(windows).items() if isinstance(value, np.ndarray)}
+
+
+def test_networks_of_more_windows_than_fit_into_memory_are_trained_on_some_of_them(
+    windows: Windows, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, setup = {}, training.Learner.setup
+
+    def count(self: training.Learner, stage: str) -> None:
+        seen.update({name: np.bincount(some.jump).tolist() for name, some in self.windows.items()})
+        setup(self, stage)
+
+    monkeypatch.setattr(training, "MOST_WINDOWS", 54)
+    monkeypatch.setattr(training.Learner, "setup", count)
+    held_out = windows.of_jumps(windows.jumps[4:])
+    _, curve = fit(windows, held_out, tmp_path / "a", replace(NETWORKS.fitting, steps=4))
+    assert seen == {"train": [9] * 6, "held_out": [27, 27]}
+    assert len(curve) == 1 and np.isfinite(curve[0]).all()

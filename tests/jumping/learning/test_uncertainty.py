@@ -65,6 +65,50 @@ def test_unfamiliar_windows_are_expected_to_err_more(windows: Windows, tmp_path)
     assert (found.deviation(odd)[inputs.contact[:, 0], 0] > usual[inputs.contact[:, 0], 0]).all()
 
 
+def test_the_closed_form_without_a_jump_is_the_solution_without_its_steps(windows: Windows):
+    """At the scalings of all jumps: weights and inverse by a solve over the other jumps' steps alone."""
+    model = fit_kernel(windows)
+    mine = uncertainty.without_jump(uncertainty.kernel_posterior(model, CONFIG), windows, 2)
+    for phase, ridge in (("contact", CONFIG.ridge_contact), ("flight", CONFIG.ridge_flight)):
+        part, found = getattr(model, phase), getattr(mine.kernel, phase)
+        steps_a_jump = len(part.inputs) // 6
+        others = np.arange(len(part.inputs)) // steps_a_jump != 2
+        gram = kernel.gauss(part.inputs, part.inputs) * (1 + part.forces @ part.forces.T) + ridge * np.eye(len(others))
+        residual = (gram @ part.weights)[others]
+        small = gram[np.ix_(others, others)]
+        np.testing.assert_allclose(mine.inverse[phase], np.linalg.inv(small), rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(found.weights, np.linalg.solve(small, residual), rtol=1e-7, atol=1e-6)
+        np.testing.assert_array_equal(found.inputs, part.inputs[others])
+
+
+def test_many_jumps_are_left_out_without_a_fit_for_each_and_give_about_the_same(
+    windows: Windows, monkeypatch: pytest.MonkeyPatch
+):
+    fits = []
+
+    def counted(some: Windows) -> KernelModel:
+        fits.append(some.jumps)
+        return fit_kernel(some)
+
+    anew = uncertainty.fit(windows, counted, CONFIG)
+    assert len(fits) == 7
+    monkeypatch.setattr(uncertainty, "MOST_REFITS", 5)
+    closed = uncertainty.fit(windows, counted, CONFIG)
+    assert len(fits) == 8
+    ratio = closed.deviation(windows.inputs) / anew.deviation(windows.inputs)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_kernel_of_more_steps_than_it_can_have_is_fitted_to_some_of_each_jump(
+    windows: Windows, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(kernel, "MOST_STEPS", 48)
+    kept = kernel.training_steps(windows, pushing=True)
+    assert len(kept.step) == 48
+    assert np.bincount(kept.jump).tolist() == [8] * 6
+    assert fit_kernel(windows).contact.weights.shape == (48, 3)
+
+
 def test_intervals_on_real_jumps_hold_what_they_say(real_windows: Windows):
     """Deviations from training jumps only; shares within 8 points of 50, 80 and 95 % over the folds."""
     train = OmegaConf.create(compose_params()).train

@@ -40,6 +40,15 @@ def test_no_jumps_give_valid_windows_that_say_so(robot, tmp_path):
     assert "no logs" in (tmp_path / "windows.json").read_text()
 
 
+def test_thinned_windows_are_spread_over_all_jumps(jumps, robot):  # noqa: F811
+    every = window_extraction.cut(jumps, TimeGrid(), robot)
+    assert every.thin(162) is every
+    some = every.thin(54)
+    assert np.bincount(some.jump).tolist() == [9] * 6
+    assert some.start[:9].tolist() == list(range(0, 27, 3))
+    np.testing.assert_array_equal(some.state, every.state[::3])
+
+
 def test_windows_of_some_jumps_are_those_of_these_jumps_alone(jumps, robot):  # noqa: F811
     some = window_extraction.cut(jumps, TimeGrid(), robot).of_jumps(["jump_04", "jump_02"])
     alone = window_extraction.cut([jumps[2], jumps[4]], TimeGrid(), robot)

@@ -14,7 +14,7 @@ from leapgap.jumping.planning.layout import CROUCH, JOINT, X, Z
 from leapgap.jumping.planning.problem import Aim, Grid, Problem
 from leapgap.jumping.planning.solve import planner_of, solve, solve_all
 from leapgap.jumping.task import ContactSchedule, Target
-from tests.jumping.planning.conftest import PUBLISHED_COST
+from tests.jumping.planning.conftest import PUBLISHED_COST, target_of
 from tests.jumping.planning.lagrangian import residual
 
 NAMES = sorted(PUBLISHED_COST)
@@ -46,6 +46,17 @@ def test_jump_starts_at_rest_and_lands_on_the_target_in_the_crouch(solutions, na
     np.testing.assert_allclose(plan.v[0], 0, atol=1e-8)
     np.testing.assert_allclose(plan.q[-1], [target.x_m, target.z_m, 0, *crouch], atol=1e-7)
     np.testing.assert_allclose(plan.q[-11:, JOINT], np.tile(crouch, (11, 1)), atol=1e-7)
+
+
+def test_torques_of_weaker_motors_stay_within_their_limit(solutions):
+    """The limits of the motors are constraints of the plan: half of a pair's torque is that of one motor."""
+    strong = np.abs(solutions["h20_d60"].trajectory.torque).max() / 2
+    weak = 0.9 * strong
+    assert 15 < strong < 33.5
+    solution = solve(Problem(target_of("h20_d60"), robot=PlanarRobot(torque_limit=(weak, weak))))
+    assert solution.solved, solution.reason
+    assert np.abs(solution.trajectory.torque).max() / 2 == pytest.approx(weak, abs=1e-6)
+    assert solution.cost > solutions["h20_d60"].cost
 
 
 @pytest.mark.parametrize("name", NAMES)

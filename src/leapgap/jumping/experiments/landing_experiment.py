@@ -58,6 +58,9 @@ class LandingExperiment:
         """Refuse unknown names, and a robot that cannot jump, before any work starts."""
         planar_robot(self.robot)
         self.hardware  # noqa: B018 (refuses unknown hardware)
+        for name, number in self.repeats.items():
+            if number < 0:
+                raise InputError(f"land.tasks.{name}.repeats", str(number), "0 (left out) or more", "correct it")
         known = available(self.methods)
         lists = {"land.methods": self.settings.methods}
         lists |= {f"land.only.{variant}": names for variant, names in self.settings.only.items()}

@@ -50,6 +50,11 @@ class JumpTask:
     disturbed_at_s: tuple[float, ...] = (0.3, 0.4)
     """Times since the start of the jump, one of which is drawn for a kick or a push."""
 
+    def __post_init__(self) -> None:
+        """Refuse a task without a jump."""
+        if self.jumps < 1:
+            raise ValueError(f"jumps {self.jumps}: 1 or more")
+
     @property
     def target(self) -> Target:
         """Target of each jump, from its own take-off pose."""

@@ -1,5 +1,6 @@
 """How each model is fitted to the jumps of a split."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -64,8 +65,10 @@ class TrainConfig:
         for name in ("folds", "steps_an_epoch", "threads", "processes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} {getattr(self, name)}: 1 or more")
-        if not (self.mass_kg > 0 and self.pitch_inertia_kgm2 > 0):
+        if not (0 < self.mass_kg < math.inf and 0 < self.pitch_inertia_kgm2 < math.inf):
             raise ValueError(f"mass_kg {self.mass_kg}, pitch_inertia_kgm2 {self.pitch_inertia_kgm2}: above 0")
+        if not math.isfinite(self.curvature) or self.seed < 0:
+            raise ValueError(f"curvature {self.curvature}, seed {self.seed}: a finite number, and 0 or more")
 
     def models_of(self, split: Split) -> list[str]:
         """Names of the models that are fitted on a split."""

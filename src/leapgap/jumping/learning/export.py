@@ -10,8 +10,8 @@ import numpy as np
 
 from leapgap.atomic_io import whole_file, write_json
 from leapgap.jumping.learning.model import ResidualModel
+from leapgap.jumping.learning.npz_files import write_npz
 from leapgap.jumping.learning.store import StoredModel
-from leapgap.jumping.learning.windows import write_npz
 from leapgap.jumping.models.affine_model import KNOWN
 
 FORMAT_VERSION = 2

@@ -17,6 +17,8 @@ class Model(ABC):
     """Predicts windows. Stored as arrays (npz) and settings (JSON), never as a pickle."""
 
     kind: ClassVar[str]
+    infinite: ClassVar[tuple[str, ...]] = ()
+    """Last names of arrays that may be infinite; all others are finite where a model is stored or loaded."""
 
     @abstractmethod
     def predict(self, inputs: RolloutInputs) -> np.ndarray:

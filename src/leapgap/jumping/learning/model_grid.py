@@ -15,11 +15,13 @@ from leapgap.cache import ResultCache, result_key
 from leapgap.errors import InputError
 from leapgap.jumping.learning import export
 from leapgap.jumping.learning.experiment import TrainConfig, fit_task, fit_uncertainty
-from leapgap.jumping.learning.recipe import ModelRecipe, ModelSettings
+from leapgap.jumping.learning.model import Model
+from leapgap.jumping.learning.npz_files import read_npz
+from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, ModelSettings
 from leapgap.jumping.learning.registry import find_recipe, recipes
 from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
 from leapgap.jumping.learning.store import StoredModel, load, save
-from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows, read_npz
+from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows
 from leapgap.processes import starting_workers
 
 EXPORTED = "exported"
@@ -106,7 +108,7 @@ class SplitJob:
                 with self.cache.store(place, key) as folder:
                     of_split, scratch = self.cache.folder / self.split.name, self.cache.scratch(place, key)
                     task = fit_task(self.config, self.split, name, train_on, held_out, of_split, scratch)
-                    model, curve = recipes()[name].fit(task)
+                    model, curve = fit(recipes()[name], task)
                     write_json(folder / f"{name}.curve.json", {"rows": curve})
                     save(StoredModel(model, Purpose.of(self.windows), self.split.train, key), folder, name)
                 fitted.append(place)
@@ -116,6 +118,15 @@ class SplitJob:
                 with self.cache.store(place, key) as folder:
                     fit_uncertainty(train_on, self.config, recipes()[name], folder / f"{Path(place).name}.npz")
         return fitted
+
+
+def fit(recipe: ModelRecipe, task: FitTask) -> tuple[Model, LearningCurve]:
+    """Fit a recipe's model; ``InputError`` where its equations have no solution."""
+    try:
+        return recipe.fit(task)
+    except np.linalg.LinAlgError as error:
+        do = "raise its ridge in conf/train, or look for jumps that are copies of one another"
+        raise InputError(f"model {recipe.name}", f"no solution ({error})", "equations that determine it", do) from None
 
 
 def run_jobs(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:

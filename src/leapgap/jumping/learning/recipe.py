@@ -4,6 +4,7 @@ A recipe says how a ``Model`` is fitted, judged, exported and shown. Each is a c
 ``models``; variants are subclasses there. Names are keys of files and metrics and are never read for a meaning.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -59,6 +60,16 @@ class Fitting:
     """Points of the curve without a smaller error on the stopping jumps until training ends; 0: all steps."""
     stopping_jumps: int = 0
     """How many of the training jumps, the last ones, are kept for that; the held-out ones are never asked."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing, before any work."""
+        if self.steps < 1 or self.patience < 0 or self.stopping_jumps < 0:
+            raise ValueError("steps of 1 or more, patience and stopping_jumps of 0 or more")
+        if not (0 < self.learning_rate < math.inf and 0 <= self.dropout < 1):
+            raise ValueError("a learning_rate above 0, and dropout from 0 up to but not including 1")
+        for name in ("weight_decay", "clip_norm", "output_penalty"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} {getattr(self, name)}: 0 or more")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ that ``torch_rollout`` rolls out.
 """
 
 import logging
+import math
 import shutil
 import sys
 import warnings
@@ -24,6 +25,11 @@ from leapgap.jumping.learning.windows import Windows
 
 HELD_OUT, STOPPING = "held_out", "stopping"
 """Windows that are looked at besides those trained on: for the curve, and to stop by."""
+DIVERGED, LEAST_LOSS = 1e4, 1e-6
+"""A training diverges if its loss is this many times that of its first step; a smaller first loss counts as this."""
+MOST_WINDOWS = 4096
+"""Largest number of windows that are trained on, and looked at for a curve; memory grows with their number. It is that
+of 150 jumps; of more jumps, windows spread evenly are taken."""
 CURVE = ("step", "train_loss", "validation_loss")
 
 
@@ -96,24 +102,40 @@ class EmptySteps(torch.utils.data.IterableDataset):
 class LossCurve(Callback):
     """Losses along the training, in the checkpoint too."""
 
-    def __init__(self, every: int) -> None:
-        self.every = every
+    def __init__(self, every: int, title: str) -> None:
+        self.every, self.title = every, title
         self.rows: LearningCurve = []
+        self.first = float("inf")
+        """Loss of the first step."""
 
     def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
         """Note the losses, before the checkpoint of the same step is written."""
+        if trainer.global_step == 1 or trainer.global_step % self.every == 0:
+            self._check(trainer)
         if trainer.global_step % self.every == 0 or trainer.global_step == trainer.max_steps:
             assert isinstance(pl_module, Learner)
             train_loss = float(trainer.callback_metrics["train_loss"])
             self.rows.append([trainer.global_step, train_loss, pl_module.error_on(HELD_OUT)])
 
+    def _check(self, trainer: lightning.Trainer) -> None:
+        """Raise ``InputError`` for a training that diverges, before its weights are kept in a checkpoint."""
+        loss = float(trainer.callback_metrics["train_loss"])
+        self.first = min(self.first, loss) if trainer.global_step == 1 else self.first
+        if not math.isfinite(loss) or loss > DIVERGED * max(self.first, LEAST_LOSS):
+            raise InputError(
+                f"training of {self.title}",
+                f"a loss of {loss:.3g} after {trainer.global_step} steps, {self.first:.3g} at the start",
+                "a loss that falls",
+                "lower fitting.learning_rate of this model, or set its fitting.clip_norm",
+            )
+
     def state_dict(self) -> dict[str, Any]:
         """The rows so far, for the checkpoint."""
-        return {"rows": self.rows}
+        return {"rows": self.rows, "first": self.first}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take the rows from the checkpoint."""
-        self.rows = list(state_dict["rows"])
+        self.rows, self.first = list(state_dict["rows"]), state_dict["first"]
 
 
 class EarlyStopping(Callback):
@@ -192,9 +214,10 @@ def fit(
     others = {} if held_out is None else {HELD_OUT: held_out}
     if fitting.patience:
         train, others[STOPPING] = stopping_split(train, fitting.stopping_jumps)
+    train, others = train.thin(MOST_WINDOWS), {name: windows.thin(MOST_WINDOWS) for name, windows in others.items()}
     learner = Learner(ResidualModule(model, fitting.dropout), train, others, fitting, run.seed)
     every = min(run.steps_an_epoch, fitting.steps)
-    curve = LossCurve(every)
+    curve = LossCurve(every, run.title)
     driver = make_trainer(fitting, run, every, curve)
     last = run.scratch / "last.ckpt"
     steps = torch.utils.data.DataLoader(EmptySteps(every), batch_size=None)

@@ -21,6 +21,8 @@ class Transitions:
     """Length of each step, (n,)."""
     step: np.ndarray
     """Number of the step in its jump, (n,)."""
+    jump: np.ndarray
+    """Number of the jump among those of the windows, (n,)."""
     increment: np.ndarray
     """Next state minus state, (n, 6)."""
 
@@ -30,13 +32,14 @@ class Transitions:
         return self.increment[:, 3:] / self.step_s[:, None]
 
     def at(self, which: np.ndarray) -> "Transitions":
-        """Some of them, by mask."""
+        """Some of them, by mask or by index."""
         return Transitions(
             self.situation.at(which),
             self.force[which],
             self.contact[which],
             self.step_s[which],
             self.step[which],
+            self.jump[which],
             self.increment[which],
         )
 
@@ -44,8 +47,9 @@ class Transitions:
 def extract_transitions(windows: Windows) -> Transitions:
     """The steps of some windows: the first of each window, and all of a jump's last window."""
     inputs = windows.inputs
-    last = np.array([windows.start[windows.jump == j].max() for j in windows.jump], dtype=int)
-    w, k = np.nonzero((np.arange(windows.grid.steps) == 0) | (windows.start == last)[:, None])
+    last = np.zeros(len(windows.jumps), dtype=int)
+    np.maximum.at(last, windows.jump, windows.start)
+    w, k = np.nonzero((np.arange(windows.grid.steps) == 0) | (windows.start == last[windows.jump])[:, None])
     state = windows.state[w, k]
     return Transitions(
         Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0]),
@@ -53,5 +57,6 @@ def extract_transitions(windows: Windows) -> Transitions:
         inputs.contact[w, k],
         inputs.step_s[w, k],
         windows.start[w] + k,
+        windows.jump[w],
         windows.state[w, k + 1] - state,
     )

@@ -6,8 +6,8 @@ along the roll-out, says by how much a situation is less familiar than those wer
 err alike, so the same deviations serve them; coverage on held-out jumps is judged for each model in ``evaluation``.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +15,24 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import norm
 
 from leapgap.atomic_io import whole_file
-from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel, KernelPart, gauss
+from leapgap.errors import InputError
+from leapgap.jumping.learning.models.kernel import (
+    PHASES,
+    KernelConfig,
+    KernelModel,
+    KernelPart,
+    gauss,
+    training_steps,
+)
+from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
 from leapgap.jumping.learning.splits import hold_out
-from leapgap.jumping.learning.windows import RolloutInputs, Windows, read_npz, write_npz
+from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import Situation, columns
 
 LEVELS = (0.5, 0.8, 0.95)
 """Of the intervals whose width is fitted and whose coverage is checked."""
+MOST_REFITS, MOST_LEFT_OUT = 24, 64
+"""Number of training jumps up to which the kernel is fitted anew without each, and largest number left out in turn."""
 SMOOTHING_STEPS = 1.0
 """Errors of neighbouring starts are averaged with a Gaussian this wide: a dozen jumps give few of each."""
 
@@ -82,18 +93,59 @@ def posterior_variance(
 
 
 def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: KernelConfig) -> PredictionUncertainty:
-    """Leave each training jump out in turn; the jumps must be two or more."""
+    """Leave training jumps out in turn, all of up to ``MOST_LEFT_OUT``; the jumps must be two or more.
+
+    Up to ``MOST_REFITS`` jumps, the kernel is fitted anew without each. With more jumps, one counts for little in the
+    scalings and gains, which are kept, and the kernel without it follows in closed form.
+    """
+    whole = kernel_posterior(fit_kernel(windows), config)
     squared, unfamiliar = [], []
-    for jump in windows.jumps:
+    for jump in spread_evenly(windows.jumps, MOST_LEFT_OUT):
         split = hold_out("", windows.jumps, [jump])
-        train, left_out = windows.of_jumps(split.train), windows.of_jumps(split.held_out)
-        one = kernel_posterior(fit_kernel(train), config)
+        left_out = windows.of_jumps(split.held_out)
+        if len(windows.jumps) <= MOST_REFITS:
+            one = kernel_posterior(fit_kernel(windows.of_jumps(split.train)), config)
+        else:
+            one = without_jump(whole, windows, windows.jumps.index(jump))
         squared.append((one.kernel.predict(left_out.inputs) - left_out.state)[:, 1:] ** 2)
         unfamiliar.append(accumulate_variance(one, left_out.inputs))
     variance, familiar = np.array(squared), np.array(unfamiliar)
-    whole = kernel_posterior(fit_kernel(windows), config)
     widened = smooth_mean(variance) * widening_factor(variance, familiar) ** 2
     return PredictionUncertainty(whole.kernel, whole.inverse, whole.ridge, widened, familiar.mean(axis=0))
+
+
+def spread_evenly(jumps: Sequence[str], most: int) -> list[str]:
+    """All jumps, or so many of them at equal distances."""
+    number = min(most, len(jumps))
+    return [jumps[i * len(jumps) // number] for i in range(number)]
+
+
+def without_jump(whole: PredictionUncertainty, windows: Windows, jump: int) -> PredictionUncertainty:
+    """A kernel's posterior without the training steps of one jump, at the same scalings and gains.
+
+    With A = (K + λ I)⁻¹, weights a = A y, and b for the jump's steps and o for the others, block inversion gives
+    A without b as A_oo − A_ob A_bb⁻¹ A_bo, and the weights as a_o − A_ob A_bb⁻¹ a_b.
+    """
+    parts: dict[str, KernelPart | None] = {}
+    inverse: dict[str, np.ndarray] = {}
+    for phase, pushing in PHASES.items():
+        part: KernelPart | None = getattr(whole.kernel, phase)
+        own = training_steps(windows, pushing).jump == jump
+        if part is None or own.all():
+            parts[phase] = None
+            continue
+        every = whole.inverse[phase]
+        across = every[np.ix_(~own, own)]
+        share = np.linalg.solve(every[np.ix_(own, own)], np.column_stack([across.T, part.weights[own]]))
+        parts[phase] = replace(
+            part,
+            inputs=part.inputs[~own],
+            forces=part.forces[~own],
+            weights=part.weights[~own] - across @ share[:, across.shape[0] :],
+        )
+        inverse[phase] = every[np.ix_(~own, ~own)] - across @ share[:, : across.shape[0]]
+    kernel = replace(whole.kernel, contact=parts["contact"], flight=parts["flight"])
+    return replace(whole, kernel=kernel, inverse=inverse)
 
 
 def smooth_mean(squared: np.ndarray) -> np.ndarray:
@@ -129,6 +181,9 @@ def save(uncertainty: PredictionUncertainty, path: Path) -> None:
 def load(path: Path, kernel: KernelModel) -> PredictionUncertainty:
     """Read back, beside the kernel it is of."""
     arrays = read_npz(path)
+    check_finite(arrays, path, "run stages.train anew")
+    if {name: array.ndim for name, array in arrays.items()} != {"variance": 3, "familiar": 2, "ridge": 1}:
+        raise InputError(path, f"arrays {', '.join(arrays)}", "variance, familiar and ridge", "run stages.train anew")
     config = KernelConfig(ridge_contact=float(arrays["ridge"][0]), ridge_flight=float(arrays["ridge"][1]))
     bare = kernel_posterior(kernel, config)
     return PredictionUncertainty(kernel, bare.inverse, bare.ridge, arrays["variance"], arrays["familiar"])

@@ -4,10 +4,8 @@ A jump is sampled at the steps of a ``TimeGrid`` (25 ms in contact, 100 ms in fl
 Here is the stored form and what it is for; ``window_extraction`` makes windows from jump logs.
 """
 
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,11 +13,12 @@ import numpy as np
 
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
+from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
 from leapgap.jumping.task import ContactSchedule
 
 FORMAT_VERSION = 1
-NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)
-"""One date for every member, so that equal arrays give equal bytes."""
+MOST_STEPS = 10_000
+"""Largest number of steps of a window."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,8 @@ class TimeGrid:
     steps: int = 10
 
     def __post_init__(self) -> None:
-        if self.contact_step_s <= 0 or self.flight_step_s <= 0 or self.steps < 1:
+        steps_are_lengths = 0 < self.contact_step_s < np.inf and 0 < self.flight_step_s < np.inf  # false for NaN
+        if not steps_are_lengths or not 1 <= self.steps <= MOST_STEPS:
             raise InputError("time grid", str(self), "steps longer than nothing, one or more", "correct conf/chunk")
 
     def contact_steps(self, schedule: ContactSchedule) -> int:
@@ -151,6 +151,13 @@ class Windows:
         arrays["jump"] = np.array([number[int(j)] for j in arrays["jump"]], dtype=int)
         return replace(self, jumps=kept, **arrays)
 
+    def thin(self, most: int) -> "Windows":
+        """The same windows, or ``most`` of them spread evenly."""
+        if len(self) <= most:
+            return self
+        kept = np.arange(most) * len(self) // most
+        return replace(self, **{name: getattr(self, name)[kept] for name in ARRAYS})
+
 
 Motion = TypeVar("Motion", RolloutInputs, Windows)
 
@@ -199,7 +206,11 @@ class Purpose:
 
 
 def write(windows: Windows, folder: Path) -> None:
-    """Write ``windows.npz`` and ``windows.json``; the same windows give the same bytes."""
+    """Write ``windows.npz`` and ``windows.json``; the same windows give the same bytes.
+
+    ``InputError`` for windows with values that are not finite.
+    """
+    check(windows, "the windows")
     folder.mkdir(parents=True, exist_ok=True)
     write_npz(folder / "windows.npz", {name: getattr(windows, name) for name in ARRAYS})
     write_json(
@@ -229,7 +240,7 @@ def read(folder: Path) -> Windows:
         )
     arrays = read_npz(folder / "windows.npz")
     try:
-        return Windows(
+        found = Windows(
             grid=TimeGrid(**about["grid"]),
             schedule=ContactSchedule(**about["schedule"]) if about["schedule"] else None,
             robot=about["robot"],
@@ -237,27 +248,46 @@ def read(folder: Path) -> Windows:
             jumps=tuple(about["jumps"]),
             **arrays,
         )
-    except (KeyError, TypeError) as error:
-        raise InputError(
-            folder, f"windows that do not fit ({error})", "windows of this version", "run stages.chunk anew"
-        ) from None
+        check(found, folder)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise unfit(folder, repr(error)) from None
+    return found
 
 
-def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Like ``numpy.savez``, without the clock: equal arrays give equal bytes."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
-        for name, array in arrays.items():
-            member = BytesIO()
-            np.lib.format.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy", NOON_OF_ZIP), member.getvalue())
+def unfit(where: object, said: str) -> InputError:
+    """The refusal of windows whose parts contradict each other."""
+    return InputError(where, f"windows that do not fit ({said})", "windows of this version", "run stages.chunk anew")
 
 
-def read_npz(path: Path) -> dict[str, np.ndarray]:
-    """Read arrays, never pickles; ``InputError`` where the file is absent or broken."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "arrays written by a stage", "run that stage first") from None
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise InputError(path, f"no whole archive ({error})", "arrays written by a stage", "run it anew") from None
+def check(windows: Windows, where: object) -> None:
+    """Raise ``InputError`` for windows whose arrays contradict each other, or whose values are not finite."""
+    count, steps = len(windows.jump), windows.grid.steps
+    shapes = {name: (count, *shape) for name, shape in shapes_of(steps).items()}
+    for name, shape in shapes.items():
+        array, kind = getattr(windows, name), KINDS.get(name, "f")
+        if array.shape != shape or array.dtype.kind != kind:
+            expected = f"shape {shape} and kind {kind}, for {count} windows of {steps} steps"
+            raise unfit(where, f"{name} has shape {array.shape} and kind {array.dtype.kind}, not {expected}")
+    check_finite({name: getattr(windows, name) for name in ARRAYS}, where, "cut them anew from whole logs")
+    names = windows.jumps
+    if len(set(names)) != len(names) or not all(isinstance(name, str) for name in names):
+        raise unfit(where, "names of jumps that are no texts or that are there twice")
+    if count and windows.schedule is None:
+        raise unfit(where, "no contact schedule")
+    numbers, counts = np.unique(windows.jump, return_counts=True)
+    if not np.array_equal(numbers, np.arange(len(names))) or len(set(counts.tolist())) > 1:
+        raise unfit(where, f"{len(names)} jumps, of which {len(numbers)} have {sorted(set(counts.tolist()))} windows")
+    if count and ((windows.start < 0).any() or (np.diff(windows.time_s, axis=1) <= 0).any()):
+        raise unfit(where, "steps that end before they begin")
+
+
+KINDS = {"jump": "i", "start": "i", "contact": "b"}
+"""Kinds of the values of arrays that are not numbers with a fraction."""
+
+
+def shapes_of(steps: int) -> dict[str, tuple[int, ...]]:
+    """Shape of what each array holds of one window, by its name."""
+    return {
+        **{"jump": (), "start": (), "start_x": (), "time_s": (steps + 1,), "contact": (steps,)},
+        **{"state": (steps + 1, 6), "force": (steps, 4), "foot": (steps, 4)},
+    }

@@ -14,6 +14,8 @@ from leapgap.jumping.learning.windows import RolloutInputs, Windows, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
 from leapgap.jumping.models.rigid_body import RigidBody
 
+MOST_STEPS = 2048
+"""Largest number of training steps of a phase: 64 jumps of 32 steps in contact."""
 PHASES = {"contact": True, "flight": False}
 
 
@@ -38,6 +40,14 @@ class KernelConfig(ModelSettings):
     ridge_contact: float = 0.02
     ridge_flight: float = 0.3
     """Noise variance over signal variance, per training step."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing, before any work."""
+        for name in ("length_contact", "length_flight", "ridge_contact", "ridge_flight"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} {getattr(self, name)}: above 0")
+        if not self.force_scale > 0 or not all(0 < weight < np.inf for weight in self.inputs.values()):
+            raise ValueError("force_scale and the weights of the inputs: above 0")
 
 
 @dataclass(frozen=True)
@@ -143,6 +153,7 @@ class KernelForecast(KernelModel):
     """Predicts from the first state and the phase alone; measured feet and forces are not looked at."""
 
     kind: ClassVar[str] = "kernel_forecast"
+    infinite: ClassVar[tuple[str, ...]] = ("force_scale",)
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
         """Roll out without forces."""
@@ -161,11 +172,23 @@ def fit(windows: Windows, nominal: Nominal, config: KernelConfig) -> KernelModel
     """Fit the residual of the nominal body to the measured steps of some windows."""
     names = tuple(config.inputs)
     check_names(names, "train.kernel.inputs")
-    steps, parts = extract_transitions(windows), {}
+    parts = {}
     for phase, pushing in PHASES.items():
-        mine = steps.at(steps.contact == pushing)
+        mine = training_steps(windows, pushing)
         parts[phase] = fit_part(mine, nominal, config, pushing) if len(mine.step) else None
     return KernelModel(nominal, names, **parts)
+
+
+def training_steps(windows: Windows, pushing: bool) -> Transitions:
+    """The steps of contact or flight that a kernel is fitted to: all, or ``MOST_STEPS`` spread evenly over them.
+
+    Time grows with the third power of their number, and memory with its square.
+    """
+    steps = extract_transitions(windows)
+    mine = np.flatnonzero(steps.contact == pushing)
+    if len(mine) > MOST_STEPS:
+        mine = mine[np.arange(MOST_STEPS) * len(mine) // MOST_STEPS]
+    return steps.at(mine)
 
 
 def fit_part(steps: Transitions, nominal: Nominal, config: KernelConfig, pushing: bool) -> KernelPart:
