@@ -71,6 +71,15 @@ class Slopes:
     pieces: np.ndarray
     """(pieces, values, numbers)"""
 
+    def after(self, by: np.ndarray, errors: Errors) -> "Slopes":
+        """Slopes after a scaled step ``by`` (numbers,) that led to ``errors``, updated by Broyden's rule."""
+        square = max(float(by @ by), 1e-12)
+        whole = errors.whole - self.errors.whole - self.whole @ by
+        pieces = errors.pieces - self.errors.pieces - self.pieces @ by
+        return Slopes(
+            errors, self.whole + whole[:, None] * by / square, self.pieces + pieces[:, :, None] * by / square
+        )
+
 
 @dataclass(frozen=True)
 class Numbers:
@@ -162,7 +171,7 @@ class JointFit:
         about = Numbers.of(hypotheses, self.told)
         numbers = clip_numbers(hypotheses, numbers)
         slopes = self.slopes(about, numbers)
-        loss = self.loss(slopes.errors, about.departs(numbers))
+        loss, exact = self.loss(slopes.errors, about.departs(numbers)), True
         for _ in range(steps):
             departs = about.departs(numbers)
             tried = [about.moved(numbers, self.step(slopes, departs, damping)) for damping in DAMPINGS]
@@ -173,6 +182,10 @@ class JointFit:
                 break
             self.progress(f"joint fit of {len(hypotheses)} effects: loss {losses[best]:.0f}, was {loss:.0f}")
             numbers, loss = tried[best], losses[best]
+            by = about.departs(numbers) - departs
+            # Exact slopes take as many replays as there are numbers; every other time those of before are updated.
+            slopes, exact = (slopes.after(by, found[best]), False) if exact else (self.slopes(about, numbers), True)
+        if not exact:
             slopes = self.slopes(about, numbers)
         departs, folds = about.departs(numbers), self.heldout_gap.folds
         of_folds = np.array(
@@ -187,14 +200,18 @@ class JointFit:
         return FullRolloutFit(hypotheses, numbers, covariance, of_folds, loss, heldout)
 
     def without_idle(self, fit: FullRolloutFit) -> list[int]:
-        """Indices of the hypotheses that matter, by what the likelihood loses without them, one after the other."""
+        """Indices of the hypotheses that matter, by what the likelihood loses without them, one after the other.
+
+        Those that evidence tells stay, and are not counted.
+        """
         kept = list(range(len(fit.hypotheses)))
-        while len(kept) > 1:
-            losses = self.losses_without(fit, kept)
-            least = int(np.argmin(losses))
-            if losses[least] >= self.plan.least_gain and len(kept) <= self.plan.most_causes:
+        told = [self.is_told(h) for h in fit.hypotheses]
+        while (open_to_doubt := [k for k in kept if not told[k]]) and len(kept) > 1:
+            losses = dict(zip(kept, self.losses_without(fit, kept), strict=True))
+            least = min(open_to_doubt, key=lambda k: losses[k])
+            if losses[least] >= self.plan.least_gain and len(open_to_doubt) <= self.plan.most_causes:
                 break
-            kept.pop(least)
+            kept.remove(least)
         return kept
 
     def without_useless(self, fit: FullRolloutFit) -> list[int]:
