@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -115,12 +116,14 @@ def diagnose(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
     own: Sequence[type[Effect]] = (),
+    set_aside: Mapping[str, str] = MappingProxyType({}),
 ) -> Diagnosis:
     """Find where the gap lies, which effects cause it, and how far it shrinks on logs not fitted on.
 
     ``provenance`` says which files the logs were read from; where it is None their content stands for them.
     ``own`` are a user's effect classes, looked for beside the known ones (or those of them that the settings name).
-    ``threads`` (all cores, where it is None) change the time it takes and nothing else.
+    ``threads`` (all cores, where it is None) change the time it takes and nothing else. ``set_aside`` are names and
+    reasons of logs that were left out before, for the report.
     """
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
@@ -177,6 +180,7 @@ def diagnose(
         gap_per_log=by_log[0],
         landing_misplaced_m=by_log[1],
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
+        set_aside=dict(set_aside),
     )
     return Diagnosis(
         report,

@@ -6,12 +6,14 @@ from pathlib import Path
 
 from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.blas import one_blas_thread
+from leapgap.diagnosis.departing_logs import without_departing
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
 from leapgap.logs.cutting import at_least_two
-from leapgap.logs.log import Log, read_logs
+from leapgap.logs.log import Log
+from leapgap.logs.reading import SetAside, read_folder
 from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
@@ -80,6 +82,7 @@ class Report:
         ]
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
+        lines += [f"left out {name}: {reason}" for name, reason in content.set_aside.items()]
         if content.not_judged:
             lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
@@ -130,15 +133,20 @@ def diagnose_logs(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
     record: Callable[[Report, Path], None] | None = None,
+    set_aside: Sequence[SetAside] = (),
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
 
-    A single long log is cut into parts, so that there are others to judge a cause on.
+    A single long log is cut into parts, so that there are others to judge a cause on. Logs that depart from their
+    fellows are left out and named in the report, beside those that were ``set_aside`` when they were read.
     """
-    logs = at_least_two(logs)
+    logs, departing = without_departing(logs)
+    for one in departing:
+        progress(str(one))
+    logs, left_out = at_least_two(logs), {one.name: one.reason for one in (*set_aside, *departing)}
     for note in robot.notes:
         progress(f"{robot.name}: {note}")
-    diagnosis = diagnose(logs, robot, settings, provenance, progress=progress, threads=threads, own=own)
+    diagnosis = diagnose(logs, robot, settings, provenance, progress, threads, own, left_out)
     replayer = Replayer(robot)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
@@ -160,9 +168,12 @@ def diagnose_folder(
 
     The report's provenance holds names and hashes of the files, and no path.
     """
-    logs = read_logs(folder)
+    readings = read_folder(folder, robot)
+    logs = readings.logs
     if not logs:
         return None
+    for line in readings.lines():
+        progress(line)
     files = {log.name: sha256(folder / f"{log.name}.parquet") for log in logs}
     provenance = Provenance.of(logs, robot, asdict(settings), files)
-    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads)
+    return diagnose_logs(logs, robot, settings, own, provenance, progress, threads, set_aside=readings.set_aside)
