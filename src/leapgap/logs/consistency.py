@@ -184,7 +184,7 @@ def check_set_points(columns: Columns, joints: Sequence[str], where: object) -> 
         return
     wanted, position = (table(columns, [f"{one}/{joint}" for joint in names]) for one in ("cmd_pos", "joint_pos"))
     far = np.abs(wanted - position) > LARGEST_PD_ERROR
-    off = far.mean(axis=0) > 0.5
+    off = (far.mean(axis=0) > 0.5) & (position.std(axis=0) > MOVES / 10)
     wanted_about, about = wanted - wanted.mean(axis=0), position - position.mean(axis=0)
     spread, ratio, alike = compare(wanted_about, about)
     units = (np.minimum(spread, spread / np.maximum(ratio, np.finfo(float).tiny)) > MOVES / 10) & (alike > SAME_MOTION)
