@@ -127,9 +127,9 @@ def diagnose(
     """Where the simulation differs from the logs, which effect causes it, and how far the gap shrinks with it.
 
     Of a folder, logs that cannot be used are set aside, and so are, of any logs, those that depart from their fellows;
-    the report names them. ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given. ``effects`` are classes
-    of your own that are looked for beside the known ones. ``progress`` is told lines for a person; ``threads`` (all
-    cores, where it is None) change the time it takes and nothing else.
+    the report names them. ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given.
+    ``effects`` are classes of your own that are looked for beside the known ones. ``progress`` is told lines for a
+    person; ``threads`` (all cores, where it is None) change the time it takes and nothing else.
     """
     loaded, chosen = load_robot(robot), settings or Settings()
     if isinstance(logs, PathLike) and Path(logs).is_dir():

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from leapgap.atomic_io import write_json
 from tests.code import ROOT
+from tests.hostile import logs as hostile_logs
 from tests.hostile.kills import kill_everything
 from tests.hostile.ticks import a1_and_reference, bad_problems, hostile_ticks
 
@@ -39,7 +40,12 @@ def kills(chosen: argparse.Namespace) -> Mapping[str, int]:
         return vars(kill_everything(chosen.kills, Path(folder), lambda line: print(line, flush=True)))
 
 
-PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, int]]] = {"ticks": ticks, "kills": kills}
+def logs(chosen: argparse.Namespace) -> Mapping[str, int]:
+    """Corrupted logs for every reader, each classified."""
+    return hostile_logs.all_cases(SEED)
+
+
+PARTS: Mapping[str, Callable[[argparse.Namespace], Mapping[str, int]]] = {"ticks": ticks, "kills": kills, "logs": logs}
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """Logs that depart from their fellows: found by robust statistics, named in the report, and left out.
 
-Each statistic says nothing of what motion a log is of. It is high where a sensor failed for a row, a unit is another, or
-a column is not what its name says. A log departs where a statistic is many times the median of the other logs, and
+Each statistic says nothing of what motion a log is of. It is high where a sensor failed for a row, a unit is another,
+or a column is not what its name says. A log departs where a statistic is many times the median of the other logs, and
 beyond a floor. So effects that differ from log to log, such as a clock or a payload, do not make a log depart.
 """
 
@@ -26,11 +26,11 @@ SPIKE_FLOORS = {
     "joint_pos": 0.05,
     "joint_vel": 5.0,
     "cmd_pos": 0.1,
-    "cmd_vel": 5.0,
+    "cmd_vel": 1.0,
     "cmd_tau": 1.0,
     "tau": 1.0,
-    "cmd_kp": 30.0,
-    "cmd_kd": 1.0,
+    "cmd_kp": 5.0,
+    "cmd_kd": 0.2,
 }
 """Quantity → height of a spike, in its unit, that is one."""
 SHARE_OF_SPREAD = 1.0
@@ -143,20 +143,46 @@ def magnitudes(log: Log) -> Values:
     return {"joints": float(np.median(sizes))} if sizes else {}
 
 
-def torque_ratios(log: Log) -> Values:
-    """Measured torque over commanded torque of each joint, root mean squares, and the inverse."""
+def commanded_torques(log: Log) -> dict[str, np.ndarray]:
+    """Torque that was asked of each joint whose position was measured, N·m, (rows,); velocities may be missing."""
     found = {}
     for joint in log.joints:
-        if f"tau/{joint}" not in log or f"joint_pos/{joint}" not in log or f"joint_vel/{joint}" not in log:
-            continue
-        sent = log[f"cmd_tau/{joint}"]
-        sent = sent + log[f"cmd_kp/{joint}"] * (log[f"cmd_pos/{joint}"] - log[f"joint_pos/{joint}"])
-        sent = sent + log[f"cmd_kd/{joint}"] * (log[f"cmd_vel/{joint}"] - log[f"joint_vel/{joint}"])
-        measured = float(np.sqrt(np.mean(log[f"tau/{joint}"] ** 2)))
-        asked = float(np.sqrt(np.mean(sent**2)))
-        if measured > 0 and asked > 0:
-            found |= {f"tau/{joint}": measured / asked, f"command of {joint}": asked / measured}
+        if f"joint_pos/{joint}" in log:
+            torque = log[f"cmd_tau/{joint}"]
+            torque = torque + log[f"cmd_kp/{joint}"] * (log[f"cmd_pos/{joint}"] - log[f"joint_pos/{joint}"])
+            if f"joint_vel/{joint}" in log:
+                torque = torque + log[f"cmd_kd/{joint}"] * (log[f"cmd_vel/{joint}"] - log[f"joint_vel/{joint}"])
+            found[joint] = torque
     return found
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def torque_sizes(log: Log) -> Values:
+    """Root mean square of the torque that was asked of each joint, N·m."""
+    return {joint: rms(torque) for joint, torque in commanded_torques(log).items()}
+
+
+def torque_ratios(log: Log) -> Values:
+    """Measured torque over commanded torque of each joint, root mean squares, and the inverse."""
+    found: dict[str, float] = {}
+    for joint, torque in commanded_torques(log).items():
+        if f"tau/{joint}" in log and rms(torque) > 0 and rms(log[f"tau/{joint}"]) > 0:
+            ratio = rms(log[f"tau/{joint}"]) / rms(torque)
+            found |= {f"tau/{joint}": ratio, f"command of {joint}": 1 / ratio}
+    return found
+
+
+def torque_residuals(log: Log) -> Values:
+    """Largest difference of measured and commanded torque of each joint, in root mean squares of the measured one."""
+    return {
+        joint: float(np.abs(log[f"tau/{joint}"] - torque).max()) / rms(log[f"tau/{joint}"])
+        for joint, torque in commanded_torques(log).items()
+        if f"tau/{joint}" in log and rms(log[f"tau/{joint}"]) > 0
+    }
 
 
 def still_rows(log: Log) -> Values:
@@ -186,9 +212,18 @@ def turned_round(logs: Sequence[Log]) -> list[str]:
 
 
 STATISTICS = (
-    Statistic(spikes, 10.0, 1.0, "{channel} leaves its course for a few rows, {value} times what counts as a spike"),
     Statistic(magnitudes, 15.0, 6.3, "positions and set points of its joints are {value} rad, those of others {usual}"),
+    Statistic(spikes, 10.0, 1.0, "{channel} leaves its course for a few rows, {value} times what counts as a spike"),
     Statistic(tracking_errors, 10.0, 0.3, "{channel} is {value} rad from its set point, in the other logs {usual}"),
-    Statistic(torque_ratios, 5.0, 1.0, "{channel} is {value} times what belongs to it, in the other logs {usual} times"),
+    Statistic(
+        torque_ratios, 5.0, 1.0, "{channel} is {value} times what belongs to it, in the other logs {usual} times"
+    ),
+    Statistic(torque_sizes, 100.0, 1.0, "{value} N·m were asked of {channel}, in the other logs {usual} N·m"),
+    Statistic(
+        torque_residuals,
+        10.0,
+        0.3,
+        "measured and commanded torque of {channel} differ in a row by {value} times their size, in the others {usual}",
+    ),
     Statistic(still_rows, 1.3, 0.98, "{channel} stands still while it is asked to move, and moves in the other logs"),
 )

@@ -1,6 +1,5 @@
 """Foreign files: what is opened at all, how much of it is taken into memory, and what a broken one becomes."""
 
-import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,7 +26,7 @@ KINDS = {
 def check_file(path: Path, expected: str, do: str) -> None:
     """``InputError`` unless the path is an ordinary file, or a link to one; others might wait for ever or never end."""
     try:
-        mode = os.stat(path).st_mode
+        mode = path.stat().st_mode
     except FileNotFoundError:
         raise InputError(path, "no such file", expected, do) from None
     except (OSError, ValueError) as error:

@@ -266,7 +266,7 @@ def check(log: Log) -> None:
     if len(back):
         raise InputError(
             f"{where}, column time",
-            f"a step of {np.diff(log.columns['time'])[back[0]]:g} s after row {back[0]}",
+            f"a step of {np.diff(log.columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(log, back)}",
             "strictly increasing times",
             "sort the rows, or repair the clock",
         )
@@ -295,6 +295,13 @@ def check(log: Log) -> None:
                 "unit quaternions w x y z",
                 "normalise them, and check their order",
             )
+
+
+def copies_in_words(log: Log, rows: np.ndarray) -> str:
+    """Whether the rows after these are copies of them in every column, in words; empty where they are not."""
+    if not all((values[rows] == values[rows + 1]).all() for values in log.columns.values()):
+        return ""
+    return f" ({len(rows)} rows are there twice, equal in every column)"
 
 
 def write_log(log: Log, path: Path) -> None:
@@ -334,7 +341,7 @@ def read_log(path: Path) -> Log:
 def read_parquet(path: Path) -> tuple[pa.Table, Mapping[bytes, bytes]]:
     """The table of a log file and its metadata, its size checked before it is read and its pages as they are read."""
     with pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False) as file:
-        stated, metadata = file.metadata, file.schema_arrow.metadata or {}
+        stated, metadata = file.metadata, file.metadata.metadata or {}
         if METADATA_KEY not in metadata:
             raise InputError(path, "no metadata 'leapgap'", "a log of this project", "import it: leapgap import")
         groups = sum(stated.row_group(i).total_byte_size for i in range(stated.num_row_groups))
@@ -376,6 +383,6 @@ def read_logs(folder: Path) -> list[Log]:
     if len(errors) > 1:
         found = "\n".join(f"  {error}" for error in errors)
         raise InputError(folder, f"{len(errors)} logs that cannot be used:\n{found}\n ", "whole logs", "repair them")
-    for error in errors:
-        raise error
+    if errors:
+        raise errors[0]
     return logs

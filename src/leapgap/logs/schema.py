@@ -59,7 +59,9 @@ QUANTITIES = {
         Quantity("foot_force", "N", "foot", "foot sensor, as logged", -1e6, 1e6),
         Quantity("contact", "1", "foot", "1 where the foot touches, 0 where it does not", 0, 1),
         Quantity("supply_voltage", "V", "log", "of the motors' supply", 0, 2000),
-        Quantity("mpc_force", "N", "pair", "ground force on the robot that the MPC asked for", -1e6, 1e6, PAIR_FORCE_AXES),
+        Quantity(
+            "mpc_force", "N", "pair", "ground force on the robot that the MPC asked for", -1e6, 1e6, PAIR_FORCE_AXES
+        ),
         Quantity("pd_force", "N", "pair", "ground force that the joint PD stands for", -1e6, 1e6, PAIR_FORCE_AXES),
         Quantity("train_force", "N", "pair", "the source's own filtered force", -1e6, 1e6, PAIR_FORCE_AXES),
     )
