@@ -36,7 +36,7 @@ docs: .venv/ready
 	mkdocs build -q --strict
 	@echo "open site/index.html"
 
-# Hostile ticks and kills, about an hour: metrics/hostile.json. A part of it: python -m tests.hostile.run --help
+# Hostile ticks, kills and corrupted logs, about an hour: metrics/hostile.json. A part of it: python -m tests.hostile.run --help
 hostile: export OMP_NUM_THREADS := 1
 hostile: .venv/ready
 	python -m tests.hostile.run

@@ -27,7 +27,7 @@ LARGEST_PD_ERROR = 3.0
 LARGEST_UNIT_RATIO = 5.0
 """Ratio of the motion of a set point to that of its joint; units that are confused differ by 57 or more."""
 ROUGH, WIDE = 1.0, 0.1
-"""Mean squared step of a column over its variance (2 for rows in random order); spread, rad, from which on it counts."""
+"""Mean squared step of a column over its variance, 2 for rows in random order; spread, rad, where it counts."""
 JUMP, JUMP_RATIO, JUMPING_SHARE = 0.05, 10.0, 0.5
 """Lost rows: a step beyond what the velocities say, rad, its ratio to the 99th percentile, share of the joints."""
 LONGEST_STEP = 3.0
@@ -136,7 +136,7 @@ def check_steps(
         name = [one for one, moves in zip(names, moving, strict=True) if moves][largest]
         raise InputError(
             f"{where}, row {row + 1}",
-            f"a leap of half of the columns from the row before, {name} by {beyond[row, largest]:.2g} beyond its velocity",
+            f"a leap of half of the columns from the row before, {name} by {beyond[row, largest]:.2g} beyond its speed",
             "rows that follow each other",
             "rows were lost here: cut the log, or give it its own time stamps",
         )
