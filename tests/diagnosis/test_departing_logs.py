@@ -1,15 +1,19 @@
 """Logs that depart from their fellows are found; logs that only differ are not."""
 
+import json
 import os
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
+from leapgap.cli import main
 from leapgap.diagnosis.departing_logs import without_departing
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
+from tests import plain_arm
 from tests.hostile.base_logs import Columns, arm_log
 
 INFO = LogInfo("arm", 0.01, "a test")
@@ -74,3 +78,32 @@ def test_no_published_jump_departs(robot: Robot) -> None:
     found = layout.find(Path(os.environ["LEAPGAP_RAW"])).items()
     logs = [layout.read(path, name, robot, layout.Options()) for name, path in found]
     assert len(logs) == 16 and without_departing(logs)[1] == []
+
+
+def test_a_diagnosis_goes_on_and_names_what_it_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, model = plain_arm.write_parquet(tmp_path / "logs", logs=5), plain_arm.write_model(tmp_path)
+    (folder / "swing_1.parquet").write_bytes(b"no Parquet")
+    table = pq.read_table(folder / "swing_3.parquet")
+    values = table["joint_pos/elbow"].to_numpy().copy()
+    values[200] += 1.0
+    place = table.column_names.index("joint_pos/elbow")
+    pq.write_table(table.set_column(place, "joint_pos/elbow", [values]), folder / "swing_3.parquet")
+    call = [
+        "diagnose",
+        str(folder),
+        str(model),
+        "--effects",
+        "joint_damping",
+        "--quiet",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert main(call) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert sorted(report["set_aside"]) == ["swing_1.parquet", "swing_3"]
+    assert "joint_pos/elbow leaves its course" in report["set_aside"]["swing_3"]
+    assert sorted(report["gap_per_log"]) == ["swing_0", "swing_2", "swing_4"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Left out: swing_3: joint_pos/elbow leaves" in page and "Left out: swing_1.parquet" in page
+    assert report["answer"] == [["joint_damping"]]
+    assert "left out swing_3" in capsys.readouterr().out

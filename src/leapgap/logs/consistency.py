@@ -30,6 +30,8 @@ ROUGH, WIDE = 1.0, 0.1
 """Mean squared step of a column over its variance, 2 for rows in random order; spread, rad, where it counts."""
 JUMP, JUMP_RATIO, JUMPING_SHARE = 0.05, 10.0, 0.5
 """Lost rows: a step beyond what the velocities say, rad, its ratio to the 99th percentile, share of the joints."""
+LONGEST_SPIKE = 3
+"""Rows within which an excursion that returns is a spike, and no leap."""
 LONGEST_STEP = 3.0
 """Median steps of the time from which on a step is a gap."""
 TYPICAL = ((180 / np.pi, "degrees for radians"), (1000.0, "mm for m, or ms for s"), (100.0, "cm for m"))
@@ -125,7 +127,11 @@ def check_steps(
     """Half of the moving columns must not leap in one row beyond what their velocities say."""
     if moving.sum() < 2:
         return
-    beyond = np.abs(np.diff(position[:, moving], axis=0) - np.diff(integrated[:, moving], axis=0))
+    drift = position[:, moving] - integrated[:, moving]
+    rows = np.arange(1, len(drift))
+    earlier, later = np.maximum(rows - 1 - LONGEST_SPIKE, 0), np.minimum(rows + LONGEST_SPIKE, len(drift) - 1)
+    ends = (drift[rows] - drift[rows - 1], drift[later] - drift[rows - 1], drift[rows] - drift[earlier])
+    beyond = np.min(np.abs(ends), axis=0)  # small at both sides of a spike, which returns within a few rows
     steps = np.diff(time)
     beyond[steps > LONGEST_STEP * np.median(steps)] = 0.0  # across a gap that the time states, no velocity is known
     usual = np.percentile(beyond, 99, axis=0)
