@@ -128,6 +128,8 @@ def check_steps(
     if moving.sum() < 2:
         return
     drift = position[:, moving] - integrated[:, moving]
+    if np.abs(drift[1:] - drift[:-1]).max() <= JUMP:
+        return
     rows = np.arange(1, len(drift))
     earlier, later = np.maximum(rows - 1 - LONGEST_SPIKE, 0), np.minimum(rows + LONGEST_SPIKE, len(drift) - 1)
     ends = (drift[rows] - drift[rows - 1], drift[later] - drift[rows - 1], drift[rows] - drift[earlier])
