@@ -76,8 +76,8 @@ docs: .venv/ready
 	mkdocs build -q --strict
 	@echo "open site/index.html"
 
-# Hostile ticks and kills, about an hour: metrics/hostile.json. Ended, it goes on where it was (data/hostile). A part of
-# it: python -m tests.hostile.run --help
+# Hostile ticks, kills and corrupted logs, about an hour: metrics/hostile.json. Ended, it goes on where it was
+# (data/hostile). A part of it: python -m tests.hostile.run --help
 hostile: export OMP_NUM_THREADS := 1
 hostile: .venv/ready
 	python -m tests.hostile.run

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 
 from leapgap.jumping.learning import window_extraction, windows
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.logs import log as jump
+from leapgap.logs.reading import read_folder
 from leapgap.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
@@ -42,9 +42,11 @@ def chunk(config: DictConfig) -> None:
     """Read a folder of jump logs and write their windows."""
     section = read_config(ChunkSettings, config.chunk, "chunk")
     out = output_folder(section.out, STAGE, [section.logs, config.robot.model])
-    extracted = window_extraction.cut(
-        jump.read_logs(Path(section.logs)), section.grid, load_robot(config), section.force
-    )
+    robot = load_robot(config)
+    readings = read_folder(Path(section.logs), robot)
+    extracted = window_extraction.cut(list(readings.logs), section.grid, robot, section.force)
+    for line in readings.lines():
+        print(line)
     with whole_folder(out, STAGE) as folder:
         windows.write(extracted, folder)
     print(

@@ -14,6 +14,7 @@ from leapgap.errors import InputError
 from leapgap.jumping import published_a1  # noqa: F401 (found by its entry point; named so that DVC knows its code)
 from leapgap.logs import log as log_file
 from leapgap.logs.importers import log_format
+from leapgap.logs.reading import read_foreign
 from leapgap.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
@@ -22,7 +23,10 @@ STAGE = "stages.import_logs"
 
 
 def import_logs(config: DictConfig) -> None:
-    """Import every log of ``import_logs.source``; one that cannot be used stops the stage and writes nothing."""
+    """Import every log of ``import_logs.source``; those that cannot be used are set aside and listed.
+
+    Where fewer than two others are left, nothing is written.
+    """
     settings = config.import_logs
     source = Path(settings.source)
     if not source.exists():
@@ -31,14 +35,14 @@ def import_logs(config: DictConfig) -> None:
     layout = log_format(settings.format)
     options: Any = read_config(layout.Options, section(settings), f"import_logs.{settings.format}")
     robot = load_robot(config)
-    paths = layout.find(source)
-    number = 0
+    readings = read_foreign(layout, source, robot, options)
     with whole_folder(out, STAGE) as folder:
-        for name, path in paths.items():
-            for log in layout.read_all(path, name, robot, options):
-                log_file.write_log(log, folder / f"{log.name}.parquet")
-                number += 1
-    print(f"{number} logs imported" if paths else f"no logs in {source}: none of a real robot, which is no error")
+        for log in readings.logs:
+            log_file.write_log(log, folder / f"{log.name}.parquet")
+    for line in readings.lines():
+        print(line)
+    number = len(readings.logs)
+    print(f"{number} logs imported" if number else f"no logs in {source}: none of a real robot, which is no error")
 
 
 def section(settings: DictConfig) -> DictConfig:

@@ -14,8 +14,10 @@ from leapgap.diagnosis.provenance import Provenance
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs import log as log_file
+from leapgap.logs import reading
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log
+from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer, Rollout
@@ -38,24 +40,32 @@ def read_logs(
         return list(source)
     path = Path(source)
     if format is not None:
-        logs = read_foreign(path, format, robot, options)
-    else:
-        logs = log_file.read_logs(path) if path.is_dir() else [log_file.read_log(path)]
+        readings = read_foreign(path, format, robot, options)
+        if readings.set_aside:
+            found = "\n".join(map(str, readings.set_aside))
+            raise InputError(path, f"logs that cannot be used:\n{found}\n ", "whole logs", "repair or remove them")
+        return list(readings.logs)
+    return some(log_file.read_logs(path) if path.is_dir() else [log_file.read_log(path)], path, "*.parquet")
+
+
+def some(logs: Sequence[Log], path: Path, kind: str) -> list[Log]:
+    """The logs; none is an ``InputError``."""
     if not logs:
-        kind = "*.parquet" if format is None else f"logs of format {format}"
         raise InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
-    return logs
+    return list(logs)
 
 
-def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> list[Log]:
-    """Logs of another format, of a file or below a folder."""
+def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> Readings:
+    """Logs of another format, of a file or below a folder; those that cannot be used are set aside, if two are left."""
     layout = log_format(format)
     if robot is None:
         raise InputError("read_logs", "no robot", "the model whose joints the logs are of", "name robot=…")
     if not path.exists():
         raise InputError(path, "no such folder", f"a folder or file of logs of format {format}", "name the folder")
     loaded, chosen = load_robot(robot), layout.Options() if options is None else options
-    return [log for name, one in layout.find(path).items() for log in layout.read_all(one, name, loaded, chosen)]
+    readings = reading.read_foreign(layout, path, loaded, chosen)
+    some(readings.logs, path, f"logs of format {format}")
+    return readings
 
 
 def load_robot(robot: Robot | PathLike) -> Robot:
@@ -117,16 +127,36 @@ def diagnose(
 ) -> Report:
     """Where the simulation differs from the logs, which effect causes it, and how far the gap shrinks with it.
 
-    ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given. ``effects`` are classes
-    of your own that are looked for beside the known ones. ``descriptions`` are other models of the same robot, each
-    judged as it is. ``progress`` is told lines for a person; ``threads`` (all cores, where it is None) change the time
-    it takes and nothing else.
+    Of a folder, logs that cannot be used are set aside, and so are, of any logs, those that depart from their fellows;
+    the report names them. ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given.
+    ``effects`` are classes of your own that are looked for beside the known ones. ``descriptions`` are other models of
+    the same robot, each judged as it is. ``progress`` is told lines for a person; ``threads`` (all cores, where it is
+    None) change the time it takes and nothing else.
     """
-    read, loaded, chosen = read_logs(logs), load_robot(robot), settings or Settings()
+    loaded, chosen = load_robot(robot), settings or Settings()
+    if isinstance(logs, PathLike) and Path(logs).is_dir():
+        readings = reading.read_folder(Path(logs), loaded)
+        read = some(readings.logs, Path(logs), "*.parquet")
+    else:
+        read = read_logs(logs)
+        readings = Readings(tuple(read))
+    for line in readings.lines():
+        progress(line)
     provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
     record = recorder() if find_spec("rerun") else None
     others = [load_robot(one) for one in descriptions]
-    return diagnose_logs(read, loaded, chosen, tuple(effects), provenance, progress, threads, record, others)
+    return diagnose_logs(
+        read,
+        loaded,
+        chosen,
+        tuple(effects),
+        provenance,
+        progress,
+        threads,
+        record,
+        descriptions=others,
+        set_aside=readings.set_aside,
+    )
 
 
 def file_hashes(source: Logs, logs: Sequence[Log]) -> dict[str, str] | None:

@@ -266,8 +266,11 @@ def run_import(chosen: argparse.Namespace) -> None:
     check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)
     name, values = import_options(chosen.options, chosen.format)
     options = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
-    logs = api.read_logs(chosen.source, name, robot_of(chosen), options)
+    readings = api.read_foreign(chosen.source, name, robot_of(chosen), options)
+    logs = readings.logs
     write_all(logs, chosen.out, IMPORT)
+    for line in readings.lines():
+        print(line, file=sys.stderr)
     for log in logs:
         print(import_line(log))
     print(f"{len(logs)} logs: {chosen.out}")

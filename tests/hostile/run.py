@@ -16,6 +16,7 @@ from pathlib import Path
 
 from leapgap.atomic_io import write_json
 from tests.code import ROOT
+from tests.hostile import logs as hostile_logs
 from tests.hostile.kills import kill_number
 from tests.hostile.ticks import a1_and_reference, bad_problems, hostile_ticks
 
@@ -95,8 +96,13 @@ def code_hash() -> str:
     return hashed.hexdigest()
 
 
+def logs(chosen: argparse.Namespace, progress: "Progress") -> Mapping[str, int]:
+    """Corrupted logs for every reader, each classified."""
+    return progress.total("logs", 1, lambda _: hostile_logs.all_cases(SEED))
+
+
 Part = Callable[[argparse.Namespace, Progress], Mapping[str, int]]
-PARTS: Mapping[str, Part] = {"ticks": ticks, "kills": kills}
+PARTS: Mapping[str, Part] = {"ticks": ticks, "kills": kills, "logs": logs}
 
 
 def main() -> None:

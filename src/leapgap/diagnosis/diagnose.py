@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -154,6 +155,7 @@ def diagnose(
     threads: int | None = None,
     own: Sequence[type[Effect]] = (),
     descriptions: Sequence[Robot] = (),
+    set_aside: Mapping[str, str] = MappingProxyType({}),
 ) -> Diagnosis:
     """Find where the gap lies, which effects cause it, and how far it shrinks on logs not fitted on.
 
@@ -161,6 +163,7 @@ def diagnose(
     ``own`` are a user's effect classes, looked for beside the known ones (or those of them that the settings name).
     ``descriptions`` are other models of the same robot, each judged as it is. ``threads`` (all cores, where it is None)
     change the time it takes and nothing else.
+    ``set_aside`` are names and reasons of logs that were left out before, for the report.
     """
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
@@ -229,6 +232,7 @@ def diagnose(
         gap_per_log=by_log[0],
         landing_misplaced_m=by_log[1],
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
+        set_aside=dict(set_aside),
     )
     return Diagnosis(
         report,

@@ -76,9 +76,7 @@ class Slopes:
         square = max(float(by @ by), 1e-12)
         whole = errors.whole - self.errors.whole - self.whole @ by
         pieces = errors.pieces - self.errors.pieces - self.pieces @ by
-        return Slopes(
-            errors, self.whole + whole[:, None] * by / square, self.pieces + pieces[:, :, None] * by / square
-        )
+        return Slopes(errors, self.whole + whole[:, None] * by / square, self.pieces + pieces[:, :, None] * by / square)
 
 
 @dataclass(frozen=True)

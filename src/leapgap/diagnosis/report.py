@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from leapgap.diagnosis.checks import CheckResult
@@ -115,6 +115,8 @@ class ReportContent:
     """Error of the trunk's x in the last judged row (touch-down), simulated − logged: nominal and corrected (held out)
     of each log; empty without a base."""
     provenance: Provenance
+    set_aside: Mapping[str, str] = field(default_factory=dict)
+    """Name → reason of each log that was left out: it could not be used, or departs from its fellows."""
 
     @property
     def median_log(self) -> str:
@@ -162,6 +164,7 @@ class ReportContent:
                 ],
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
+                "set_aside": dict(self.set_aside),
                 "gap_per_log": self.gap_per_log,
                 "landing_misplaced_m": self.landing_misplaced_m,
                 "provenance": asdict(self.provenance),

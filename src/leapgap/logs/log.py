@@ -5,6 +5,7 @@ form (its planned motion in the measured columns), so the same code reads both.
 """
 
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -19,7 +20,17 @@ import pyarrow.parquet as pq
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
-from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS, PAIR_FORCE_AXES
+from leapgap.logs.consistency import check_physics
+from leapgap.logs.files import VALUE_BYTES, check_file, check_values_fit, decoding
+from leapgap.logs.metadata import read_metadata
+from leapgap.logs.schema import (
+    BASE_POSITION,
+    BASE_QUATERNION,
+    COMMANDS,
+    PAIR_FORCE_AXES,
+    check_kind,
+    check_values,
+)
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
@@ -27,7 +38,9 @@ from leapgap.robot.terrain import Box
 FORMAT_VERSION = 2
 JUMP_VERSION = 1
 """Version of the logs of jumps, which state ``schedule`` and ``target`` instead of segments."""
-METADATA_KEY = b"leapgap"
+MANY_VALUES = 3_000_000
+"""Values from which on columns are read by several threads; below, threads take longer than they save."""
+METADATA_KEY, CHECKSUM_KEY = b"leapgap", b"leapgap_crc32"
 
 
 @dataclass(frozen=True)
@@ -74,7 +87,7 @@ class LogInfo:
     def from_json(text: str | bytes, where: object) -> "LogInfo":
         """Metadata from their JSON text; ``InputError`` names what is missing or invalid."""
         try:
-            raw: dict[str, Any] = json.loads(text)
+            raw = read_metadata(text, where)
             version = raw.pop("format_version")
             if version not in (JUMP_VERSION, FORMAT_VERSION):
                 expected = f"{JUMP_VERSION} or {FORMAT_VERSION}"
@@ -263,7 +276,7 @@ def check(log: Log) -> None:
     if len(back):
         raise InputError(
             f"{where}, column time",
-            f"a step of {np.diff(log.columns['time'])[back[0]]:g} s after row {back[0]}",
+            f"a step of {np.diff(log.columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(log, back)}",
             "strictly increasing times",
             "sort the rows, or repair the clock",
         )
@@ -294,37 +307,92 @@ def check(log: Log) -> None:
             )
 
 
+def copies_in_words(log: Log, rows: np.ndarray) -> str:
+    """Whether the rows after these are copies of them in every column, in words; empty where they are not."""
+    if not all((values[rows] == values[rows + 1]).all() for values in log.columns.values()):
+        return ""
+    return f" ({len(rows)} rows are there twice, equal in every column)"
+
+
 def write_log(log: Log, path: Path) -> None:
-    """Write one log; equal logs give equal bytes."""
+    """Write one log; equal logs give equal bytes. Its pages and its header carry checksums."""
     table = pa.table({name: np.ascontiguousarray(values) for name, values in log.columns.items()})
-    table = table.replace_schema_metadata({METADATA_KEY: log.info.to_json().encode()})
+    text = log.info.to_json().encode()
+    checksum = header_checksum(text, table.schema.names, table.num_rows)
+    table = table.replace_schema_metadata({METADATA_KEY: text, CHECKSUM_KEY: checksum})
     with whole_file(path) as beside:
-        pq.write_table(table, beside, compression="zstd")
+        pq.write_table(table, beside, compression="zstd", write_page_checksum=True)
+
+
+def header_checksum(text: bytes, columns: Sequence[str], rows: int) -> bytes:
+    """CRC-32 of metadata, names of columns and number of rows, in hex: what the checksums of pages do not cover."""
+    return b"%08x" % zlib.crc32("\0".join(columns).encode(), zlib.crc32(b"%d" % rows, zlib.crc32(text)))
 
 
 def read_log(path: Path) -> Log:
-    """Read one log; its name is the stem of the file's name."""
-    if not path.is_file():
-        raise InputError(path, "no such file", "a log (Parquet)", "import or collect logs first")
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no readable Parquet ({error})", "a whole log", "import the log anew") from None
-    metadata = table.schema.metadata or {}
-    if METADATA_KEY not in metadata:
-        raise InputError(path, "no metadata 'leapgap'", "a log of this project", "import it: leapgap import")
-    try:
-        columns = {name: table[name].to_numpy().astype(np.float64) for name in table.column_names}
-    except (ValueError, TypeError) as error:
-        raise InputError(path, f"a column that is not numeric ({error})", "float64 columns", "import it anew") from None
-    info = LogInfo.from_json(metadata[METADATA_KEY], path)
-    log = Log(path.stem, columns, info)
+    """Read one log, verified and checked; its name is the stem of the file's name."""
+    check_file(path, "a log (Parquet)", "import or collect logs first")
+    with decoding(path, "Parquet", "import the log anew"):
+        table, metadata = read_parquet(path)
+        columns = {name: column.to_numpy() for name, column in zip(table.column_names, table.columns, strict=True)}
+    text = metadata[METADATA_KEY]
+    checksum = header_checksum(text, table.column_names, table.num_rows)
+    if metadata.get(CHECKSUM_KEY, checksum) != checksum:
+        raise InputError(path, "a header that is not as it was written", "a whole log", "import the log anew")
+    for name, values in columns.items():
+        check_kind(name, values.dtype.kind, path)
+    info = LogInfo.from_json(text, path)
+    log = Log(path.stem, {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}, info)
     check_period(path, log.time, info.sample_period_s)
+    check_read(log, path)
     return log
 
 
+def read_parquet(path: Path) -> tuple[pa.Table, Mapping[bytes, bytes]]:
+    """The table of a log file and its metadata, its size checked before it is read and its pages as they are read."""
+    with pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False) as file:
+        stated, metadata = file.metadata, file.metadata.metadata or {}
+        if METADATA_KEY not in metadata:
+            raise InputError(path, "no metadata 'leapgap'", "a log of this project", "import it: leapgap import")
+        groups = sum(stated.row_group(i).total_byte_size for i in range(stated.num_row_groups))
+        check_values_fit(path, max(stated.num_rows * stated.num_columns, groups / VALUE_BYTES))
+        check_schema(file.schema_arrow, path)
+        return file.read(use_threads=stated.num_rows * stated.num_columns > MANY_VALUES), metadata
+
+
+def check_schema(schema: pa.Schema, path: Path) -> None:
+    """``InputError`` for a column that is not numeric, or is there twice."""
+    if len(set(schema.names)) < len(schema.names):
+        twice = next(name for name in schema.names if schema.names.count(name) > 1)
+        raise InputError(path, f"{schema.names.count(twice)} columns {twice}", "one of each name", "import it anew")
+    for name, kind in zip(schema.names, schema.types, strict=True):
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)):
+            found = f"a column that is not numeric ({name}: {kind})"
+            raise InputError(path, found, "float64 columns", "import it anew")
+
+
+def check_read(log: Log, where: object) -> None:
+    """What every reader checks of a log from a file: possible values, and agreement with physics."""
+    check_values(log.columns, where)
+    check_physics(log.columns, log.joints, where)
+
+
 def read_logs(folder: Path) -> list[Log]:
-    """All logs of a folder, in the order of their names; empty where there is none."""
+    """All logs of a folder, in the order of their names; empty where there is none.
+
+    ``InputError`` lists all files that cannot be used; ``reading.read_folder`` goes on without them.
+    """
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
-    return [read_log(path) for path in sorted(folder.glob("*.parquet"))]
+    logs, errors = [], []
+    for path in sorted(folder.glob("*.parquet")):
+        try:
+            logs.append(read_log(path))
+        except InputError as error:
+            errors.append(error)
+    if len(errors) > 1:
+        found = "\n".join(f"  {error}" for error in errors)
+        raise InputError(folder, f"{len(errors)} logs that cannot be used:\n{found}\n ", "whole logs", "repair them")
+    if errors:
+        raise errors[0]
+    return logs

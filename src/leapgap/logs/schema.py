@@ -1,7 +1,12 @@
-"""The columns of a log as data: name, unit and kind of each quantity."""
+"""The columns of a log as data: name, unit, kind and possible values of each quantity. Every reader goes through it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
+import numpy as np
+
+from leapgap.errors import InputError
 from leapgap.robot.topology import PAIRS
 
 
@@ -14,6 +19,10 @@ class Quantity:
     per: str
     """``base``, ``joint``, ``foot``, ``pair`` or ``log``: one value a row."""
     meaning: str
+    low: float
+    """Values below this one are impossible for any robot, in the quantity's unit."""
+    high: float
+    """The same of values above."""
     components: tuple[str, ...] = ()
     """Suffixes of the name in the columns of the base."""
 
@@ -34,25 +43,27 @@ XYZ, WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
 QUANTITIES = {
     quantity.name: quantity
     for quantity in (
-        Quantity("base_pos", "m", "base", "origin of the base body in the world", XYZ),
-        Quantity("base_quat", "1", "base", "base to world", WXYZ),
-        Quantity("base_linvel", "m/s", "base", "velocity of that origin in the world", XYZ),
-        Quantity("base_angvel", "rad/s", "base", "in base axes, as a gyro reads it", XYZ),
-        Quantity("imu_acc", "m/s²", "base", "acceleration that the IMU measured", XYZ),
-        Quantity("joint_pos", "rad", "joint", "measured position"),
-        Quantity("joint_vel", "rad/s", "joint", "measured velocity"),
-        Quantity("tau", "N·m", "joint", "measured torque"),
-        Quantity("cmd_tau", "N·m", "joint", "feed-forward torque that was sent"),
-        Quantity("cmd_pos", "rad", "joint", "set point of the joint PD"),
-        Quantity("cmd_vel", "rad/s", "joint", "set point of the joint PD"),
-        Quantity("cmd_kp", "N·m/rad", "joint", "gain of the joint PD"),
-        Quantity("cmd_kd", "N·m·s/rad", "joint", "gain of the joint PD"),
-        Quantity("foot_force", "N", "foot", "foot sensor, as logged"),
-        Quantity("contact", "1", "foot", "1 where the foot touches, 0 where it does not"),
-        Quantity("supply_voltage", "V", "log", "of the motors' supply"),
-        Quantity("mpc_force", "N", "pair", "ground force on the robot that the MPC asked for", PAIR_FORCE_AXES),
-        Quantity("pd_force", "N", "pair", "ground force that the joint PD stands for", PAIR_FORCE_AXES),
-        Quantity("train_force", "N", "pair", "the source's own filtered force", PAIR_FORCE_AXES),
+        Quantity("base_pos", "m", "base", "origin of the base body in the world", -1e7, 1e7, XYZ),
+        Quantity("base_quat", "1", "base", "base to world", -1.01, 1.01, WXYZ),
+        Quantity("base_linvel", "m/s", "base", "velocity of that origin in the world", -300, 300, XYZ),
+        Quantity("base_angvel", "rad/s", "base", "in base axes, as a gyro reads it", -1e3, 1e3, XYZ),
+        Quantity("imu_acc", "m/s²", "base", "acceleration that the IMU measured", -1e5, 1e5, XYZ),
+        Quantity("joint_pos", "rad", "joint", "measured position", -1e4, 1e4),
+        Quantity("joint_vel", "rad/s", "joint", "measured velocity", -5e3, 5e3),
+        Quantity("tau", "N·m", "joint", "measured torque", -1e5, 1e5),
+        Quantity("cmd_tau", "N·m", "joint", "feed-forward torque that was sent", -1e5, 1e5),
+        Quantity("cmd_pos", "rad", "joint", "set point of the joint PD", -1e4, 1e4),
+        Quantity("cmd_vel", "rad/s", "joint", "set point of the joint PD", -5e3, 5e3),
+        Quantity("cmd_kp", "N·m/rad", "joint", "gain of the joint PD", 0, 1e6),
+        Quantity("cmd_kd", "N·m·s/rad", "joint", "gain of the joint PD", 0, 1e5),
+        Quantity("foot_force", "N", "foot", "foot sensor, as logged", -1e6, 1e6),
+        Quantity("contact", "1", "foot", "1 where the foot touches, 0 where it does not", 0, 1),
+        Quantity("supply_voltage", "V", "log", "of the motors' supply", 0, 2000),
+        Quantity(
+            "mpc_force", "N", "pair", "ground force on the robot that the MPC asked for", -1e6, 1e6, PAIR_FORCE_AXES
+        ),
+        Quantity("pd_force", "N", "pair", "ground force that the joint PD stands for", -1e6, 1e6, PAIR_FORCE_AXES),
+        Quantity("train_force", "N", "pair", "the source's own filtered force", -1e6, 1e6, PAIR_FORCE_AXES),
     )
 }
 """Every quantity by name; a log holds some of them, and may hold other columns."""
@@ -70,3 +81,39 @@ def quantity_of(column: str) -> Quantity | None:
     if name in QUANTITIES and bool(part) == (QUANTITIES[name].per in ("joint", "foot", "pair")):
         return QUANTITIES[name]
     return next((quantity for quantity in QUANTITIES.values() if column in quantity.columns), None)
+
+
+LATEST_S = 1e7
+"""Latest time in a log, s: time counts from its first row, not from an epoch."""
+KINDS_OF_NUMBERS = "biuf"
+"""NumPy's letters for truth values, whole numbers with and without sign, and floats."""
+
+
+@cache
+def limits(column: str) -> tuple[float, float, str]:
+    """Lowest and highest possible value of a column, and its unit; of an unknown column every finite number."""
+    if column == "time":
+        return -LATEST_S, LATEST_S, "s"
+    quantity = quantity_of(column)
+    return (quantity.low, quantity.high, quantity.unit) if quantity else (-np.inf, np.inf, "")
+
+
+def check_values(columns: Mapping[str, np.ndarray], where: object) -> None:
+    """``InputError`` for the first column with values that no robot can have."""
+    for name, values in columns.items():
+        low, high, unit = limits(name)
+        if low <= values.min() and values.max() <= high:
+            continue
+        bad = np.flatnonzero((values < low) | (values > high))
+        raise InputError(
+            f"{where}, column {name}",
+            f"{values[bad[0]]:g} in row {bad[0]} ({len(bad)} such values)",
+            f"{low:g} to {high:g} {unit}".rstrip(),
+            "correct its unit or factor, or leave the log out",
+        )
+
+
+def check_kind(column: str, kind: str, where: object) -> None:
+    """``InputError`` for a column of texts, dates or objects; ``kind`` is NumPy's letter for its type."""
+    if kind not in KINDS_OF_NUMBERS:
+        raise InputError(f"{where}, column {column}", "a column that is not numeric", "float64", "export it anew")

@@ -7,12 +7,14 @@ from tempfile import TemporaryDirectory
 
 from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.blas import one_blas_thread
+from leapgap.diagnosis.departing_logs import without_departing
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
 from leapgap.logs.cutting import at_least_two
-from leapgap.logs.log import Log, read_logs
+from leapgap.logs.log import Log
+from leapgap.logs.reading import SetAside, read_folder
 from leapgap.logs.stretches import choose_stretches
 from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
@@ -103,6 +105,7 @@ class Report:
         ]
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
+        lines += [f"left out {name}: {reason}" for name, reason in content.set_aside.items()]
         if content.not_judged:
             lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
@@ -167,24 +170,27 @@ def diagnose_logs(
     threads: int | None = None,
     record: Callable[[Report, Path], None] | None = None,
     descriptions: Sequence[Robot] = (),
+    set_aside: Sequence[SetAside] = (),
     left_out: Sequence[str] = (),
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
 
-    A single long log is cut into parts, so that there are others to judge a cause on. Of more rows than a diagnosis can
-    use, stretches are taken (``logs.stretches``); the report says so. ``left_out`` are sentences of a caller who has
-    taken them already.
+    A single long log is cut into parts, so that there are others to judge a cause on. Logs that depart from their
+    fellows are left out and named in the report, beside those that were ``set_aside`` when they were read. Of more rows
+    than a diagnosis can use, stretches are taken (``logs.stretches``); the report says so. ``left_out`` are sentences
+    of a caller who has taken them already.
     """
+    logs, departing = without_departing(logs)
+    for one in departing:
+        progress(str(one))
     if not left_out:
         logs, left_out = choose_stretches(logs)
-    logs = at_least_two(logs)
     for sentence in left_out:
         progress(sentence)
+    logs, aside = at_least_two(logs), {one.name: one.reason for one in (*set_aside, *departing)}
     for note in robot.notes:
         progress(f"{robot.name}: {note}")
-    diagnosis = diagnose(
-        logs, robot, settings, provenance, progress=progress, threads=threads, own=own, descriptions=descriptions
-    )
+    diagnosis = diagnose(logs, robot, settings, provenance, progress, threads, own, descriptions, aside)
     if left_out:
         said = (*left_out, *diagnosis.report.not_judged)
         diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said))
@@ -210,12 +216,24 @@ def diagnose_folder(
 
     The report's provenance holds names and hashes of the files, and no path.
     """
-    logs = read_logs(folder)
+    readings = read_folder(folder, robot)
+    logs: Sequence[Log] = readings.logs
     if not logs:
         return None
+    for line in readings.lines():
+        progress(line)
     files = {log.name: sha256(folder / f"{log.name}.parquet") for log in logs}
     provenance = Provenance.of(logs, robot, asdict(settings), files)
     logs, left_out = choose_stretches(logs)  # so that the others are not kept in memory
     return diagnose_logs(
-        logs, robot, settings, own, provenance, progress, threads, descriptions=descriptions, left_out=left_out
+        logs,
+        robot,
+        settings,
+        own,
+        provenance,
+        progress,
+        threads,
+        descriptions=descriptions,
+        set_aside=readings.set_aside,
+        left_out=left_out,
     )

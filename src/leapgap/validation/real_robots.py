@@ -8,6 +8,7 @@ from typing import Any
 from leapgap.diagnosis.report import Cause, ReportContent, round_floats
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
+from leapgap.logs.reading import read_foreign
 from leapgap.robot.model import Robot
 
 Expected = Mapping[str, Mapping[str, Sequence[float]]]
@@ -41,8 +42,7 @@ def is_here(case: RealCase, raw: Path) -> bool:
 def read_case(case: RealCase, raw: Path, layout: LogFormat, options: Any) -> tuple[Robot, list[Log]]:
     """The robot of a case and its logs, from the raw files, by the format and options of its import."""
     robot = Robot.load(raw / case.robot, fix_base=case.fix_base or None)
-    found = layout.find(raw / case.source).items()
-    return robot, [log for name, path in found for log in layout.read_all(path, name, robot, options)]
+    return robot, list(read_foreign(layout, raw / case.source, robot, options).logs)
 
 
 def outcome_of(case: RealCase, report: ReportContent, seconds: float) -> dict[str, Any]:

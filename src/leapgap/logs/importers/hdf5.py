@@ -1,5 +1,6 @@
 """Importer of HDF5 files; arrays in groups are named by their path, such as ``observations/qpos``."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,9 @@ import numpy as np
 from leapgap.errors import InputError, needs
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+
+DEEPEST, MOST_ITEMS = 16, 100_000
+"""Levels of groups, and groups and datasets of all levels, that are looked at."""
 
 
 class Hdf5(TableFormat):
@@ -29,7 +33,7 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
 
     def take(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.shape is None:
+        if item.shape is None:
             return
         names = [name] if item.dtype.names is None else [f"{name}.{one}" for one in item.dtype.names]
         if not any(map(wanted, names)) or item.dtype.hasobject:
@@ -44,7 +48,38 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
 
     try:
         with h5py.File(path, "r") as file:
-            file.visititems(take)
+            for name, item in datasets(file, path):
+                take(name, item)
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise InputError(path, f"no whole HDF5 file ({error})", "datasets of numbers", "save it anew") from None
     return arrays
+
+
+def datasets(file: Any, path: Path) -> Iterator[tuple[str, Any]]:
+    """Datasets by their path in the file, in the order of names; links to other places are not followed.
+
+    A group that holds itself is met once. ``InputError`` where groups lie deeper, or are more, than any log needs.
+    """
+    import h5py
+
+    met, number = {h5py.h5o.get_info(file.id).addr}, 0
+    waiting: list[tuple[str, Any, int]] = [("", file, 0)]
+    while waiting:
+        name, item, depth = waiting.pop()
+        if isinstance(item, h5py.Dataset):
+            yield name, item
+            continue
+        below = []
+        for key in item:
+            number += 1
+            if depth >= DEEPEST or number > MOST_ITEMS:
+                expected = f"at most {MOST_ITEMS} items in {DEEPEST} levels"
+                raise InputError(path, "too many groups, or too deep", expected, "save the arrays alone")
+            if not isinstance(item.get(key, getlink=True), h5py.HardLink):
+                continue
+            found = item[key]
+            address = h5py.h5o.get_info(found.id).addr
+            if address not in met and isinstance(found, h5py.Dataset | h5py.Group):
+                met.add(address)
+                below.append((f"{name}/{key}".removeprefix("/"), found, depth + 1))
+        waiting += reversed(below)

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.logs.files import MOST_BYTES, check_values_fit
 
-MOST_BYTES = 4_000_000_000
-"""A file that would take more memory than this is refused before any of it is taken."""
-VALUE_BYTES = 8
 MOST_DIMENSIONS = 2
 INDEXED = re.compile(r"^(?P<array>.+)\[(?P<index>\d+(?:,\d+)*)\]$")
 """``dof_pos[3]``: the fourth column of an array."""
@@ -28,9 +26,7 @@ def check_size(path: object, values: float, rows: float = 0, most_rows: int | No
     """``InputError`` where a file states more values, or rows, than are taken into memory."""
     if most_rows is not None and rows > most_rows:
         raise InputError(path, f"{rows:.0f} rows", f"at most {most_rows} (most_rows)", "cut the file, or allow more")
-    if values * VALUE_BYTES > MOST_BYTES:
-        found = f"{values:.3g} values"
-        raise InputError(path, found, f"at most {MOST_BYTES // VALUE_BYTES:.3g}", "cut the file into several")
+    check_values_fit(path, values, MOST_BYTES)
 
 
 @dataclass(frozen=True)

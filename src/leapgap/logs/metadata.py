@@ -1,0 +1,133 @@
+"""The metadata of a log as JSON text: bounded in size, every entry of its type and in its range."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from leapgap.errors import InputError
+from leapgap.logs.segments import PHASE_LENGTHS
+
+MOST_CHARACTERS, LONGEST_TEXT = 1_000_000, 10_000
+DEEPEST, MOST_BOXES, MOST_SEGMENTS = 10, 100, 10_000
+SHORTEST_PERIOD_S, LONGEST_PERIOD_S, LONGEST_S = 1e-7, 60.0, 1e7
+FARTHEST_M = 1e5
+DO = "correct the metadata, or import the log anew"
+
+
+def read_metadata(text: str | bytes, where: object) -> dict[str, Any]:
+    """The metadata of a log from their JSON text, checked; ``InputError`` names the entry."""
+    if len(text) > MOST_CHARACTERS:
+        raise InputError(where, f"metadata of {len(text)} characters", f"at most {MOST_CHARACTERS}", DO)
+    try:
+        stated = json.loads(text)
+    except RecursionError:
+        raise InputError(where, "metadata nested too deep to be read", f"at most {DEEPEST} levels", DO) from None
+    if not isinstance(stated, dict):
+        raise InputError(where, f"metadata that are no object but {kind_of(stated)}", "a JSON object", DO)
+    if depth(stated) > DEEPEST:
+        raise InputError(where, f"metadata of {depth(stated)} levels", f"at most {DEEPEST} levels", DO)
+    check_entries(stated, f"{where}, metadata")
+    return stated
+
+
+def check_entries(stated: Mapping[str, Any], where: str) -> None:
+    """Check type and range of the known entries, as far as they are there."""
+    for key in ("robot", "source"):
+        if key in stated:
+            check_text(stated[key], f"{where}, {key}")
+    if "sample_period_s" in stated:
+        check_number(stated["sample_period_s"], SHORTEST_PERIOD_S, LONGEST_PERIOD_S, "s", f"{where}, sample_period_s")
+    for number, box in enumerate(entries(stated, "terrain", MOST_BOXES, where)):
+        check_box(box, f"{where}, terrain[{number}]")
+    for number, segment in enumerate(entries(stated, "segments", MOST_SEGMENTS, where)):
+        check_segment(segment, f"{where}, segments[{number}]")
+    check_numbers(stated, "schedule", PHASE_LENGTHS, 0.0, LONGEST_S, "s", where)
+    check_numbers(stated, "target", ("x_m", "z_m"), -FARTHEST_M, FARTHEST_M, "m", where)
+    for quantity, how in mapping(stated, "derived", where).items():
+        check_text(how, f"{where}, derived.{quantity}")
+
+
+def check_box(box: Any, where: str) -> None:
+    """Check one box of the terrain."""
+    if not isinstance(box, Mapping) or not isinstance(box.get("size_m"), list) or len(box["size_m"]) != 3:
+        raise InputError(where, kind_of(box), "a box with three lengths size_m", DO)
+    for key in ("x_m", "y_m", "top_m"):
+        check_number(box.get(key), -FARTHEST_M, FARTHEST_M, "m", f"{where}.{key}")
+    for length in box["size_m"]:
+        check_number(length, 0.0, FARTHEST_M, "m", f"{where}.size_m")
+    if not isinstance(box.get("estimated", False), bool):
+        raise InputError(f"{where}.estimated", kind_of(box["estimated"]), "true or false", DO)
+
+
+def check_segment(segment: Any, where: str) -> None:
+    """Check one named interval; only its end may be infinite."""
+    if not isinstance(segment, Mapping):
+        raise InputError(where, kind_of(segment), "a name with begin_s and end_s", DO)
+    check_text(segment.get("name"), f"{where}.name")
+    check_number(segment.get("begin_s"), 0.0, LONGEST_S, "s", f"{where}.begin_s")
+    if segment.get("end_s") != math.inf:
+        check_number(segment.get("end_s"), segment["begin_s"], LONGEST_S, "s", f"{where}.end_s")
+
+
+def check_numbers(
+    stated: Mapping[str, Any], key: str, names: tuple[str, ...], low: float, high: float, unit: str, where: str
+) -> None:
+    """Check the numbers of an entry that is a mapping."""
+    found = mapping(stated, key, where)
+    for name in names if found else ():
+        if name in found:
+            check_number(found[name], low, high, unit, f"{where}, {key}.{name}")
+
+
+def mapping(stated: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
+    """An entry that is a mapping; empty where there is none."""
+    found = stated.get(key)
+    if found is None:
+        return {}
+    if not isinstance(found, Mapping):
+        raise InputError(f"{where}, {key}", kind_of(found), "a JSON object", DO)
+    return found
+
+
+def entries(stated: Mapping[str, Any], key: str, most: int, where: str) -> list[Any]:
+    """An entry that is a list; empty where there is none."""
+    found = stated.get(key) or []
+    if not isinstance(found, list) or len(found) > most:
+        number = f"{len(found)} items" if isinstance(found, list) else kind_of(found)
+        raise InputError(f"{where}, {key}", number, f"a list of at most {most}", DO)
+    return found
+
+
+def check_text(value: Any, where: str) -> None:
+    """Check that a value is a text of at most ``LONGEST_TEXT`` characters."""
+    if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+        found = f"a text of {len(value)} characters" if isinstance(value, str) else kind_of(value)
+        raise InputError(where, found, f"a text of at most {LONGEST_TEXT} characters", DO)
+
+
+def check_number(value: Any, low: float, high: float, unit: str, where: str) -> None:
+    """Check that a value is a number, and no truth value, in a range."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(where, kind_of(value), f"a number from {low:g} to {high:g} {unit}", DO)
+
+
+def kind_of(value: Any) -> str:
+    """A value in words, shortened."""
+    words = {"dict": "an object", "list": "a list", "NoneType": "null"}
+    name = words.get(type(value).__name__)
+    return name or f"{json.dumps(value)[:60]}"
+
+
+def depth(value: Any) -> int:
+    """Number of levels of mappings and lists, counted level by level and without recursion."""
+    level, deep = [value], 0
+    while level:
+        level = [
+            item
+            for one in level
+            if isinstance(one, dict | list)
+            for item in (one.values() if isinstance(one, dict) else one)
+        ]
+        deep += 1
+    return deep - 1

@@ -1,0 +1,159 @@
+"""Many logs at once: those that cannot be used are set aside with their reasons, and the rest goes on."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.logs.consistency import remarks
+from leapgap.logs.files import check_tree, decoding
+from leapgap.logs.importers.base import LogFormat
+from leapgap.logs.log import Log, check_read, read_log
+from leapgap.logs.schema import BASE_QUATERNION
+from leapgap.robot.model import Robot
+
+FEWEST = 2
+"""Logs that must be left where others were set aside."""
+OUTSIDE = 0.5
+"""Share of the rows in which a joint may be far outside its range: more is another unit or another joint."""
+
+
+@dataclass(frozen=True)
+class SetAside:
+    """A log that was left out, and why."""
+
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        return f"set aside {self.name}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Logs that were read, and those that were set aside."""
+
+    logs: tuple[Log, ...]
+    set_aside: tuple[SetAside, ...] = ()
+
+    def lines(self) -> list[str]:
+        """What a person should know of the logs: those set aside, and gaps in the others."""
+        notes = [f"{log.name}: {remark}" for log in self.logs for remark in remarks(log.columns)]
+        return [*map(str, self.set_aside), *notes]
+
+
+def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
+    """Logs of ours in a folder, in the order of their names; none where there is no file.
+
+    With a robot, those that are not of that robot are set aside, too. ``InputError`` lists all bad logs where fewer
+    than two others are left.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+
+    def reader(path: Path) -> Callable[[], list[Log]]:
+        return lambda: [of_robot(read_log(path), robot)]
+
+    readings = collect(folder, ((path.name, reader(path)) for path in sorted(folder.glob("*.parquet"))))
+    return readings if robot is None else of_one_robot(readings, robot, folder)
+
+
+def read_foreign(layout: LogFormat, source: Path, robot: Robot, options: Any) -> Readings:
+    """Logs of another format, of a file or below a folder; ``InputError`` as in ``read_folder``."""
+
+    def reader(name: str, path: Path) -> Callable[[], list[Log]]:
+        return lambda: read_checked(layout, path, name, robot, options)
+
+    return collect(source, ((name, reader(name, path)) for name, path in layout.find(source).items()))
+
+
+def read_checked(layout: LogFormat, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
+    """The logs of one foreign file or folder, each checked as every log is that comes from a file."""
+    check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
+    with decoding(path, layout.name, "export it anew"):
+        logs = layout.read_all(path, name, robot, options)
+    for log in logs:
+        check_read(log, f"{path}, {log.name}" if len(logs) > 1 else path)
+        check_joints(log, robot)
+    return logs
+
+
+def collect(source: Path, readers: Iterable[tuple[str, Callable[[], list[Log]]]]) -> Readings:
+    """Call each reader; those that refuse are set aside, if enough are left."""
+    logs: list[Log] = []
+    errors: list[tuple[str, InputError]] = []
+    for name, read in readers:
+        try:
+            logs += read()
+        except InputError as error:
+            errors.append((name, error))
+    return enough(source, logs, errors)
+
+
+def enough(source: Path, logs: Sequence[Log], errors: Sequence[tuple[str, InputError]]) -> Readings:
+    """The readings; ``InputError`` with all reasons where logs were set aside and fewer than two are left."""
+    if errors and len(logs) < FEWEST:
+        if not logs and len({str(error) for _, error in errors}) == 1:
+            raise errors[0][1]
+        found = "\n".join(f"  {name}: {error}" for name, error in errors)
+        raise InputError(
+            source,
+            f"{len(errors)} of {len(errors) + len(logs)} logs that cannot be used:\n{found}\n ",
+            f"{FEWEST} logs or more that can be used",
+            "repair or remove those",
+        )
+    return Readings(tuple(logs), tuple(SetAside(name, str(error)) for name, error in errors))
+
+
+def of_robot(log: Log, robot: Robot | None) -> Log:
+    """The log; ``InputError`` where a robot is given and the log cannot be of it."""
+    if robot is None:
+        return log
+    missing = [joint for joint in robot.joints if f"joint_pos/{joint}" not in log]
+    if len(missing) == len(robot.joints):
+        expected = f"joints of {robot.name}: {', '.join(robot.joints)}"
+        raise InputError(log.name, f"positions of none of its joints (robot {log.info.robot})", expected, "log them")
+    if missing:
+        expected = f"positions of all joints of {robot.name}"
+        raise InputError(log.name, f"no joint_pos of {', '.join(missing)}", expected, "log them")
+    if robot.has_free_base and BASE_QUATERNION[0] not in log:
+        expected = f"the attitude of the free base of {robot.name}"
+        do = "log it; a robot that hangs is diagnosed with robot.fix_base=true"
+        raise InputError(log.name, f"no {', '.join(BASE_QUATERNION)}", expected, do)
+    check_joints(log, robot)
+    return log
+
+
+def check_joints(log: Log, robot: Robot) -> None:
+    """``InputError`` where a joint is most of the time further outside its range than the range is wide."""
+    for joint in robot.joints:
+        at = robot.model.joint(joint).id
+        if not robot.model.jnt_limited[at] or f"joint_pos/{joint}" not in log:
+            continue
+        low, high = robot.model.jnt_range[at]
+        position, wide = log[f"joint_pos/{joint}"], high - low
+        if np.mean((position < low - wide) | (position > high + wide)) > OUTSIDE:
+            raise InputError(
+                f"{log.name}, column joint_pos/{joint}",
+                f"{np.median(position):.3g} in the middle of its rows",
+                f"{low:.3g} to {high:.3g}, as {robot.name} has it",
+                "correct its unit (degrees?), its zero, or the order of the joints",
+            )
+
+
+def of_one_robot(readings: Readings, robot: Robot, folder: Path) -> Readings:
+    """The readings without logs of other robots, where some state that they are of this one."""
+    if not any(log.info.robot == robot.name for log in readings.logs):
+        return readings
+    own = [log for log in readings.logs if log.info.robot == robot.name]
+    others = [
+        (f"{log.name}.parquet", InputError(log.name, f"robot {log.info.robot}", robot.name, "keep robots apart"))
+        for log in readings.logs
+        if log.info.robot != robot.name
+    ]
+    found = enough(folder, own, others)
+    return Readings(found.logs, (*readings.set_aside, *found.set_aside))

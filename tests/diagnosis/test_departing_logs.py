@@ -1,0 +1,109 @@
+"""Logs that depart from their fellows are found; logs that only differ are not."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from leapgap.cli import main
+from leapgap.diagnosis.departing_logs import without_departing
+from leapgap.logs.importers import log_format
+from leapgap.logs.log import Log, LogInfo
+from leapgap.robot.model import Robot
+from tests import plain_arm
+from tests.hostile.base_logs import Columns, arm_log
+
+INFO = LogInfo("arm", 0.01, "a test")
+
+
+def arms(number: int = 4, **harmed: np.ndarray) -> list[Log]:
+    """Logs of the arm, the second one with columns that are changed."""
+    logs: list[Columns] = [arm_log(k) for k in range(number)]
+    logs[1] |= harmed
+    return [Log(f"log_{k}", columns, INFO) for k, columns in enumerate(logs)]
+
+
+def spike(name: str, height: float) -> dict[str, np.ndarray]:
+    values = arm_log(1)[name].copy()
+    values[60] += height
+    return {name: values}
+
+
+def degrees() -> dict[str, np.ndarray]:
+    names = [name for name in arm_log(1) if name.startswith(("joint_pos", "joint_vel", "cmd_pos", "cmd_vel"))]
+    return {name: np.rad2deg(arm_log(1)[name]) for name in names}
+
+
+@pytest.mark.parametrize(
+    ("harmed", "says"),
+    [
+        (spike("joint_pos/hip", 0.6), "joint_pos/hip leaves its course for a few rows"),
+        (spike("joint_vel/hip", -60.0), "joint_vel/hip leaves its course for a few rows"),
+        (spike("cmd_kp/hip", 30.0), "cmd_kp/hip leaves its course for a few rows"),
+        (spike("tau/knee", 400.0), "tau/knee leaves its course for a few rows"),
+        (degrees(), "positions and set points of its joints are"),
+        ({"tau/hip": 1e3 * arm_log(1)["tau/hip"]}, "tau/hip is 1e+03 times what belongs to it"),
+    ],
+)
+def test_a_log_that_departs_is_left_out_and_named(harmed: dict, says: str) -> None:
+    kept, aside = without_departing(arms(**harmed))
+    assert [log.name for log in kept] == ["log_0", "log_2", "log_3"]
+    assert [one.name for one in aside] == ["log_1"] and says in aside[0].reason
+
+
+def test_two_logs_are_never_left_with_one(robot: Robot) -> None:
+    kept, aside = without_departing(arms(2, **spike("joint_pos/hip", 0.6)))
+    assert len(kept) == 2 and not aside
+
+
+def test_a_clock_a_pause_and_a_step_of_the_command_are_no_departure() -> None:
+    step = np.where(np.arange(160) > 80, 5.0, 0.0)
+    sent = {name: arm_log(1)[name] + step for name in ("cmd_tau/hip", "tau/hip")}
+    slow = arms(**sent, time=1.1 * arm_log(1)["time"])
+    assert without_departing(slow)[1] == []
+    still = {name: np.full(160, values[0]) for name, values in arm_log(1).items() if name not in ("time",)}
+    noise = np.random.default_rng(1)
+    for name in [name for name in still if name.startswith(("joint_", "tau/"))]:
+        still[name] = still[name] + 1e-4 * noise.standard_normal(160)
+    assert without_departing(arms(**still))[1] == []
+
+
+def test_no_published_jump_departs(robot: Robot) -> None:
+    if "LEAPGAP_RAW" not in os.environ:
+        pytest.skip("no published jumps: set LEAPGAP_RAW")
+    layout = log_format("published")
+    found = layout.find(Path(os.environ["LEAPGAP_RAW"])).items()
+    logs = [layout.read(path, name, robot, layout.Options()) for name, path in found]
+    assert len(logs) == 16 and without_departing(logs)[1] == []
+
+
+def test_a_diagnosis_goes_on_and_names_what_it_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, model = plain_arm.write_parquet(tmp_path / "logs", logs=5), plain_arm.write_model(tmp_path)
+    (folder / "swing_1.parquet").write_bytes(b"no Parquet")
+    table = pq.read_table(folder / "swing_3.parquet")
+    values = table["joint_pos/elbow"].to_numpy().copy()
+    values[200] += 1.0
+    place = table.column_names.index("joint_pos/elbow")
+    pq.write_table(table.set_column(place, "joint_pos/elbow", [values]), folder / "swing_3.parquet")
+    call = [
+        "diagnose",
+        str(folder),
+        str(model),
+        "--effects",
+        "joint_damping",
+        "--quiet",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert main(call) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert sorted(report["set_aside"]) == ["swing_1.parquet", "swing_3"]
+    assert "joint_pos/elbow leaves its course" in report["set_aside"]["swing_3"]
+    assert sorted(report["gap_per_log"]) == ["swing_0", "swing_2", "swing_4"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Left out: swing_3: joint_pos/elbow leaves" in page and "Left out: swing_1.parquet" in page
+    assert report["answer"] == [["joint_damping"]]
+    assert "left out swing_3" in capsys.readouterr().out

@@ -1,0 +1,333 @@
+"""Corrupted logs: every reader is given a folder with three whole logs and a harmed one; what it does is classified.
+
+The readers run in processes of their own, with limits of time and memory. What they may do: refuse, set the harmed log
+aside (when it is read, or since it departs from its fellows), or accept it. What was accepted is held against the whole
+log: it is harmless if it says nearly the same, else nonsense.
+"""
+
+import contextlib
+import json
+import os
+import pickle
+import resource
+import select
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.code import ROOT
+from tests.hostile.base_logs import FORMATS, Columns, Format
+from tests.hostile.log_harms import FILE_HARMS, HARMS, METADATA, SPECIALS, write_case
+
+OUTCOMES = (
+    *("refused", "set_aside", "accepted_harmless", "accepted_nonsense"),
+    *("traceback", "hang", "memory"),
+)
+LONGEST_S, MOST_BYTES, ADDRESSES = 30.0, 2_500_000_000, 12_000_000_000
+"""Limits of one case: time, memory beyond what the process held before, and addresses of the process."""
+HARMLESS = 0.05
+"""Largest departure of an accepted value from the truth, as a share of the range of its column."""
+VICTIM, FELLOWS = 1, (0, 2, 3)
+WHOLE_FILE_SEEDS = 8
+"""Cases of each harm to a file and format, with other random places."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One harmed log."""
+
+    number: int
+    format: str
+    harm: str
+    """``columns``, ``file``, ``metadata`` or ``special``."""
+    name: str
+
+    def __str__(self) -> str:
+        """Its name for a person."""
+        return f"{self.format}/{self.name}#{self.number}"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a case."""
+
+    case: Case
+    outcome: str
+    says: str
+
+
+def cases() -> list[Case]:
+    """All cases in a fixed order."""
+    kinds: list[tuple[str, str, str]] = []
+    for layout in FORMATS:
+        kinds += [(layout.name, "columns", name) for name in HARMS if may_be_written(layout, name)]
+        repeats = {
+            name: WHOLE_FILE_SEEDS if "bit" in name or name in ("truncated", "noise", "zeros") else 1
+            for name in FILE_HARMS
+        }
+        kinds += [(layout.name, "file", name) for name, times in repeats.items() for _ in range(times)]
+    kinds += [("own", "metadata", name) for name in METADATA] + [
+        ("own_unchecked", "metadata", name) for name in METADATA
+    ]
+    kinds += [(layout, "special", name) for name, (layout, _) in SPECIALS.items()]
+    return [Case(number, *kind) for number, kind in enumerate(kinds)]
+
+
+def may_be_written(layout: Format, name: str) -> bool:
+    """Whether a format can hold such columns at all."""
+    if layout.name in ("published", "ros"):
+        unwritable = ("no_", "one_joint", "part_of", "unicode_joint", "texts", "words", "complex", "dates", "no_row")
+        return not name.startswith(unwritable) and name not in ("time_nan",)
+    if name == "complex":
+        return layout.name in ("npz", "hdf5", "mat")
+    if name == "dates":
+        return layout.name in ("npz", "csv", "parquet", "own", "own_unchecked")
+    if layout.name == "mat":
+        return name not in (
+            "unicode_column",
+            "html_column",
+            "long_name",
+            "text_column",
+            "unicode_joint",
+            "texts",
+            "words",
+        )
+    return True
+
+
+def log_path(folder: Path, layout: Format, number: int) -> Path:
+    """Where a log of a format lies."""
+    return folder / (str(number) if layout.name == "published" else f"log_{number}{layout.suffix}")
+
+
+class Reader:
+    """In the process that reads: robots loaded once, and one case after the other."""
+
+    def __init__(self, models: Path) -> None:
+        from leapgap.robot.model import Robot
+
+        self.robots = {}
+        for layout in FORMATS:
+            path = models / f"{layout.name}.xml"
+            self.robots[layout.name] = Robot.load(path) if layout.model else Robot.load()
+
+    def judge(self, layout: Format, folder: Path, truth: Columns) -> tuple[str, str]:
+        """Outcome of one case, and the reason in words."""
+        from leapgap.diagnosis.departing_logs import without_departing
+        from leapgap.errors import InputError
+        from leapgap.logs.consistency import remarks
+        from leapgap.logs.importers import log_format
+        from leapgap.logs.reading import read_folder, read_foreign
+        from leapgap.settings import from_mapping
+
+        robot = self.robots[layout.name]
+        try:
+            if layout.importer is None:
+                readings = read_folder(folder, robot)
+            else:
+                importer = log_format(layout.importer)
+                options = from_mapping(importer.Options, dict(layout.options), "options")
+                readings = read_foreign(importer, folder, robot, options)
+            kept, departing = without_departing(readings.logs)
+        except InputError as error:
+            return "refused", str(error)
+        victims = ("log_1", "log_1.parquet", "log_1_1", "jump_01")
+        for one in (*readings.set_aside, *departing):
+            if one.name not in victims:
+                return "traceback", f"a whole log was set aside: {one}"
+        aside = [one for one in (*readings.set_aside, *departing) if one.name in victims]
+        if aside:
+            return "set_aside", aside[0].reason
+        log = next((one for one in kept if one.name in victims), None)
+        if log is None:
+            return "refused", "no log was found in it"
+        return compare(log, truth, remarks(log.columns))
+
+
+def compare(log: Any, truth: Columns, remarks: Sequence[str]) -> tuple[str, str]:
+    """Whether an accepted log says what the whole one says: each row at its time, within a share of the range."""
+    step = truth["time"][1] - truth["time"][0]
+    latest = truth["time"][-1] - log.columns["time"][-1]
+    lost = np.arange(0, max(latest, 0) + step / 2, step)  # rows lost at the begin: time counts from the first one left
+    return min((compare_from(log, truth, remarks, begin) for begin in lost[:20]), key=lambda one: one[0])
+
+
+def compare_from(log: Any, truth: Columns, remarks: Sequence[str], begin: float) -> tuple[str, str]:
+    """The same with the log's first row at one time of the whole log."""
+    time, step = log.columns["time"] + begin, truth["time"][1] - truth["time"][0]
+    rows = np.clip(np.searchsorted(truth["time"], time - 1e-6), 0, len(truth["time"]) - 1)
+    late = float(np.abs(truth["time"][rows] - time).max())
+    if late > step:
+        return "accepted_nonsense", f"times are {late:.3g} s off"
+    worst, where = 0.0, ""
+    for name, values in truth.items():
+        if name in log.columns and name != "time":
+            scale = max(float(np.ptp(values)), float(np.abs(values).max()) * 0.2, 1e-3)
+            off = float(np.abs(log.columns[name] - values[rows]).max()) / scale
+            worst, where = (off, name) if off > worst else (worst, where)
+    if worst > HARMLESS:
+        return "accepted_nonsense", f"{where} is {worst:.2g} of its range off"
+    if log.info.terrain and log.info.terrain[0].x_m != 1.0:
+        return "accepted_nonsense", f"terrain {log.info.terrain}"
+    return "accepted_harmless", f"{where} is {worst:.1g} of its range off" + "".join(f"; {one}" for one in remarks)
+
+
+def serve(models: Path) -> None:
+    """Read cases from standard input and write their outcomes to standard output, until there is none."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
+    reader = Reader(models)
+    layouts = {layout.name: layout for layout in FORMATS}
+    send(out, ("ready", ""))
+    while (raw := receive(sys.stdin.buffer)) is not None:
+        name, folder, truth = raw
+        before = peak_bytes()
+        try:
+            outcome, says = reader.judge(layouts[name], Path(folder), truth)
+        except BaseException:
+            outcome, says = "traceback", traceback.format_exc()[-1500:]
+        if peak_bytes() - before > MOST_BYTES:
+            outcome, says = "memory", f"{(peak_bytes() - before) / 1e9:.1f} GB: {says}"
+        send(out, (outcome, says))
+
+
+def peak_bytes() -> int:
+    """Most memory that this process has held."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def send(stream: Any, value: object) -> None:
+    """Write a value with its length before it."""
+    data = pickle.dumps(value)
+    stream.write(struct.pack("<Q", len(data)) + data)
+    stream.flush()
+
+
+def receive(stream: Any) -> Any:
+    """Read a value as ``send`` writes it; None at the end."""
+    head = stream.read(8)
+    return pickle.loads(stream.read(struct.unpack("<Q", head)[0])) if len(head) == 8 else None
+
+
+class Worker:
+    """A process that reads, started anew when it hangs or dies."""
+
+    def __init__(self, models: Path) -> None:
+        self.models = models
+        self.process = self.start()
+
+    def start(self) -> subprocess.Popen[bytes]:
+        """A new process, ready to read."""
+        code = (
+            f"import sys; sys.path.insert(0, {str(ROOT)!r}); from pathlib import Path; from tests.hostile import logs; "
+        )
+        code += f"logs.serve(Path({str(self.models)!r}))"
+        path = os.pathsep.join(filter(None, (str(ROOT / "src"), os.environ.get("PYTHONPATH"))))
+        environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+        process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+        )
+        if receive(process.stdout) is None:
+            raise RuntimeError("the process that reads cases did not start")
+        return process
+
+    def judge(self, layout: Format, folder: Path, truth: Columns) -> tuple[str, str]:
+        """Outcome of one case within its time."""
+        assert self.process.stdin is not None and self.process.stdout is not None
+        send(self.process.stdin, (layout.name, str(folder), truth))
+        ready, _, _ = select.select([self.process.stdout], [], [], LONGEST_S)
+        found = receive(self.process.stdout) if ready else None
+        if found is not None:
+            return tuple(found)
+        self.close()
+        code = self.process.returncode
+        self.process = self.start()
+        return ("traceback", f"the process died ({code})") if ready else ("hang", f"no answer in {LONGEST_S:g} s")
+
+    def close(self) -> None:
+        """End the process."""
+        self.process.kill()
+        self.process.wait()
+
+
+@contextlib.contextmanager
+def prepared(folder: Path) -> Iterator[dict[str, Path]]:
+    """Folders with whole logs, one a format, and the models of their robots."""
+    (folder / "models").mkdir()
+    found = {}
+    for layout in FORMATS:
+        (folder / "models" / f"{layout.name}.xml").write_text(layout.model)
+        found[layout.name] = folder / layout.name
+        found[layout.name].mkdir()
+        for number in FELLOWS:
+            layout.write(layout.log(number), log_path(found[layout.name], layout, number))
+    yield found
+
+
+def run_cases(chosen: Sequence[Case], seed: int) -> list[Result]:
+    """Judge cases one after the other."""
+    from tests.hostile.log_harms import clear
+
+    layouts, results = {layout.name: layout for layout in FORMATS}, []
+    with tempfile.TemporaryDirectory() as name, prepared(Path(name)) as folders:
+        worker = Worker(Path(name) / "models")
+        try:
+            for case in chosen:
+                layout = layouts[case.format]
+                victim = log_path(folders[case.format], layout, VICTIM)
+                rng = np.random.default_rng([seed, case.number])
+                truth = write_case(layout, case.harm, case.name, victim, rng, VICTIM)
+                results.append(Result(case, *worker.judge(layout, folders[case.format], truth)))
+                clear(victim)
+        finally:
+            worker.close()
+    return results
+
+
+def figures(results: Sequence[Result]) -> Mapping[str, int]:
+    """Number of cases, and of each outcome."""
+    counts = Counter(result.outcome for result in results)
+    return {"inputs": len(results), **{outcome: counts[outcome] for outcome in OUTCOMES}}
+
+
+def report(results: Sequence[Result]) -> str:
+    """The cases that must not be, and those that physics cannot see, a line each."""
+    bad = [one for one in results if one.outcome in ("traceback", "hang", "memory", "accepted_nonsense")]
+    return "\n".join(f"{one.outcome}: {one.case}: {one.says}" for one in bad)
+
+
+def all_cases(seed: int) -> Mapping[str, int]:
+    """Figures of all cases; the bad ones are printed."""
+    results = run_cases(cases(), seed)
+    print(report(results))
+    return figures(results)
+
+
+def main() -> None:
+    """All cases, or those whose names contain a word; every outcome into a JSON file for whoever looks for a cause."""
+    word = sys.argv[1] if len(sys.argv) > 1 else ""
+    begin = time.perf_counter()
+    results = run_cases([case for case in cases() if word in str(case)], 1)
+    print(report(results))
+    print(figures(results), f"{time.perf_counter() - begin:.0f} s")
+    if len(sys.argv) > 2:
+        Path(sys.argv[2]).write_text(json.dumps([asdict(one) for one in results], indent=1))
+
+
+if __name__ == "__main__":
+    main()
