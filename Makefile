@@ -104,7 +104,7 @@ blind: $(BLIND)/logs/seals.json
 	  revisit.verdicts=$(BLIND)/verdicts revisit.out=$(BLIND)/revisits
 	python -m stages.score size=blind score.logs=$(BLIND)/logs score.truth=$(BLIND)/truth score.verdicts=$(BLIND)/verdicts \
 	  score.revisits=$(BLIND)/revisits score.out=$(BLIND)/page score.metrics=metrics/blind.json \
-	  score.real_metrics=metrics/real/blind.json
+	  score.published_metrics=metrics/published/blind.json
 
 # A software renderer, for the test that takes a screenshot; without it that test is skipped.
 renderer:

@@ -31,7 +31,7 @@ from stages.robot import load_robot
 STAGE = "stages.diagnose_withheld"
 SCRIPT = "plotly.js"
 """Script that all reports of a run share, so that thousands of pages stay small."""
-REAL = "real"
+PUBLISHED = "published"
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class DiagnoseWithheldSettings:
     """Overrides of ``diagnose.settings``."""
     only: list[str] = field(default_factory=list)
     """Names of the cases; empty: all."""
-    real: bool = False
+    published: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,8 @@ def diagnose_withheld(config: DictConfig) -> None:
     logs, cache = Path(settings.logs), ResultCache(out)
     if not logs.is_dir():
         raise InputError(logs, "no such folder", "withheld logs, one folder a case", "run stages.withhold first")
-    cases = [path.name for path in sorted(logs.iterdir()) if path.is_dir() and (settings.real or path.name != REAL)]
+    folders = (path.name for path in sorted(logs.iterdir()) if path.is_dir())
+    cases = [name for name in folders if settings.published or name != PUBLISHED]
     unknown = set(settings.only) - set(cases)
     if unknown:
         raise InputError("diagnose_withheld.only", ", ".join(sorted(unknown)), "names of cases", "correct them")

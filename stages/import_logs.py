@@ -42,7 +42,7 @@ def import_logs(config: DictConfig) -> None:
     for line in readings.lines():
         print(line)
     number = len(readings.logs)
-    print(f"{number} logs imported" if number else f"no logs in {source}: none of a real robot, which is no error")
+    print(f"{number} logs imported" if number else f"no logs in {source}: none to import, which is no error")
 
 
 def section(settings: DictConfig) -> DictConfig:

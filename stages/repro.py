@@ -84,7 +84,7 @@ class Progress:
 
     @property
     def line(self) -> str:
-        """``train@real for 12 s · 7 done, 33 left · at most 5 min``."""
+        """``train@published for 12 s · 7 done, 33 left · at most 5 min``."""
         here = f"{self.running} for {in_words(self.clock() - self.began)}" if self.running else "between stages"
         rest = self.seconds_left
         eta = "" if rest is None else f" · at most {in_words(rest)}"
@@ -100,7 +100,7 @@ def in_words(seconds: float) -> str:
 
 
 def stage_names(dvc_yaml: Path) -> tuple[str, ...]:
-    """Names of all stages, ``train@real`` for each entry of a ``foreach``, in the order of the file."""
+    """Names of all stages, ``train@published`` for each entry of a ``foreach``, in the order of the file."""
     text = dvc_yaml.read_text(encoding="utf-8").replace("${", "$ {")  # DVC's variables are not OmegaConf's
     stages: dict[str, Any] = OmegaConf.to_container(OmegaConf.create(text))["stages"]
     names: list[str] = []

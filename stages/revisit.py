@@ -108,7 +108,7 @@ def read_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen
     for path in sorted(Path(settings.verdicts).glob("*/report.json")):
         name = path.parent.name
         truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
-        if truth["kind"] != "real":
+        if truth["kind"] != "published":
             cases.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
     return sorted(cases, key=lambda case: case.first.half)  # "reported" before "tuning"
 

@@ -30,7 +30,7 @@ from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 
 STAGE = "stages.score"
-REPORTED, TUNING, REAL = "reported", "tuning", "real"
+REPORTED, TUNING, PUBLISHED = "reported", "tuning", "published"
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ScoreSettings:
     revisits: str | None
     out: str | None
     metrics: str | None
-    real_metrics: str | None
+    published_metrics: str | None
     bootstrap_draws: int
     bins: int
     seed: int
@@ -67,15 +67,15 @@ def score(config: DictConfig) -> dict[str, float]:
         half: score_half([o for o in outcomes if o.half == half], half, revisits, settings)
         for half in (REPORTED, TUNING)
     }
-    real = [o for o in outcomes if o.half == REAL]
+    published = [o for o in outcomes if o.half == PUBLISHED]
     with whole_folder(out, STAGE) as folder:
         data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
         write_json(folder / "scores.json", round_floats(data))
         write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
     if settings.metrics:
         write_json(Path(settings.metrics), round_floats(metrics(halves)))
-    if settings.real_metrics and real:
-        write_json(Path(settings.real_metrics), round_floats(real_metrics(real[0])))
+    if settings.published_metrics and published:
+        write_json(Path(settings.published_metrics), round_floats(published_metrics(published[0])))
     for o in outcomes:
         print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {verdict_text(o)}")
     print(f"page: {out / 'index.html'}")
@@ -142,8 +142,8 @@ def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return {**flat[REPORTED], TUNING: flat[TUNING]}
 
 
-def real_metrics(o: CaseOutcome) -> dict[str, Any]:
-    """Verdict on the real jumps, with promised and realised closure."""
+def published_metrics(o: CaseOutcome) -> dict[str, Any]:
+    """Verdict on the published jumps, with promised and realised closure."""
     return {
         "verdict": o.verdict,
         "answer": " + ".join(" or ".join(names) for names in o.answer),

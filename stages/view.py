@@ -27,8 +27,9 @@ def view(config: DictConfig) -> None:
 
 def folders_of(view: View) -> list[str]:
     """Every folder that is read."""
-    replays, predictions = (view.replays_damped, view.replays_real), (view.predictions_simulated, view.predictions_real)
-    return [view.references, view.simulated, view.damped, view.real, *replays, *predictions, view.landings]
+    replays = view.replays_damped, view.replays_published
+    predictions = view.predictions_simulated, view.predictions_published
+    return [view.references, view.simulated, view.damped, view.published, *replays, *predictions, view.landings]
 
 
 if __name__ == "__main__":

@@ -20,15 +20,15 @@ from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
-from leapgap.validation.case import CaseSetup, real_case, withhold, write_case
+from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.seal import SEALS, seal
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 
 STAGE = "stages.withhold"
-REAL = "real"
-"""Name of the case of real jumps; it may be known, since their columns differ anyway."""
+PUBLISHED = "published"
+"""Name of the case of published jumps; it may be known, since their columns differ anyway."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class WithholdSettings:
     truth: str | None
     references: str
     planar: str
-    real: str | None
+    published: str | None
     targets: Any
     world: dict[str, Any]
     halves: dict[str, Any]
@@ -54,7 +54,7 @@ def withhold_all(config: DictConfig) -> None:
     world = read_config(CaseSetup, section.world, "withhold.world")
     halves = {name: read_config(Half, section.halves[name], f"withhold.halves.{name}") for name in section.halves}
     executor = read_config(Executor, config.executor, "executor")
-    inputs = (settings.references, settings.real, config.robot.model)
+    inputs = (settings.references, settings.published, config.robot.model)
     logs_out = output_folder(settings.logs, STAGE, inputs, name="logs")
     truth_out = output_folder(settings.truth, STAGE, (*inputs, logs_out), name="truth")
     robot = load_robot(config)
@@ -64,12 +64,13 @@ def withhold_all(config: DictConfig) -> None:
     with whole_folder(truth_out, STAGE) as truths, whole_folder(logs_out, STAGE) as logs:
         job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)
         seals = dict(executor.map(job, list(names.items())))
-        real = jump_log.read_logs(Path(settings.real)) if settings.real else []
-        if len(real) > 1:
-            truth = write_case(real_case(real, len(real)), logs / REAL, truths / REAL)
-            seals[REAL] = write_truth(truth, truths, REAL)
+        published = jump_log.read_logs(Path(settings.published)) if settings.published else []
+        if len(published) > 1:
+            truth = write_case(published_case(published, len(published)), logs / PUBLISHED, truths / PUBLISHED)
+            seals[PUBLISHED] = write_truth(truth, truths, PUBLISHED)
         write_json(logs / SEALS, seals)
-    print(f"{len(names)} cases{' and the real jumps' if REAL in seals else ''} withheld; seals: {logs_out / SEALS}")
+    more = " and the published jumps" if PUBLISHED in seals else ""
+    print(f"{len(names)} cases{more} withheld; seals: {logs_out / SEALS}")
 
 
 def references_of(settings: WithholdSettings, robot: Robot) -> list[Log]:

@@ -30,7 +30,7 @@ def raw() -> Path:
     for folder in (os.environ.get("LEAPGAP_RAW"), "data/raw"):
         if folder and log_format("published").find(Path(folder)):
             return Path(folder)
-    pytest.skip("no real jumps: set LEAPGAP_RAW or fill data/raw")
+    pytest.skip("no published jumps: set LEAPGAP_RAW or fill data/raw")
 
 
 @pytest.fixture(scope="session")

@@ -30,17 +30,17 @@ def test_without_real_logs_everything_runs_and_says_so(simulated_project: Projec
     said = simulated_project.said  # type: ignore[attr-defined]
     assert "no logs in data/raw" in said
     assert (simulated_project.folder / "data/reports/damped/report.html").exists()
-    assert not (simulated_project.folder / "data/reports/real/report.html").exists()
+    assert not (simulated_project.folder / "data/reports/published/report.html").exists()
     assert list((simulated_project.folder / "data/views").glob("simulated_*.rrd"))
     assert list((simulated_project.folder / "data/views").glob("reference_*.rrd"))
     where = simulated_project.run(sys.executable, "-m", "leapgap.reports.print_results")
     assert "data/reports/damped/report.html" in where
-    assert "no logs of a real robot" in where
+    assert "no published jumps" in where
 
 
 def test_committed_figures_of_real_jumps_are_kept_where_there_are_no_logs(simulated_project: Project) -> None:
     for name in ("learning", "diagnosis"):
-        committed = ROOT / "metrics" / "real" / f"{name}.json"
+        committed = ROOT / "metrics" / "published" / f"{name}.json"
         if committed.exists():
             assert (simulated_project.folder / committed.relative_to(ROOT)).read_text() == committed.read_text()
 

@@ -1,7 +1,7 @@
 """How long does a diagnosis take against all effects at all places, and how near is that to the roll-outs it needs?
 
-Sixteen logs (the real jumps where they are, else simulated ones) and a blind case of four. Beside them roll-outs of one
-log a second, in the same run. Run as ``python -m tests.benchmarks.diagnose --json <file>`` on an idle machine.
+Sixteen logs (the published jumps where they are, else simulated ones) and a blind case of four. Beside them roll-outs
+of one log a second, in the same run. Run as ``python -m tests.benchmarks.diagnose --json <file>`` on an idle machine.
 """
 
 import argparse
@@ -89,7 +89,7 @@ def main() -> None:
     robot = Robot.load()
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
     settings = tiny(settings) if arguments.tiny else settings
-    real = "data/jumps/real" if any(Path("data/jumps/real").glob("*.parquet")) else "data/jumps/damped"
+    real = "data/jumps/published" if any(Path("data/jumps/published").glob("*.parquet")) else "data/jumps/damped"
     many, few = (2, 2) if arguments.tiny else (16, 4)
     sixteen, four = logs(real, many), logs("data/jumps/damped", few)
     limit = raw_limit(sixteen, robot)

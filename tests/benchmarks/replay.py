@@ -1,7 +1,7 @@
 """How fast are whole jumps replayed, and how near is that to MuJoCo's own step?
 
-Sixteen logs of 1.1 s on one core: the real jumps where they are, else as many simulated ones. Beside them, in the same
-run, plain ``mj_step`` from the same first state with the same controls. Run as
+Sixteen logs of 1.1 s on one core: the published jumps where they are, else as many simulated ones. Beside them, in the
+same run, plain ``mj_step`` from the same first state with the same controls. Run as
 ``python -m tests.benchmarks.replay --json <file>``.
 """
 
@@ -25,7 +25,7 @@ JUMPS, ROWS, REPEATS = 16, 1101, 7
 
 def logs() -> list[Log]:
     """Sixteen jump logs of the pipeline."""
-    for folder in ("data/jumps/real", "data/jumps/damped", "data/jumps/simulated"):
+    for folder in ("data/jumps/published", "data/jumps/damped", "data/jumps/simulated"):
         if Path(folder).is_dir() and (jumps := read_logs(Path(folder))):
             return list(itertools.islice(itertools.cycle(jumps), JUMPS))
     raise SystemExit("no jumps: run dvc repro first")

@@ -37,7 +37,7 @@ from stages.train import read_train_config
 PUBLISHED_S = 0.90
 """A step of the published script on two server cores (shared/design/learning, as measured there)."""
 STEPS = 5
-WINDOWS = (Path("data/windows/real"), Path("data/windows/simulated"))
+WINDOWS = (Path("data/windows/published"), Path("data/windows/simulated"))
 
 
 class Looped(torch_rollout.ResidualModule):
@@ -107,7 +107,7 @@ def main() -> None:
     """Run the measurement and write its figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--windows", type=Path, help="folder of windows; none: of the real jumps, else simulated")
+    parser.add_argument("--windows", type=Path, help="folder of windows; none: of the published jumps, else simulated")
     parser.add_argument("--threads", type=int, default=1, help="of torch for the recipe; models are fitted with one")
     parser.add_argument("--tiny", action="store_true", help="smallest counts, to see that it runs")
     given = parser.parse_args()

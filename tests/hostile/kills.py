@@ -43,7 +43,7 @@ class StageCall:
 TINY = ("size=tiny", "executor=joblib", "executor.workers=2")
 LAND = ("land.methods=[joint_pd,nominal_variable]", "land.tasks.block_60.repeats=2", "land.tasks.jump_50.repeats=2")
 TRAIN = ("size=tiny", "train.models=[networks]", "train.sessions=null", "train.folds=2")
-WITHHOLD = ("withhold.references={inputs}/references", "withhold.real=null")
+WITHHOLD = ("withhold.references={inputs}/references", "withhold.published=null")
 REFERENCES = "references={inputs}/references"
 CALLS = (
     StageCall("collect", (*TINY, "collect.jumps=8", f"collect.{REFERENCES}", "collect.out={out}")),

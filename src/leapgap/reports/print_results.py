@@ -8,12 +8,12 @@ INDEX = Path("data/index.html")
 
 def main() -> None:
     """Print the paths of the main report, of the simulated one, and of the recordings."""
-    real, simulated = REPORTS / "real" / "report.html", REPORTS / "damped" / "report.html"
-    if not real.exists():
-        print("data/raw holds no logs of a real robot: this is the report of simulated hardware.")
-    report = real if real.exists() else simulated
+    published, simulated = REPORTS / "published" / "report.html", REPORTS / "damped" / "report.html"
+    if not published.exists():
+        print("data/raw holds no published jumps: this is the report of simulated hardware.")
+    report = published if published.exists() else simulated
     print(f"report: {report}\n  open it:    xdg-open {report}")
-    if report is real:
+    if report is published:
         print(f"  simulated:  {simulated}")
     print("  recordings: rerun data/views/*.rrd")
     if INDEX.exists():

@@ -65,7 +65,7 @@ def html(
         counts={half: (halves[half]["cases"], halves[half]["detectable"]) for half in halves},
         wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
         rows=rows,
-        real=[r for r in rows if r["half"] == "real"],
+        published=[r for r in rows if r["half"] == "published"],
         ablated=revisits["struck"],
         experiments=revisits["experiments"],
         further=revisits["missed"],

@@ -185,11 +185,11 @@ def write_case(withheld: WithheldCase, logs: Path, proof: Path) -> dict[str, Any
     return {**withheld.truth, **hashes}
 
 
-def real_case(jumps: Sequence[Log], salt_seed: int) -> WithheldCase:
-    """A case of real jumps: every other one is diagnosed, and the realised closure is measured on the rest."""
+def published_case(jumps: Sequence[Log], salt_seed: int) -> WithheldCase:
+    """A case of published jumps: every other one is diagnosed, and the realised closure is measured on the rest."""
     salt = hashlib.sha256(f"{salt_seed}".encode()).hexdigest()[:32]
     nothing_known = {"effects": [], "detectable": False, "where": [], "change": None}
-    truth = {"salt": salt, "half": "real", "kind": "real", **nothing_known}
+    truth = {"salt": salt, "half": "published", "kind": "published", **nothing_known}
     return WithheldCase(tuple(jumps[::2]), tuple(jumps[1::2]), truth)
 
 

@@ -201,13 +201,13 @@ def confusion(outcomes: Iterable[CaseOutcome]) -> dict[str, dict[str, int]]:
     """Counts of what was said of each truth, detectable cases: effect → answer → number."""
     table: dict[str, dict[str, int]] = {}
     for o in outcomes:
-        if o.kind in ("none", "real") or not o.detectable:
+        if o.kind in ("none", "published") or not o.detectable:
             truth = "none" if o.kind == "none" else "too small to detect"
         else:
             truth = " + ".join(o.true) if o.kind == "single" else f"{o.kind}: " + " + ".join(o.true)
         said = o.first if o.first is not None else o.verdict
-        if o.kind == "real":
-            truth = "real jumps"
+        if o.kind == "published":
+            truth = "published jumps"
         row = table.setdefault(truth, {})
         row[said] = row.get(said, 0) + 1
     return dict(sorted(table.items()))

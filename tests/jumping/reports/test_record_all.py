@@ -14,8 +14,8 @@ from tests.reports.read_back import Recorded
 @pytest.fixture
 def folders(tmp_path):
     names = (
-        "references", "simulated", "damped", "real", "replays_damped", "replays_real", "predictions_simulated",
-        "predictions_real", "landings",
+        "references", "simulated", "damped", "published", "replays_damped", "replays_published",
+        "predictions_simulated", "predictions_published", "landings",
     )  # fmt: skip
     places = {name: str(tmp_path / name) for name in names}
     return View(**places, most=1, most_predictions=1, models=[], landing_methods=["ours", "joint_pd"])
@@ -23,30 +23,30 @@ def folders(tmp_path):
 
 def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, folders):
     for name in ("hop", "hop_2"):
-        write_log(replace(hop, name=name), tmp_path / "real" / f"{name}.parquet")
-    write_log(ghost, tmp_path / "replays_real" / "nominal" / "hop.parquet")
-    (tmp_path / "predictions_real").mkdir()
-    write_predictions(tmp_path / "predictions_real" / "hop.parquet", ["nominal"])
+        write_log(replace(hop, name=name), tmp_path / "published" / f"{name}.parquet")
+    write_log(ghost, tmp_path / "replays_published" / "nominal" / "hop.parquet")
+    (tmp_path / "predictions_published").mkdir()
+    write_predictions(tmp_path / "predictions_published" / "hop.parquet", ["nominal"])
     lines = list(record_all(folders, robot, tmp_path / "out"))
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"real_hop.rrd", "prediction_real_hop.rrd"}
-    assert "/world/nominal_simulation/trunk" in Recorded(tmp_path / "out" / "real_hop.rrd").moving
-    assert f"real: 1 from {tmp_path / 'real'}, 1 more not shown" in lines
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"published_hop.rrd", "prediction_published_hop.rrd"}
+    assert "/world/nominal_simulation/trunk" in Recorded(tmp_path / "out" / "published_hop.rrd").moving
+    assert f"published: 1 from {tmp_path / 'published'}, 1 more not shown" in lines
     assert f"reference: nothing in {tmp_path / 'references'}, skipped" in lines
 
 
 def test_predictions_without_their_jump_are_refused(tmp_path, robot, folders):
-    (tmp_path / "predictions_real").mkdir()
-    write_predictions(tmp_path / "predictions_real" / "gone.parquet", ["nominal"])
-    with pytest.raises(InputError, match=r"no jump log .*real/gone\.parquet"):
+    (tmp_path / "predictions_published").mkdir()
+    write_predictions(tmp_path / "predictions_published" / "gone.parquet", ["nominal"])
+    with pytest.raises(InputError, match=r"no jump log .*published/gone\.parquet"):
         list(record_all(folders, robot, tmp_path / "out"))
 
 
 def test_diagnosis_is_shown_with_its_sentence(tmp_path, robot, hop, ghost, folders):
-    write_log(hop, tmp_path / "real" / "hop.parquet")
-    write_log(ghost, tmp_path / "replays_real" / "nominal" / "hop.parquet")
-    write_json(tmp_path / "replays_real" / DIAGNOSED, {"log": "hop", "sentence": "The loop is slow."})
+    write_log(hop, tmp_path / "published" / "hop.parquet")
+    write_log(ghost, tmp_path / "replays_published" / "nominal" / "hop.parquet")
+    write_json(tmp_path / "replays_published" / DIAGNOSED, {"log": "hop", "sentence": "The loop is slow."})
     list(record_all(folders, robot, tmp_path / "out"))
-    shown = Recorded(tmp_path / "out" / "diagnosis_real.rrd")
+    shown = Recorded(tmp_path / "out" / "diagnosis_published.rrd")
     assert "/world/nominal_simulation/trunk" in shown.moving
     assert "The loop is slow." in str(shown.static["/notes"])
 

@@ -22,11 +22,11 @@ class View:
     references: str
     simulated: str
     damped: str
-    real: str
+    published: str
     replays_damped: str
-    replays_real: str
+    replays_published: str
     predictions_simulated: str
-    predictions_real: str
+    predictions_published: str
     most: int
     """Largest number of recordings of each kind; the first by name are taken."""
     most_predictions: int
@@ -54,7 +54,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         ("reference", "reference", view.references, None),
         ("simulated", "simulated", view.simulated, None),
         ("damped", "simulated", view.damped, view.replays_damped),
-        ("real", "measured", view.real, view.replays_real),
+        ("published", "measured", view.published, view.replays_published),
     ):
         logs = logs_in(Path(folder))
         for path in islice(logs, view.most):
@@ -70,7 +70,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         yield describe_recordings(kind, folder, len(logs), view.most)
     for kind, folder, logs_folder in (
         ("damped", view.replays_damped, view.damped),
-        ("real", view.replays_real, view.real),
+        ("published", view.replays_published, view.published),
     ):
         path = Path(folder) / DIAGNOSED
         if path.exists():
@@ -87,7 +87,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         yield describe_recordings(f"diagnosis_{kind}", folder, int(path.exists()), 1)
     for kind, folder, of_jumps in (
         ("simulated", view.predictions_simulated, view.simulated),
-        ("real", view.predictions_real, view.real),
+        ("published", view.predictions_published, view.published),
     ):
         tables = logs_in(Path(folder))
         for path in islice(tables, view.most_predictions):

@@ -197,12 +197,12 @@ SOURCES = (
     Source(
         "Learned models, published jumps",
         "The same on the sixteen published jumps of the A1.",
-        ("published/learning.json", "real/learning.json"),
-        "dvc repro evaluate@real",
+        ("published/learning.json",),
+        "dvc repro evaluate@published",
         of_learning,
         bars=best_learning,
         unit="mean squared error",
-        pages={"page": "predictions/real/report.html"},
+        pages={"page": "predictions/published/report.html"},
     ),
     Source(
         "Landings",
@@ -227,11 +227,11 @@ SOURCES = (
     Source(
         "Diagnosis of the published jumps",
         "What the A1's simulation lacks, by the jumps alone.",
-        ("published/diagnosis.json", "real/diagnosis.json"),
-        "dvc repro diagnose@real",
+        ("published/diagnosis.json",),
+        "dvc repro diagnose@published",
         of_diagnosis,
-        pages={"report": "reports/real/report.html"},
-        report="reports/real",
+        pages={"report": "reports/published/report.html"},
+        report="reports/published",
     ),
     Source(
         "Diagnosis of damped joints",
