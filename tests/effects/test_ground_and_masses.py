@@ -212,13 +212,13 @@ def test_longer_legs_and_wider_hips_move_the_feet_by_as_much(robot: Robot) -> No
         mujoco.mj_forward(model, data)
         return np.array([data.geom(name).xpos for name in robot.foot_geom_names])
 
-    wider, longer = (
-        feet(effects.effect("leg_geometry", hip_x_m=0.01)),
-        feet(effects.effect("leg_geometry", upper_m=0.02, lower_m=0.005)),
-    )
     outward = np.sign(feet()[:, 0])
-    assert wider - feet() == pytest.approx(np.column_stack([0.01 * outward, np.zeros(4), np.zeros(4)]), abs=1e-12)
-    assert longer - feet() == pytest.approx(np.tile([0, 0, -0.025], (4, 1)), abs=1e-12)
+    for by in (0.01, -0.01):
+        moved = feet(effects.effect("leg_geometry", hip_x_m=by)) - feet()
+        assert moved == pytest.approx(np.column_stack([by * outward, np.zeros(4), np.zeros(4)]), abs=1e-12)
+    for upper, lower in ((0.02, 0.005), (-0.02, 0.005)):
+        moved = feet(effects.effect("leg_geometry", upper_m=upper, lower_m=lower)) - feet()
+        assert moved == pytest.approx(np.tile([0, 0, -upper - lower], (4, 1)), abs=1e-12)
 
 
 def test_a_shifted_centre_of_mass_shifts_the_load_between_the_feet(robot: Robot) -> None:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs, in_words, split_numbers
-from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.diagnosis.evidence.base import SURE_SPREADS, Evidence
 from leapgap.diagnosis.full_rollouts import EVERY_S, FullRolloutCause, FullRolloutFit
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -26,8 +26,6 @@ SETTLED = 0.5
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
 INDEPENDENT_S = 0.2
 """Errors of whole replays at one instant say little more than those so long before."""
-SURE_SPREADS = 3.0
-"""Evidence this many standard deviations from nominal says that an effect is there."""
 PIECE_VALUES = 6
 """A short piece counts as so many independent values."""
 
@@ -37,14 +35,18 @@ class JointFitSettings:
     """Width of the joint fit, and when an effect is taken away."""
 
     steps: int = 6
-    """Largest number of steps of the first fit."""
+    """Largest number of steps of the first fit of all effects to whole logs and pieces."""
+    first_steps: int = 3
+    """Steps before it with short pieces alone."""
     most_causes: int = 8
     least_gain: float = 6.0
     """An effect without which the logarithm of the likelihood falls by less is taken away."""
-    fewer_steps: int = 3
+    fewer_steps: int = 6
     """Largest number of steps of later fits, of fewer effects."""
-    least_useful: float = 0.8
+    least_useful: float = 0.5
     """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
+    most_lost: float = 0.02
+    """Effects that help little stay where the gap of held-out logs closes less by this share without them."""
     least_closure: float = 0.05
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
     least_sure: float = 0.9
@@ -70,13 +72,6 @@ class Slopes:
     """(values, numbers)"""
     pieces: np.ndarray
     """(pieces, values, numbers)"""
-
-    def after(self, by: np.ndarray, errors: Errors) -> "Slopes":
-        """Slopes after a scaled step ``by`` (numbers,) that led to ``errors``, updated by Broyden's rule."""
-        square = max(float(by @ by), 1e-12)
-        whole = errors.whole - self.errors.whole - self.whole @ by
-        pieces = errors.pieces - self.errors.pieces - self.pieces @ by
-        return Slopes(errors, self.whole + whole[:, None] * by / square, self.pieces + pieces[:, :, None] * by / square)
 
 
 @dataclass(frozen=True)
@@ -134,11 +129,15 @@ class JointFit:
     evidence: Sequence[Evidence]
     plan: JointFitSettings = field(default_factory=JointFitSettings)
     progress: Callable[[str], None] = lambda _: None
+    weight: float = 1.0
+    """Of the errors of whole logs beside those of short pieces."""
 
     def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
         """Fit all effects, take away those that do not matter, and return the rest, what matters most first."""
         every = tuple(h for h in hypotheses if h.location == "all" and h.per_log is None)
-        fit = self.fit(every, Numbers.of(every, self.told).centre, self.plan.steps)
+        # Short pieces answer almost linearly, and lead near; whole logs then tell the slow effects.
+        near = self.fit(every, Numbers.of(every, self.told).centre, self.plan.first_steps, whole=0.0)
+        fit = self.fit(every, near.numbers, self.plan.steps)
         kept = self.without_idle(fit)
         fewer = self.fit(*kept_numbers(fit, kept), self.plan.fewer_steps)
         self.progress(f"jointly, {in_words(fewer)}: closes {self.closes(fewer):.2f}")
@@ -146,8 +145,9 @@ class JointFit:
         if len(useful) < len(fewer.hypotheses):
             best = part(fewer, useful)
             again = self.fit(best.hypotheses, best.numbers, self.plan.fewer_steps)
-            fewer = again
-            self.progress(f"jointly, {in_words(fewer)}: closes {self.closes(fewer):.2f}")
+            self.progress(f"jointly, {in_words(again)}: closes {self.closes(again):.2f}")
+            if self.closes(fewer) - self.closes(again) < self.plan.most_lost:
+                fewer = again
         return self.ordered(fewer)
 
     def closes(self, fit: FullRolloutFit) -> float:
@@ -164,12 +164,18 @@ class JointFit:
         own = ((p, self.told.get(f"{hypothesis.name}.{p.name}")) for p in hypothesis.parameters)
         return any(one and abs(one.value - p.nominal) > SURE_SPREADS * one.spread for p, one in own)
 
-    def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, steps: int) -> FullRolloutFit:
-        """The most likely numbers of a set of effects, with their covariance and those of each fold."""
+    def fit(
+        self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, steps: int, whole: float = 1.0
+    ) -> FullRolloutFit:
+        """The most likely numbers of a set of effects, with their covariance and those of each fold.
+
+        ``whole`` is the weight of the errors of whole logs; those of short pieces have 1.
+        """
+        self.weight = whole
         about = Numbers.of(hypotheses, self.told)
         numbers = clip_numbers(hypotheses, numbers)
         slopes = self.slopes(about, numbers)
-        loss, exact = self.loss(slopes.errors, about.departs(numbers)), True
+        loss = self.loss(slopes.errors, about.departs(numbers))
         for _ in range(steps):
             departs = about.departs(numbers)
             tried = [about.moved(numbers, self.step(slopes, departs, damping)) for damping in DAMPINGS]
@@ -180,10 +186,6 @@ class JointFit:
                 break
             self.progress(f"joint fit of {len(hypotheses)} effects: loss {losses[best]:.0f}, was {loss:.0f}")
             numbers, loss = tried[best], losses[best]
-            by = about.departs(numbers) - departs
-            # Exact slopes take as many replays as there are numbers; every other time those of before are updated.
-            slopes, exact = (slopes.after(by, found[best]), False) if exact else (self.slopes(about, numbers), True)
-        if not exact:
             slopes = self.slopes(about, numbers)
         departs, folds = about.departs(numbers), self.heldout_gap.folds
         of_folds = np.array(
@@ -271,7 +273,7 @@ class JointFit:
 
     def loss(self, errors: Errors, departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
-        whole = self.whole_values / 2 * np.log(np.mean(errors.whole**2))
+        whole = self.weight * self.whole_values / 2 * np.log(np.mean(errors.whole**2))
         pieces = PIECE_VALUES / 2 * np.log(self.usual + np.mean(errors.pieces**2, axis=1)).sum()
         return float(whole + pieces + 0.5 * departs @ departs)
 
@@ -280,7 +282,7 @@ class JointFit:
         folds = self.heldout_gap.folds
         values, pieces = folds[self.log_of_value] != fold, folds[self.short.log_of_piece] != fold
         errors = slopes.errors
-        of_whole = self.whole_values / (np.mean(errors.whole**2) * len(errors.whole))
+        of_whole = self.weight * self.whole_values / (np.mean(errors.whole**2) * len(errors.whole))
         chi2 = self.usual + np.mean(errors.pieces**2, axis=1)
         of_pieces = PIECE_VALUES / (chi2 * errors.pieces.shape[1]) * pieces
         by_whole = slopes.whole * (of_whole * values)[:, None]

@@ -35,27 +35,39 @@ class LegGeometry(Effect):
         if self.is_nominal:
             return
         for first, last, foot in legs_of(robot):
-            model.body_pos[first, 0] += np.copysign(self.hip_x_m, model.body_pos[first, 0])
+            model.body_pos[first, 0] += self.hip_x_m * np.sign(model.body_pos[first, 0])
             model.body_pos[last] += self.upper_m * direction(model.body_pos[last])
-            geom = model.geom(robot.foot_geom_names[foot]).id
-            way = self.lower_m * direction(model.geom_pos[geom])
-            for owner, positions in ((model.geom_bodyid, model.geom_pos), (model.site_bodyid, model.site_pos)):
-                there = (owner == last) & np.isclose(positions, model.geom_pos[geom], atol=1e-9).all(axis=1)
-                positions[there] += way
+            lengthen(model, last, model.geom(robot.foot_geom_names[foot]).id, self.lower_m)
         recompute_constants(model)
 
 
 def legs_of(robot: Robot) -> list[tuple[int, int, int]]:
     """First body, body of the last joint, and index of the foot, of each leg with two joints or more."""
-    found = []
-    for foot in range(len(robot.feet)):
-        joints = robot.topology.limbs[robot.limb_of(robot.feet[foot])]
+    found, parts = [], robot.topology
+    for limb, feet in parts.feet_of_limb.items():
+        joints = parts.limbs[limb]
         if len(joints) > 1:
-            bodies = [int(robot.joint_bodies[robot.joints.index(joint)]) for joint in (joints[0], joints[-1])]
-            found.append((bodies[0], bodies[1], foot))
+            first, last = (int(robot.joint_bodies[robot.joints.index(joint)]) for joint in (joints[0], joints[-1]))
+            found += [(first, last, robot.feet.index(foot)) for foot in feet]
     return found
 
 
+def lengthen(model: mujoco.MjModel, last: int, geom: int, by: float) -> None:
+    """Move a foot's geom, and what lies at its centre, away from the joint of the last body.
+
+    A foot that is a body of its own, fixed to the last one, is moved whole.
+    """
+    body = int(model.geom_bodyid[geom])
+    if body != last and np.any(model.body_pos[body]):
+        model.body_pos[body] += by * direction(model.body_pos[body])
+        return
+    centre = model.geom_pos[geom].copy()
+    for owner, positions in ((model.geom_bodyid, model.geom_pos), (model.site_bodyid, model.site_pos)):
+        there = (owner == body) & np.isclose(positions, centre, atol=1e-9).all(axis=1)
+        positions[there] += by * direction(centre)
+
+
 def direction(offset: np.ndarray) -> np.ndarray:
-    """Unit vector of an offset (3,)."""
-    return np.asarray(offset / np.linalg.norm(offset))
+    """Unit vector of an offset (3,); down the leg, −z, where there is none."""
+    length = np.linalg.norm(offset)
+    return np.asarray(offset / length) if length > 0 else np.array([0.0, 0.0, -1.0])

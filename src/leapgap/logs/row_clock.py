@@ -37,6 +37,8 @@ PRECISE = 0.15
 """Instants known to this share of a step of a whole-number clock are precise."""
 MOVES = 3.0
 """A channel moves where its velocity carries it by more than this many standard deviations of its noise in a row."""
+MOVING = 0.1
+"""Share of the rows in which a channel has to move to have a say in a clock."""
 REPEATS = 0.02
 """Share of repeated samples, while a joint moves, from which a log is one of messages."""
 
@@ -72,6 +74,15 @@ class Stream:
     def moves(self, period_s: float) -> np.ndarray:
         """Whether its velocity moves a channel visibly within a row, for all rows but the last, bool, (rows − 1,)."""
         return np.asarray((np.abs(self.velocity[:-1]) * period_s > MOVES * self.noise).any(axis=1))
+
+    def share_in_motion(self, period_s: float) -> float:
+        """Share of the rows in which its velocity moves a channel visibly."""
+        return float(self.moves(period_s).mean())
+
+    def channel(self, chosen: int | Sequence[int]) -> "Stream":
+        """The message with some of its channels."""
+        at = [chosen] if isinstance(chosen, int) else list(chosen)
+        return replace(self, position=self.position[:, at], velocity=self.velocity[:, at])
 
     def repeats(self, period_s: float) -> float:
         """Share of the rows that repeat the sample of the row before, of those in which a channel moves."""
@@ -142,7 +153,7 @@ class RowClock:
 
 
 def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
-    """The clock of a log by its joints; None where no joint has position and velocity."""
+    """The clock of a log by its joints; None where too few of them move, or have position and velocity."""
     streams = streams_of(log, joints)
     of_joints = [stream for stream in streams if stream.name != BASE]
     if not of_joints or len(log) < 2 * NOISE_WINDOW:
@@ -152,34 +163,55 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
     return clock_of_messages(log, streams)
 
 
-def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock:
+def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
     """The clock of a log whose rows are sampled at once: the length of each row by least squares over the joints.
 
-    Lengths are drawn towards their mean as far as noise asks for it (empirical Bayes), so that rows in which little
-    moves last as long as others.
+    Two halves of the channels tell the lengths apart; what both say is no chance. Lengths are drawn towards their mean
+    as far as the rest of their scatter asks for it, so that rows in which little moves last as long as others. None
+    where fewer than two channels move.
     """
     every = merge(streams)
-    nominal = np.diff(log.time)
-    mean = (every.velocity[1:] + every.velocity[:-1]) / 2
-    bend = np.diff(every.velocity, axis=0)
-    noise = np.sqrt(2) * every.noise
-    weight = 1 / (noise**2 + (CURVATURE * np.abs(bend) * nominal[:, None]) ** 2)
-    moved = np.diff(every.position, axis=0)
-    precision = (weight * mean**2).sum(axis=1)
-    lengths = (weight * mean * moved).sum(axis=1) / np.maximum(precision, 1e-300)
-    known = precision > 0
-    scale = float(
-        np.sum((weight * mean * moved)[known]) / np.sum((weight * mean * nominal[:, None])[known] * mean[known])
-    )
-    around = scale * nominal
-    variance = 1 / np.maximum(precision, 1e-300)
-    sharp = variance < np.quantile(variance, 0.5)
-    excess = max(float(np.median((lengths - around)[sharp] ** 2) / 0.455 - np.median(variance[sharp])), 0.0)
-    keep = excess / (excess + variance)
-    shrunk = np.maximum(around + keep * (lengths - around), 0.0)
+    moving = [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(mean_step(log)) > MOVING]
+    if len(moving) < 2:
+        return None
+    around, (first, second) = np.diff(log.time), (every.channel(moving[k::2]) for k in (0, 1))
+    scale = mean_scale(every.channel(moving), around)
+    halves = [lengths_by(half, scale * around) for half in (first, second)]
+    both, precision = lengths_by(every.channel(moving), scale * around)
+    sharp = precision >= np.median(precision)
+    off = [lengths - scale * around for lengths, _ in halves]
+    excess = max(float(np.mean(off[0][sharp] * off[1][sharp])), 0.0)
+    keep = excess * precision / (excess * precision + 1)
+    shrunk = np.maximum(scale * around + keep * (both - scale * around), 0.0)
     instants = np.concatenate([[0.0], np.cumsum(shrunk)])
     names = [name for stream in streams for name in stream.columns]
-    return RowClock(instants, dict.fromkeys(names, instants), np.sqrt(keep * variance), None, {}, {})
+    spread = np.sqrt(keep / np.maximum(precision, 1e-300))
+    return RowClock(instants, dict.fromkeys(names, instants), spread, None, {}, {})
+
+
+def mean_step(log: Log) -> float:
+    """Mean time from row to row as the log claims it, s."""
+    return float(log.time[-1] - log.time[0]) / (len(log) - 1)
+
+
+def mean_scale(stream: Stream, claimed: np.ndarray) -> float:
+    """True over claimed length of rows, by all of the motion of a message; ``claimed`` lengths (rows − 1,), s."""
+    summed = (stream.velocity[1:] + stream.velocity[:-1]) / 2 * claimed[:, None]
+    weight = 1 / stream.noise**2
+    return float((weight * summed * np.diff(stream.position, axis=0)).sum() / (weight * summed**2).sum())
+
+
+def lengths_by(stream: Stream, around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Length of each row, s, and 1 over its variance, (rows − 1,) each, by the motion of a message alone.
+
+    A row in which nothing moves lasts as long as it is expected to (``around``, (rows − 1,)), and says nothing.
+    """
+    mean = (stream.velocity[1:] + stream.velocity[:-1]) / 2
+    bend = np.abs(np.diff(stream.velocity, axis=0))
+    weight = 1 / (2 * stream.noise**2 + (CURVATURE * bend * around[:, None]) ** 2)
+    precision = (weight * mean**2).sum(axis=1)
+    moved = (weight * mean * np.diff(stream.position, axis=0)).sum(axis=1)
+    return np.where(precision > 0, moved / np.maximum(precision, 1e-300), around), precision
 
 
 @dataclass(frozen=True)

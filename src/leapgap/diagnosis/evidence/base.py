@@ -12,6 +12,8 @@ from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
+SURE_SPREADS = 3.0
+"""Evidence this many standard deviations from nominal says that the model is wrong there."""
 LEAST_LOGS = 3
 """From so many logs on their scatter says how sure their median is."""
 NORMAL_MEDIAN = 0.6745
@@ -39,6 +41,11 @@ class Evidence:
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""
         return asdict(self)
+
+
+def sure(value: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Which departures from the model are surely none of chance, bool, (numbers,)."""
+    return np.asarray(np.abs(value) > SURE_SPREADS * spread)
 
 
 class Source(ABC):

@@ -1,12 +1,12 @@
 """Where the centre of mass is, and how fast it falls, by the longest flight of each log."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, agree, slopes
+from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, agree, slopes, sure
 from leapgap.effects.com_offset import ComOffset
 from leapgap.logs.contacts import has_feet_in_world, in_flight, longest_run
 from leapgap.logs.log import Log
@@ -30,26 +30,53 @@ class Flight(Source):
     name: ClassVar[str] = "flight"
 
     def gather(self, logs: Sequence[Log], robot: Robot) -> list[Evidence]:
-        """Fit g and the offset of the trunk's centre of mass to the longest flight of each log."""
+        """Fit g and the offset of the trunk's centre of mass to the longest flight of each log.
+
+        Offsets that the flights do not surely ask for keep the model's value, and the others are fitted anew.
+        """
         if not all(has_feet_in_world(log, robot) for log in logs):
             return []
-        found = {log.name: fit for log in logs if (fit := fit_flight(log, robot)) is not None}
-        if len(found) < LEAST_LOGS:
+        parameters = ComOffset.parameters(robot)
+        fits = fit_flights(logs, robot, np.ones(len(parameters), bool))
+        if len(fits) < LEAST_LOGS:
             return []
-        names = ["gravity", *(f"{ComOffset.name}.{p.name}" for p in ComOffset.parameters(robot))]
-        units = ["m/s²", *(p.unit for p in ComOffset.parameters(robot))]
+        value, spread = agree_all(fits)
+        kept = sure(value, spread)[1:]
+        anew = fit_flights(logs, robot, kept)
+        again, its_spread = agree_all(anew)
+        spread = np.where(np.append(True, kept), its_spread, spread)
         told = []
-        for k, (quantity, unit) in enumerate(zip(names, units, strict=True)):
-            per_log = {log: float(fit[k]) for log, fit in found.items()}
-            value, spread = agree(per_log)
-            size = f"{value:.3f} ± {spread:.3f} m/s²" if k == 0 else f"{1000 * value:.1f} ± {1000 * spread:.1f} mm"
+        names = ["gravity", *(f"{ComOffset.name}.{p.name}" for p in parameters)]
+        for k, (quantity, unit) in enumerate(zip(names, ["m/s²", *(p.unit for p in parameters)], strict=True)):
+            size = (
+                f"{again[k]:.3f} ± {spread[k]:.3f} m/s²"
+                if k == 0
+                else f"{1000 * again[k]:.1f} ± {1000 * spread[k]:.1f} mm"
+            )
             what = "the centre of mass falls with" if k == 0 else f"the trunk's centre of mass is off by ({quantity})"
-            told.append(Evidence(self.name, quantity, value, spread, unit, per_log, f"in flight {what} {size}"))
+            says = f"in flight {what} {size}"
+            per_log = {log: float(fit[k]) for log, fit in anew.items()}
+            told.append(Evidence(self.name, quantity, float(again[k]), float(spread[k]), unit, per_log, says))
         return told
 
 
-def fit_flight(log: Log, robot: Robot) -> np.ndarray | None:
-    """Gravity, then the parameters of ``com_offset``, by least squares; None where the log has no clean flight."""
+def fit_flights(logs: Sequence[Log], robot: Robot, kept: np.ndarray) -> dict[str, np.ndarray]:
+    """``fit_flight`` of each log with a clean flight, by the log's name."""
+    return {log.name: fit for log in logs if (fit := fit_flight(log, robot, kept)) is not None}
+
+
+def agree_all(fits: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Medians of the logs' numbers and their standard deviations, (numbers,) each."""
+    numbers = range(len(next(iter(fits.values()))))
+    of_numbers = [agree({log: float(fit[k]) for log, fit in fits.items()}) for k in numbers]
+    return np.array([value for value, _ in of_numbers]), np.array([spread for _, spread in of_numbers])
+
+
+def fit_flight(log: Log, robot: Robot, kept: np.ndarray) -> np.ndarray | None:
+    """Gravity, then the parameters of ``com_offset``, by least squares; None where the log has no clean flight.
+
+    Only the ``kept`` parameters, bool, (parameters,), are fitted; the others are 0.
+    """
     flight = longest_run(in_flight(log, robot))
     margin = log.info.rows(MARGIN_S)
     rows = slice(flight.start + margin, flight.stop - margin)
@@ -67,7 +94,9 @@ def fit_flight(log: Log, robot: Robot) -> np.ndarray | None:
     forward = np.column_stack([one, time, none, none, none, -by[:, 0]])
     upward = np.column_stack([none, none, one, time, -(time**2) / 2, -by[:, 1]])
     matrix, right = np.concatenate([forward, upward]), np.concatenate([path[:, 0], path[:, 1]])
-    found, *_ = np.linalg.lstsq(matrix, right, rcond=None)
+    free = np.append(np.ones(5, bool), kept)
+    found = np.zeros(len(free))
+    found[free], *_ = np.linalg.lstsq(matrix[:, free], right, rcond=None)
     straight = np.sqrt(np.mean((right - matrix @ found) ** 2)) < STRAIGHT_M
     return found[4:] if straight else None
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, slopes
+from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, slopes, sure
 from leapgap.effects.leg_geometry import LegGeometry
 from leapgap.logs.contacts import has_feet_in_world
 from leapgap.logs.log import Log
@@ -36,6 +36,10 @@ class Normal:
     right: np.ndarray
     """(parameters + 1,)"""
 
+    def of_some(self, kept: np.ndarray) -> "Normal":
+        """The equations where the other parameters are nominal."""
+        return Normal(self.matrix[np.ix_(kept, kept)], self.right[kept])
+
     @staticmethod
     def solve(of: Sequence["Normal"]) -> np.ndarray:
         """The parameters that fit some logs together, and the softness of the feet, m/N, (parameters + 1,)."""
@@ -55,16 +59,20 @@ class PlantedFeet(Source):
     name: ClassVar[str] = "planted_feet"
 
     def gather(self, logs: Sequence[Log], robot: Robot) -> list[Evidence]:
-        """Fit the parameters of ``leg_geometry`` to the stances of all logs together; resampled logs say how surely."""
+        """Fit the parameters of ``leg_geometry`` to the stances of all logs together; resampled logs say how surely.
+
+        Those that the stances do not surely ask for keep the model's value, and the others are fitted anew.
+        """
         if LegGeometry.lacks(robot) or not all(has_feet_in_world(log, robot) for log in logs):
             return []
         found = {log.name: normal for log in logs if (normal := stances_of(log, robot)) is not None}
         if len(found) < LEAST_LOGS:
             return []
         every = list(found.values())
-        rng = np.random.default_rng(0)
-        draws = [Normal.solve([every[k] for k in rng.integers(0, len(every), len(every))]) for _ in range(DRAWS)]
-        value, spread = Normal.solve(every), np.std(draws, axis=0)
+        value, spread = solve_together(every)
+        kept = np.append(sure(value, spread)[:-1], True)
+        value, spread = np.where(kept, value, 0.0), spread.copy()
+        value[kept], spread[kept] = solve_together([normal.of_some(kept) for normal in every])
         alone = {log: Normal.solve([normal]) for log, normal in found.items()}
         told = []
         for k, p in enumerate(LegGeometry.parameters(robot)):
@@ -77,6 +85,13 @@ class PlantedFeet(Source):
             quantity = f"{LegGeometry.name}.{p.name}"
             told.append(Evidence(self.name, quantity, float(value[k]), float(spread[k]), p.unit, per_log, says))
         return told
+
+
+def solve_together(every: Sequence[Normal]) -> tuple[np.ndarray, np.ndarray]:
+    """The parameters that fit all logs, and their standard deviation over resampled logs, (parameters,) each."""
+    rng = np.random.default_rng(0)
+    draws = [Normal.solve([every[k] for k in rng.integers(0, len(every), len(every))]) for _ in range(DRAWS)]
+    return Normal.solve(every), np.std(draws, axis=0)
 
 
 def stances_of(log: Log, robot: Robot) -> Normal | None:
