@@ -22,7 +22,7 @@ DIFFERENCE = 0.1
 """Step of finite differences, as a share of the scale of a number."""
 DAMPINGS = (0.02, 0.2, 1.0)
 """Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature."""
-SETTLED = 0.5
+SETTLED = 5.0
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
 INDEPENDENT_S = 0.2
 """Errors of whole replays at one instant say little more than those so long before."""
