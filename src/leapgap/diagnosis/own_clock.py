@@ -18,7 +18,10 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class RestoredPeriod(SamplePeriod):
-    """The length of rows that a log by its own clock has already: it states how far the claim was off, and no more."""
+    """Rows of other lengths than the log claims.
+
+    The log by its own clock has the true lengths already, so this states how far the claim was off, and changes nothing.
+    """
 
     def change_period(self, period_s: float) -> float:
         """The period of the log, which is the true one."""

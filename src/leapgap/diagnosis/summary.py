@@ -105,14 +105,19 @@ def sentence(
     ]
     if closes.value < NOTICEABLE:
         return (
-            f"{' and '.join(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
+            f"{listed(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
             f"shrink the gap of whole logs, which stays {brief(nominal)}."
         )
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
     return (
-        f"{' and '.join(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on logs not "
+        f"{listed(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on logs not "
         f"fitted on: it shrinks from {brief(nominal)} to {brief(corrected.gap)}{rest}."
     )
+
+
+def listed(parts: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def brief(gap: float) -> str:
