@@ -20,7 +20,7 @@ from leapgap.robot.model import Robot
 class RestoredPeriod(SamplePeriod):
     """Rows of other lengths than the log claims.
 
-    The log by its own clock has the true lengths already, so this states how far the claim was off, and changes nothing.
+    The log by its own clock has the true lengths already, so this says how far the claim was off, and changes nothing.
     """
 
     def change_period(self, period_s: float) -> float:
