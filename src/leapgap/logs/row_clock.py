@@ -37,8 +37,13 @@ PRECISE = 0.15
 """Instants known to this share of a step of a whole-number clock are precise."""
 MOVES = 3.0
 """A channel moves where its velocity carries it by more than this many standard deviations of its noise in a row."""
+AGREE, FARTHEST = 0.5, 3.0
+"""Correlation of what two halves of the channels say of the lengths of rows, from which these are uneven; departures
+count up to so many mean rows. Impacts and noise correlate by less than 0.2, uneven rows by more than 0.9."""
 MOVING = 0.1
 """Share of the rows in which a channel has to move to have a say in a clock."""
+COUNTS = 2.0
+"""It also moves by more than so many counts of its encoder: between counts an encoder repeats itself."""
 REPEATS = 0.02
 """Share of repeated samples, while a joint moves, from which a log is one of messages."""
 
@@ -73,7 +78,14 @@ class Stream:
 
     def moves(self, period_s: float) -> np.ndarray:
         """Whether its velocity moves a channel visibly within a row, for all rows but the last, bool, (rows − 1,)."""
-        return np.asarray((np.abs(self.velocity[:-1]) * period_s > MOVES * self.noise).any(axis=1))
+        least = np.maximum(MOVES * self.noise, COUNTS * self.resolution)
+        return np.asarray((np.abs(self.velocity[:-1]) * period_s > least).any(axis=1))
+
+    @cached_property
+    def resolution(self) -> np.ndarray:
+        """Distance between neighbouring values of each position, (channels,): an encoder's count, or the last digit."""
+        of_channels = [np.diff(np.unique(values)) for values in self.position.T]
+        return np.array([np.quantile(steps, QUIETEST) if len(steps) else np.inf for steps in of_channels])
 
     def share_in_motion(self, period_s: float) -> float:
         """Share of the rows in which its velocity moves a channel visibly."""
@@ -179,8 +191,10 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
     halves = [lengths_by(half, scale * around) for half in (first, second)]
     both, precision = lengths_by(every.channel(moving), scale * around)
     sharp = precision >= np.median(precision)
-    off = [lengths - scale * around for lengths, _ in halves]
-    excess = max(float(np.mean(off[0][sharp] * off[1][sharp])), 0.0)
+    most = FARTHEST * float(np.mean(scale * around))
+    off = [np.clip((lengths - scale * around)[sharp], -most, most) for lengths, _ in halves]
+    agreed = float(np.mean(off[0] * off[1]))
+    excess = agreed if agreed > AGREE * float(np.sqrt(np.mean(off[0] ** 2) * np.mean(off[1] ** 2))) else 0.0
     keep = excess * precision / (excess * precision + 1)
     shrunk = np.maximum(scale * around + keep * (both - scale * around), 0.0)
     instants = np.concatenate([[0.0], np.cumsum(shrunk)])
