@@ -5,7 +5,7 @@ from pathlib import Path
 from leapgap.atomic_io import write_json
 from leapgap.logs.log import write_log
 from leapgap.reports.diagnosis import Report
-from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, record_jump
+from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, record_jump
 
 
 def record_report(report: Report, path: Path) -> None:
@@ -18,8 +18,13 @@ def record_report(report: Report, path: Path) -> None:
 
 
 def write_replays(report: Report, folder: Path) -> None:
-    """Write the replays of all logs as logs, and which log is the median one."""
+    """Write the replays of all logs as logs, the logs as they were judged, and which log is the median one.
+
+    Logs that are judged by a clock of their own have other times than those that were read, and so have their replays.
+    """
     write_json(folder / DIAGNOSED, {"log": report.content.median_log, "sentence": report.sentence})
     for kind, replays in (("nominal", report.nominal), ("corrected", report.corrected)):
         for name, replay in replays.items():
             write_log(replay, folder / kind / f"{name}.parquet")
+    for log in report.logs:
+        write_log(log, folder / JUDGED / f"{log.name}.parquet")

@@ -4,7 +4,7 @@ import pytest
 
 from leapgap.atomic_io import write_json
 from leapgap.errors import InputError
-from leapgap.jumping.reports.record_all import View, record_all
+from leapgap.jumping.reports.record_all import View, as_judged, record_all
 from leapgap.logs.log import write_log
 from leapgap.reports.log_recording import DIAGNOSED
 from tests.jumping.reports.test_prediction import write_predictions
@@ -32,6 +32,19 @@ def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, fold
     assert "/world/nominal_simulation/trunk" in Recorded(tmp_path / "out" / "published_hop.rrd").moving
     assert f"published: 1 from {tmp_path / 'published'}, 1 more not shown" in lines
     assert f"reference: nothing in {tmp_path / 'references'}, skipped" in lines
+
+
+def test_a_jump_with_a_clock_of_its_own_is_shown_by_it(tmp_path, robot, hop, ghost, folders):
+    write_log(hop, tmp_path / "published" / "hop.parquet")
+    write_log(ghost, tmp_path / "replays_published" / "nominal" / "hop.parquet")
+    slow = dict(hop.columns) | {"time": 1.5 * hop["time"]}
+    info = replace(hop.info, sample_period_s=1.5 * hop.info.sample_period_s)
+    write_log(replace(hop, columns=slow, info=info), tmp_path / "replays_published" / "judged" / "hop.parquet")
+    assert as_judged(tmp_path / "published" / "hop.parquet", None).time[-1] == hop.time[-1]
+    shown = as_judged(tmp_path / "published" / "hop.parquet", str(tmp_path / "replays_published"))
+    assert shown.time[-1] == 1.5 * hop.time[-1]
+    list(record_all(folders, robot, tmp_path / "out"))
+    assert (tmp_path / "out" / "published_hop.rrd").is_file()
 
 
 def test_predictions_without_their_jump_are_refused(tmp_path, robot, folders):

@@ -11,7 +11,7 @@ from leapgap.jumping.reports import references
 from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
 from leapgap.jumping.reports.prediction import record_prediction
 from leapgap.logs.log import Log, read_log
-from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, record_jump
+from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, record_jump
 from leapgap.robot.model import Robot
 
 
@@ -58,7 +58,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
     ):
         logs = logs_in(Path(folder))
         for path in islice(logs, view.most):
-            jump = read_log(path)
+            jump = as_judged(path, replays)
             record_jump(
                 out / f"{kind}_{jump.name}.rrd",
                 jump,
@@ -75,7 +75,7 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         path = Path(folder) / DIAGNOSED
         if path.exists():
             shown = read_json(path)
-            jump = read_log(Path(logs_folder) / f"{shown['log']}.parquet")
+            jump = as_judged(Path(logs_folder) / f"{shown['log']}.parquet", folder)
             record_jump(
                 out / f"diagnosis_{kind}.rrd",
                 jump,
@@ -110,6 +110,12 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
 def logs_in(folder: Path) -> list[Path]:
     """Parquet files of a folder, sorted by name; none where the folder does not exist."""
     return sorted(folder.glob("*.parquet"))
+
+
+def as_judged(path: Path, replays: str | None) -> Log:
+    """The jump of a file, by its own clock where a folder of replays has it so: its ghosts are by that clock."""
+    judged = None if replays is None else Path(replays) / JUDGED / path.name
+    return read_log(judged if judged is not None and judged.is_file() else path)
 
 
 def ghosts_of(jump: Log, replays: str | None) -> dict[str, Log]:
