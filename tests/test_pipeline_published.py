@@ -71,12 +71,22 @@ def test_raw_logs_can_be_imported_from_another_repository(published: Project, tm
     (published.folder / "data/raw/imported.dvc").unlink()
 
 
-def test_a_damaged_log_stops_repro_with_its_message_and_spoils_nothing(published: Project) -> None:
-    path = published.folder / "data/raw/a1_hardware/2/torque.txt"
-    whole = path.read_text()
-    path.unlink()  # a link into DVC's cache, perhaps: never write through it
-    path.write_text(whole.replace(whole.split()[0], "nan", 1))
-    said = published.dvc("repro", "view", code=None)
+def damage(table: Path) -> None:
+    """Put a value that is no number in the place of a table's first one."""
+    whole = table.read_text()
+    table.unlink()  # a link into DVC's cache, perhaps: never write through it
+    table.write_text(whole.replace(whole.split()[0], "nan", 1))
+
+
+def test_a_damaged_log_is_set_aside_and_named_and_too_few_others_stop_repro(published: Project) -> None:
+    raw = published.folder / "data/raw/a1_hardware"
+    damage(raw / "2/torque.txt")
+    said = published.dvc("repro", "import_logs")
     assert "torque.txt: found 1 values that are no number, first in row 0" in said
+    assert "3 logs imported" in said
+    for jump in ("1", "3"):
+        damage(raw / jump / "torque.txt")
+    said = published.dvc("repro", "view", code=None)
+    assert said.count("torque.txt: found 1 values that are no number, first in row 0") == 3
     assert "exited with 2" in said
     assert "Traceback" not in said
