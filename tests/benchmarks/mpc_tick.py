@@ -15,9 +15,10 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy and torch read it
 
 import argparse
 import gc
+import math
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -217,23 +218,24 @@ def estimates(jump: Log, robot: Robot) -> list[StateEstimate]:
     return [StateEstimate(0.025 * i, *(part[row] for part in measured), touching) for i, row in enumerate(rows)]
 
 
+def nearest(jump: Log, targets: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    """The target (x, z), m, that is nearest to that of a jump."""
+    own = target_of(jump)
+    return min(targets, key=lambda target: math.dist(target, (own.x_m, own.z_m)))
+
+
 def recorded_jumps(robot: Robot, needed: int = 4) -> tuple[str, list[tuple[Reference, list[StateEstimate]]]]:
-    """Jumps with a reference to their target: real ones, where there are some, else simulated ones."""
+    """Jumps with the reference that is nearest to their target: published ones, where there are some, else simulated."""
     references = {
         (target_of(j).x_m, target_of(j).z_m): Reference.of(j, robot)
         for j in jump_log.read_logs(Path("data/references/own"))
     }
-    for folder in ("real", "simulated"):
+    for folder in ("published", "simulated"):
         path = Path("data/jumps") / folder
         jumps = jump_log.read_logs(path) if path.is_dir() else []
-        found = [
-            (references[key], estimates(jump, robot))
-            for jump in jumps
-            if (key := (target_of(jump).x_m, target_of(jump).z_m)) in references
-        ]
-        if len(found) >= needed:
-            return folder, found
-    raise SystemExit(f"no {needed} jumps with a reference: run `dvc repro collect optimize import_logs` first")
+        if references and len(jumps) >= needed:
+            return folder, [(references[nearest(jump, references)], estimates(jump, robot)) for jump in jumps]
+    raise SystemExit(f"no {needed} jumps, or no reference: run `dvc repro collect optimize import_logs` first")
 
 
 @dataclass

@@ -141,7 +141,10 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=None, help="folder of the inputs, kept; default: a temporary one")
     parser.add_argument("--only", default="", help="names of parts, such as chunk:500,diagnose_minutes:10")
     parser.add_argument("--table", action="store_true", help="print the table of the file and measure nothing")
+    parser.add_argument("--tiny", action="store_true", help="the smallest part alone; what it measures means nothing")
     chosen = parser.parse_args()
+    if chosen.tiny:
+        chosen.only = f"chunk:{JUMPS[0]}"
     known = json.loads(chosen.json.read_text(encoding="utf-8")) if chosen.json.is_file() else {"parts": {}}
     if chosen.table:
         print(table(known))
