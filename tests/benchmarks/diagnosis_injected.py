@@ -43,8 +43,8 @@ HIGHEST_BLOCK_M = 0.03
 LARGE = {
     "aerodynamic_drag": 3.0, "armature": 0.05, "com_offset": 0.06, "command_delay": 0.010, "encoder_bias": 0.08,
     "foot_compliance": 0.06, "foot_friction": 0.3, "ground_height": 0.06, "ground_slope": 0.08, "joint_damping": 1.0,
-    "joint_friction": 2.5, "leg_geometry": 0.01, "leg_mass": 1.6, "motor_lag": 0.010, "payload": 2.5, "sample_period": 1.15,
-    "state_latency": 0.030, "torque_gain": 0.7, "torque_speed_limit": 13.0, "trunk_inertia": 2.0,
+    "joint_friction": 2.5, "leg_geometry": 0.01, "leg_mass": 1.6, "motor_lag": 0.010, "payload": 2.5,
+    "sample_period": 1.15, "state_latency": 0.030, "torque_gain": 0.7, "torque_speed_limit": 13.0, "trunk_inertia": 2.0,
 }  # fmt: skip
 """Of the first parameter; moderate ones stand with the effects."""
 PLACED = (

@@ -225,7 +225,7 @@ def nearest(jump: Log, targets: Iterable[tuple[float, float]]) -> tuple[float, f
 
 
 def recorded_jumps(robot: Robot, needed: int = 4) -> tuple[str, list[tuple[Reference, list[StateEstimate]]]]:
-    """Jumps with the reference that is nearest to their target: published ones, where there are some, else simulated."""
+    """Jumps with the reference nearest to their target: published ones, where there are some, else simulated ones."""
     references = {
         (target_of(j).x_m, target_of(j).z_m): Reference.of(j, robot)
         for j in jump_log.read_logs(Path("data/references/own"))
