@@ -5,6 +5,7 @@ Examples:
     python -m stages.diagnose diagnose.logs=jumps diagnose.robot=model.xml diagnose.out=report
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def diagnose(config: DictConfig) -> dict[str, float] | None:
         if report is None:
             write_note(folder)
         else:
-            report.write(folder, page.viewer)
+            replace(report, record=record_report).write(folder, page.viewer)
             if section.recordings:
                 record_report(report, folder / RECORDING)
         if replays is None:

