@@ -45,7 +45,7 @@ def template() -> str:
         raise InputError(
             "stages.plots", "no package vl-convert-python", "Vega for a page without a network", do
         ) from None
-    return PAGE.format(bundle=vl_convert.javascript_bundle().replace("</script", "<\\/script"))
+    return PAGE.format(bundle=vl_convert.javascript_bundle().replace("</script", "<\\/script"))  # type: ignore[call-arg]
 
 
 def plots(arguments: list[str]) -> int:

@@ -58,8 +58,12 @@ def lengthen(model: mujoco.MjModel, last: int, geom: int, by: float) -> None:
     A foot that is a body of its own, fixed to the last one, is moved whole.
     """
     body = int(model.geom_bodyid[geom])
-    if body != last and np.any(model.body_pos[body]):
-        model.body_pos[body] += by * direction(model.body_pos[body])
+    if body != last:
+        down = model.body_pos[body] if np.any(model.body_pos[body]) else model.geom_pos[geom]
+        moved = by * direction(down)
+        model.body_pos[body] += moved
+        if model.body_mass[body] == 0:  # MuJoCo puts the centre of a body without mass where the body is
+            model.body_ipos[body] += moved
         return
     centre = model.geom_pos[geom].copy()
     for owner, positions in ((model.geom_bodyid, model.geom_pos), (model.site_bodyid, model.site_pos)):
