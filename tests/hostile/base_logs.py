@@ -47,7 +47,7 @@ class Sines:
         return self.middle + (self.size * np.sin(np.outer(time, self.rate) + self.phase)).sum(axis=1)
 
     def slope(self, time: np.ndarray) -> np.ndarray:
-        """Its derivative."""
+        """The derivative of the sum by time, at some times."""
         return (self.size * self.rate * np.cos(np.outer(time, self.rate) + self.phase)).sum(axis=1)
 
 

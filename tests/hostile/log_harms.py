@@ -460,7 +460,7 @@ def parquet_lists(path: Path) -> None:
 
 
 def parquet_columns(path: Path) -> None:
-    """Five thousand columns."""
+    """Write a log with the commands of five thousand joints, each as short as can be."""
     table = pa.table({"time": [0.0, 1.0]} | {f"cmd_tau/{i}": [0.0, 0.0] for i in range(5000)})
     pq.write_table(table.replace_schema_metadata({b"leapgap": b"{}"}), path)
 

@@ -44,7 +44,7 @@ WHOLE_FILE_SEEDS = 8
 
 @dataclass(frozen=True)
 class Case:
-    """One harmed log."""
+    """A log of one format, and what is done to it before it is read."""
 
     number: int
     format: str
@@ -260,7 +260,7 @@ class Worker:
         return ("traceback", f"the process died ({code})") if ready else ("hang", f"no answer in {LONGEST_S:g} s")
 
     def close(self) -> None:
-        """End the process."""
+        """Kill the process that reads, and wait until it is gone."""
         self.process.kill()
         self.process.wait()
 

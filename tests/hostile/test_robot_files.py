@@ -26,7 +26,7 @@ def mjcf(world: str = LINK, rest: str = MOTORS) -> str:
 
 
 def body(attributes: str = "", joint: str = 'name="j"', geom: str = 'size="0.1"') -> str:
-    """One link."""
+    """A body with one joint and one geom, as MJCF."""
     return f"<body {attributes}><joint {joint}/><geom {geom}/></body>"
 
 

@@ -157,7 +157,7 @@ def commanded_torques(log: Log) -> dict[str, np.ndarray]:
 
 
 def rms(values: np.ndarray) -> float:
-    """Root mean square."""
+    """Root mean square of values of any shape."""
     return float(np.sqrt(np.mean(values**2)))
 
 

@@ -5,6 +5,7 @@ once, drawn towards the nominal robot and towards what evidence says, to replays
 one likelihood. Effects without which the likelihood hardly falls are then taken away, and the rest is fitted again.
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs, in_words, split_numbers
-from leapgap.diagnosis.evidence.base import SURE_SPREADS, Evidence
+from leapgap.diagnosis.evidence.base import Evidence, sure
 from leapgap.diagnosis.full_rollouts import EVERY_S, FullRolloutCause, FullRolloutFit
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -28,6 +29,8 @@ INDEPENDENT_S = 0.2
 """Errors of whole replays at one instant say little more than those so long before."""
 PIECE_VALUES = 6
 """A short piece counts as so many independent values."""
+USUAL = 1.0
+"""A usual χ² of a piece over its number of values: below it pieces count alike."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ class JointFit:
     def is_told(self, hypothesis: Hypothesis) -> bool:
         """Whether evidence alone says that an effect is there."""
         own = ((p, self.told.get(f"{hypothesis.name}.{p.name}")) for p in hypothesis.parameters)
-        return any(one and abs(one.value - p.nominal) > SURE_SPREADS * one.spread for p, one in own)
+        return any(one is not None and sure(one.value - p.nominal, one.spread) for p, one in own)
 
     def fit(
         self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, steps: int, whole: float = 1.0
@@ -178,7 +181,8 @@ class JointFit:
         loss = self.loss(slopes.errors, about.departs(numbers))
         for _ in range(steps):
             departs = about.departs(numbers)
-            tried = [about.moved(numbers, self.step(slopes, departs, damping)) for damping in DAMPINGS]
+            equations = self.normal(slopes, departs)
+            tried = [about.moved(numbers, damped_step(*equations, damping)) for damping in DAMPINGS]
             found = self.errors(hypotheses, tried)
             losses = [self.loss(e, about.departs(x)) for e, x in zip(found, tried, strict=True)]
             best = int(np.argmin(losses))
@@ -190,7 +194,7 @@ class JointFit:
         departs, folds = about.departs(numbers), self.heldout_gap.folds
         of_folds = np.array(
             [
-                about.moved(numbers, self.step(slopes, departs, DAMPINGS[1], fold))
+                about.moved(numbers, damped_step(*self.normal(slopes, departs, fold), DAMPINGS[1]))
                 for fold in range(int(folds.max()) + 1)
             ]
         )
@@ -232,21 +236,11 @@ class JointFit:
 
         By the curvature at the fit; hypotheses that are not kept are nominal.
         """
-        ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
-        own = [list(range(ends[k], ends[k + 1])) for k in range(len(fit.hypotheses))]
-        precision = np.linalg.inv(fit.covariance)
-        departs = fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses])
-        numbers = [i for k in kept for i in own[k]]
-        # Conditional on the effects that are gone: their departures are taken to nominal.
-        gone = [i for i in range(len(departs)) if i not in numbers]
-        inner = np.linalg.inv(precision[np.ix_(numbers, numbers)])
-        shifted = departs[numbers] + inner @ precision[np.ix_(numbers, gone)] @ departs[gone]
-        places = {number: at for at, number in enumerate(numbers)}
-        found = []
-        for k in kept:
-            at = [places[i] for i in own[k]]
-            found.append(0.5 * shifted[at] @ np.linalg.solve(inner[np.ix_(at, at)], shifted[at]))
-        return np.array(found)
+        own, shift, inner = where_others_are_nominal(fit, kept)
+        departs = (fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]))[own] + shift
+        ends = np.cumsum([0, *(len(fit.hypotheses[k].parameters) for k in kept)])
+        at = [list(range(begin, end)) for begin, end in itertools.pairwise(ends)]
+        return np.array([0.5 * departs[i] @ np.linalg.solve(inner[np.ix_(i, i)], departs[i]) for i in at])
 
     def ordered(self, fit: FullRolloutFit) -> list[FullRolloutCause]:
         """The causes of a fit, what matters most first, each with the fit of those up to it.
@@ -274,7 +268,7 @@ class JointFit:
     def loss(self, errors: Errors, departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
         whole = self.weight * self.whole_values / 2 * np.log(np.mean(errors.whole**2))
-        pieces = PIECE_VALUES / 2 * np.log(self.usual + np.mean(errors.pieces**2, axis=1)).sum()
+        pieces = PIECE_VALUES / 2 * np.log(USUAL + np.mean(errors.pieces**2, axis=1)).sum()
         return float(whole + pieces + 0.5 * departs @ departs)
 
     def normal(self, slopes: Slopes, departs: np.ndarray, fold: int | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -283,7 +277,7 @@ class JointFit:
         values, pieces = folds[self.log_of_value] != fold, folds[self.short.log_of_piece] != fold
         errors = slopes.errors
         of_whole = self.weight * self.whole_values / (np.mean(errors.whole**2) * len(errors.whole))
-        chi2 = self.usual + np.mean(errors.pieces**2, axis=1)
+        chi2 = USUAL + np.mean(errors.pieces**2, axis=1)
         of_pieces = PIECE_VALUES / (chi2 * errors.pieces.shape[1]) * pieces
         by_whole = slopes.whole * (of_whole * values)[:, None]
         by_pieces = (slopes.pieces * of_pieces[:, None, None]).reshape(-1, len(departs))
@@ -291,11 +285,6 @@ class JointFit:
         curvature = by_whole.T @ slopes.whole + by_pieces.T @ flat + np.eye(len(departs))
         slope = by_whole.T @ errors.whole + by_pieces.T @ errors.pieces.ravel() + departs
         return curvature, slope
-
-    def step(self, slopes: Slopes, departs: np.ndarray, damping: float, fold: int | None = None) -> np.ndarray:
-        """Levenberg–Marquardt step in the scaled numbers, (numbers,), without a fold where one is given."""
-        curvature, slope = self.normal(slopes, departs, fold)
-        return np.asarray(-np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope))
 
     def slopes(self, about: Numbers, numbers: np.ndarray) -> Slopes:
         """Errors at numbers, and finite differences about them within their ranges, by those that are fitted."""
@@ -342,10 +331,10 @@ class JointFit:
         """Number of independent values of whole replays."""
         return len(self.log_of_value) * EVERY_S / INDEPENDENT_S
 
-    @cached_property
-    def usual(self) -> float:
-        """A usual χ² of a piece over its number of values: below it pieces count alike."""
-        return 1.0
+
+def damped_step(curvature: np.ndarray, slope: np.ndarray, damping: float) -> np.ndarray:
+    """Levenberg–Marquardt step in the scaled numbers, (numbers,), by the normal equations."""
+    return np.asarray(-np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope))
 
 
 def kept_numbers(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[tuple[Hypothesis, ...], np.ndarray]:
@@ -354,16 +343,24 @@ def kept_numbers(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[tuple[Hypoth
     return tuple(fit.hypotheses[k] for k in kept), np.concatenate([parts[k] for k in kept])
 
 
-def part(fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
-    """Some causes of a fit, in this order, at their best numbers by the curvature where all others are nominal."""
+def where_others_are_nominal(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[list[int], np.ndarray, np.ndarray]:
+    """Indices of the numbers of some hypotheses, their shift if all others are nominal, and their covariance then.
+
+    By the curvature at the fit: (numbers,), (numbers,) and (numbers, numbers).
+    """
     ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
     own = [i for k in kept for i in range(ends[k], ends[k + 1])]
     gone = [i for i in range(ends[-1]) if i not in own]
-    hypotheses = tuple(fit.hypotheses[k] for k in kept)
-    precision = np.linalg.inv(fit.covariance)
-    inner = np.linalg.inv(precision[np.ix_(own, own)])
     departs = (fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]))[gone]
-    shift = inner @ precision[np.ix_(own, gone)] @ departs if gone else np.zeros(len(own))
+    precision = np.linalg.inv(fit.covariance)
+    covariance = np.linalg.inv(precision[np.ix_(own, own)])
+    return own, covariance @ precision[np.ix_(own, gone)] @ departs, covariance
+
+
+def part(fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
+    """Some causes of a fit, in this order, at their best numbers by the curvature where all others are nominal."""
+    hypotheses = tuple(fit.hypotheses[k] for k in kept)
+    own, shift, inner = where_others_are_nominal(fit, kept)
     numbers = clip_numbers(hypotheses, fit.numbers[own] + shift)
     of_folds = np.array([clip_numbers(hypotheses, fold + shift) for fold in fit.fold_numbers[:, own]])
     return FullRolloutFit(hypotheses, numbers, inner, of_folds, fit.loss, fit.heldout)

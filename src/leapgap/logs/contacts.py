@@ -84,9 +84,10 @@ def longest_stance(log: Log, robot: Robot) -> slice:
 
 def longest_run(rows: np.ndarray) -> slice:
     """The longest unbroken run of rows (bool) that are true, as a slice; empty where none is."""
+    return max(runs_of(rows), key=lambda run: run.stop - run.start, default=slice(0, 0))
+
+
+def runs_of(rows: np.ndarray) -> list[slice]:
+    """All unbroken runs of rows (bool) that are true, in their order."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
-    if not len(begins):
-        return slice(0, 0)
-    k = int(np.argmax(ends - begins))
-    return slice(int(begins[k]), int(ends[k]))
+    return [slice(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]

@@ -43,9 +43,9 @@ class Evidence:
         return asdict(self)
 
 
-def sure(value: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Which departures from the model are surely none of chance, bool, (numbers,)."""
-    return np.asarray(np.abs(value) > SURE_SPREADS * spread)
+def sure(departs: np.ndarray | float, spread: np.ndarray | float) -> np.ndarray:
+    """Which departures from the model are surely none of chance, bool, in the shape of the departures."""
+    return np.asarray(np.abs(departs) > SURE_SPREADS * spread)
 
 
 class Source(ABC):

@@ -9,7 +9,7 @@ import numpy as np
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, slopes, sure
 from leapgap.effects.leg_geometry import LegGeometry
-from leapgap.logs.contacts import has_feet_in_world
+from leapgap.logs.contacts import has_feet_in_world, runs_of
 from leapgap.logs.log import Log
 from leapgap.logs.stance import columns_of_feet, stance_by_force
 from leapgap.logs.state import motion_of
@@ -24,7 +24,7 @@ FLAT_M = 0.003
 TOLD = 0.01
 """A parameter is told where its scatter over resampled logs is below this, m."""
 DRAWS = 200
-"""Resamples of logs."""
+"""Number of times that logs are drawn anew, with repetition, to see how far their answer scatters."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,8 @@ def stances_of(log: Log, robot: Robot) -> Normal | None:
 
 def stances(stands: np.ndarray, log: Log) -> list[slice]:
     """Runs of rows in which a foot stands (bool, (rows,)) for long enough, without their ends."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(int)))
     margin = log.info.rows(MARGIN_S)
-    runs = [slice(int(a) + margin, int(b) - margin) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    runs = [slice(run.start + margin, run.stop - margin) for run in runs_of(stands)]
     return [run for run in runs if run.stop - run.start > log.info.rows(SHORTEST_S)]
 
 

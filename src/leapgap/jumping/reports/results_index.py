@@ -41,7 +41,7 @@ class Source:
     figures: Callable[[Metrics], Sequence[Figure]]
     bars: Callable[[Metrics], Mapping[str, float]] | None = None
     unit: str = ""
-    """Of the bars."""
+    """Unit in which the bars are drawn; empty where they have none."""
     pages: Mapping[str, str] = field(default_factory=dict)
     """Files below ``data`` by what they are; those that do not exist are left out."""
     report: str | None = None
