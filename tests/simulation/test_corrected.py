@@ -22,7 +22,9 @@ from leapgap.simulation.replay import Replayer, Rollout
 from tests.plain_simulation import Pd, by_motors, published, simulate
 from tests.simulation.test_replay import moving
 
-NOT_IN_A_MODEL = ("command_delay", "encoder_bias", "sample_period", "state_latency")
+NOT_IN_A_MODEL = (
+    *("command_delay", "computation_delay", "encoder_bias", "sample_period", "state_latency", "velocity_filter"),
+)
 ROWS = 250
 
 

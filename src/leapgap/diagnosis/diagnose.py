@@ -8,6 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.checks import clock_of, run_checks
+from leapgap.diagnosis.closure_by_source import closure_by_source
 from leapgap.diagnosis.decision import DecisionThresholds, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.evidence import gather
@@ -176,9 +177,10 @@ def diagnose(
     checks = run_checks(judged.logs, robot, settings.check_thresholds, logs)
     clock = own_clock(judged, checks, settings.sizes)
     if clock is not None:
-        judged, kinds = clock.judged, [kind for kind in kinds if not kind.differs_per_log]
+        judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
         progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
+    kinds = kinds_for(kinds, judged, clock is not None)
     hypotheses = list_hypotheses(kinds, robot, clock_of(checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], robot)
     most = settings.pieces(len(logs))
@@ -186,16 +188,20 @@ def diagnose(
         ShortRollouts.of(judged.states, replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
-    result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
+    # Logs by their own clock are judged by a joint fit; beside it, single causes are enough to see rivals.
+    plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
+    result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, plan, progress)
     heldout_gap = heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
+    by_source = None
     if clock is not None:
         joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)
         judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
+        by_source = closure_by_source(joint, judgement.selected)
         judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
@@ -221,6 +227,7 @@ def diagnose(
         answer=conclusion.answer,
         closure_of_answer=corrected.closure if conclusion.answer else None,
         closure_shared=shared,
+        closure_by_source=by_source,
         where=tuple(places),
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(checks),
@@ -253,6 +260,14 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
         raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
     names = [*settings.effects, *(kind.name for kind in own)] if settings.effects else kinds
     return [kinds[name] for name in dict.fromkeys(names)]
+
+
+def kinds_for(kinds: Sequence[type[Effect]], judged: JudgedLogs, has_clock: bool) -> list[type[Effect]]:
+    """The effects that logs can tell; ``has_clock``: they are by their own clock, which then is no hypothesis."""
+    even = all(log.is_even for log in judged.logs)
+    return [
+        kind for kind in kinds if not (has_clock and kind.differs_per_log) and not (even and kind.needs_uneven_rows)
+    ]
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:

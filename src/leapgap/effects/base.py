@@ -74,7 +74,7 @@ PARAMETER = "parameter"
 
 @dataclass(frozen=True)
 class Commands:
-    """Commands that are sent to the joints: shape (rows, joints) each, joint order of the robot."""
+    """Commands that are sent to the joints in periods of equal length: (periods, joints), joint order of the robot."""
 
     torque: np.ndarray
     """Feed-forward, N·m."""
@@ -82,6 +82,8 @@ class Commands:
     """Set point of the joint PD, rad."""
     velocity: np.ndarray
     """Set point of the joint PD, rad/s."""
+    row: np.ndarray | None = None
+    """Row of the log in which each period lies, (periods,); None: each is a row of its own."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,10 @@ class Effect(ABC):
     """Whether it exists only on a robot with a free base."""
     needs_motor: ClassVar[bool] = False
     """Whether it acts on motors alone, and so at no passive joint."""
+    in_controller: ClassVar[bool] = False
+    """Whether it acts in the joint PD, which a model of the robot alone does not hold."""
+    needs_uneven_rows: ClassVar[bool] = False
+    """Whether it can be told from others only where rows of the logs are of unequal length."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
@@ -186,7 +192,7 @@ class Effect(ABC):
         """Put the effect into a model that the caller owns; period and motors are set already."""
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
-        """Commands as they reach the joints, one row a control period of ``period_s`` true seconds."""
+        """Commands as they reach the joints in periods of ``period_s`` true seconds."""
         return commands
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:

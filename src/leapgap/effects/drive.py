@@ -24,11 +24,13 @@ class Drive:
     """Limit of |R τ + q̇|, V; infinite: no limit."""
     lag_s: np.ndarray
     """Time constant with which the delivered torque follows the commanded one; 0: at once."""
+    filter_s: np.ndarray
+    """Time constant of the filter of the joint velocity that the joint PD feeds back; 0: none."""
 
     @staticmethod
     def ideal(joints: int) -> "Drive":
         """Motors that deliver the commanded torque at once."""
-        return Drive(np.ones(joints), np.full(joints, np.inf), np.zeros(joints))
+        return Drive(np.ones(joints), np.full(joints, np.inf), np.zeros(joints), np.zeros(joints))
 
     @property
     def electric(self) -> np.ndarray:
@@ -48,16 +50,33 @@ class Drive:
             voltage = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)
             motors = robot.joint_actuators[chosen]
             actuators.make_dc_motors(model, motors, resistance_of(robot), voltage[chosen], self.lag_s[chosen])
+        self.split_joint_pd(model, robot)
+
+    def split_joint_pd(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Let the dampers of joint PDs whose velocity is filtered act late."""
+        at = np.flatnonzero((self.filter_s > 0) & robot.driven)
+        if len(at):
+            dampers = np.array([model.actuator(actuators.filter_of(robot.joints[i])).id for i in at])
+            actuators.split_joint_pd(model, robot.joint_actuators[at], dampers, (self.filter_s + self.lag_s)[at])
 
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
         """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
         for chosen, put in ((~self.electric, actuators.set_joint_pd), (self.electric, actuators.set_dc_joint_pd)):
             put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (kd * self.gain)[chosen])
+        self.split_joint_pd(model, robot)
 
 
 def resistance_of(robot: Robot) -> float:
     """Resistance of the motors, V/(N·m); 1 where it is not stated, which has no influence without a voltage limit."""
     return 1.0 if robot.motors is None else robot.motors.resistance
+
+
+def add_velocity_filter(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
+    """Give the joints at a location the actuators that a filter of the velocity in their joint PD needs."""
+    joints = [robot.joints[i] for i in robot.joints_at(location) if robot.driven[i]]
+    known = {actuator.name for actuator in spec.actuators}
+    missing = [joint for joint in joints if actuators.filter_of(joint) not in known]
+    actuators.add_filtered_dampers(spec, missing, resistance_of(robot))
 
 
 def add_lag(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:

@@ -268,6 +268,39 @@ def add_dc_state(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> No
             put_winding(actuator, Winding(resistance, voltage_v=0.0, lag_s=1.0))
 
 
+def filter_of(joint: str) -> str:
+    """Name of the actuator that holds the damper of a joint PD apart, so that it can act late."""
+    return f"filtered damper of {joint}"
+
+
+def add_filtered_dampers(spec: mujoco.MjSpec, joints: Sequence[str], resistance: float) -> None:
+    """Add an actuator at each of these joints that ``split_joint_pd`` gives the damper of the joint PD."""
+    for joint in joints:
+        added = spec.add_actuator()
+        added.name, added.target, added.trntype = filter_of(joint), joint, mujoco.mjtTrn.mjTRN_JOINT
+        make_affine(added, gain=1.0)
+        set_limit(added, UNLIMITED)
+        added.gear = [1.0, 0, 0, 0, 0, 0]
+        put_winding(added, Winding(resistance, voltage_v=0.0, lag_s=1.0))
+
+
+def split_joint_pd(model: mujoco.MjModel, motors: np.ndarray, dampers: np.ndarray, lag_s: np.ndarray) -> None:
+    """Move the damper of each motor's joint PD to the actuator that ``add_filtered_dampers`` gave its joint.
+
+    It follows with the time constants ``lag_s`` (motors,). The motor's limit becomes that of the joint, of the sum.
+    """
+    is_dc = model.actuator_gaintype[motors] == int(mujoco.mjtGain.mjGAIN_DCMOTOR)
+    for get, put, chosen in ((joint_pd, set_joint_pd, ~is_dc), (dc_joint_pd, set_dc_joint_pd, is_dc)):
+        kp, kd = get(model, motors[chosen])
+        put(model, motors[chosen], kp, np.zeros_like(kd))
+        set_dc_joint_pd(model, dampers[chosen], np.zeros_like(kp), kd)
+    model.actuator_dynprm[dampers, DC_TIME_CONSTANT] = lag_s
+    joints = model.actuator_trnid[motors, 0]
+    model.jnt_actfrclimited[joints] = model.actuator_forcelimited[motors]
+    model.jnt_actfrcrange[joints] = model.actuator_forcerange[motors]
+    model.actuator_forcelimited[motors] = False
+
+
 def check_joint_pd(model: mujoco.MjModel, actuators: np.ndarray, own: Sequence[JointActuator], where: object) -> None:
     """Raise ``InputError`` unless a joint PD acts: at a displaced state each driven joint feels kp e + kd ė more.
 

@@ -47,8 +47,10 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
 
 
 def acts_outside(effect: Effect) -> bool:
-    """Whether an effect changes commands, measurements or the clock."""
-    return any(getattr(type(effect), method) is not getattr(Effect, method) for method in OUTSIDE)
+    """Whether an effect changes commands, the joint PD, measurements or the clock."""
+    return effect.in_controller or any(
+        getattr(type(effect), method) is not getattr(Effect, method) for method in OUTSIDE
+    )
 
 
 def changes_model(effect: Effect) -> bool:

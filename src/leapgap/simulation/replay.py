@@ -60,14 +60,10 @@ class Rollout:
         return period
 
 
-def hold_controls(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.ndarray:
-    """Each row's controls for its own number of steps, (trials, steps, actuators); short trials hold their last."""
-    longest = max(int(n.sum()) for n in counts)
-    steps = []
-    for control, number in zip(controls, counts, strict=True):
-        row = np.repeat(np.arange(len(number)), number)
-        steps.append(control[np.concatenate([row, np.full(longest - len(row), row[-1])])])
-    return np.stack(steps)
+def batch_controls(controls: Sequence[np.ndarray]) -> np.ndarray:
+    """Controls of trials, (steps, actuators) each, as (trials, steps, actuators); short trials hold their last."""
+    longest = max(len(control) for control in controls)
+    return np.stack([np.pad(c, ((0, longest - len(c)), (0, 0)), mode="edge") for c in controls])
 
 
 def joint_gains(log: Log, robot: Robot) -> np.ndarray:
@@ -175,7 +171,7 @@ class Replayer:
                 found |= {i: [] for i in chosen}
                 continue
             data = self._own_data(trials[chosen[0]])
-            out, read = mujoco.rollout.rollout(models, data, np.stack(states), hold_controls(controls, counts))
+            out, read = mujoco.rollout.rollout(models, data, np.stack(states), batch_controls(controls))
             readings = [self._readings(*one) for one in zip(models, read, counts, strict=True)]
             pieces = zip(states, counts, out, readings, strict=True)
             for i in chosen:
@@ -185,18 +181,18 @@ class Replayer:
     def _restarts(
         self, trial: Rollout, starts: "Starts", rows: int
     ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-        """Model, full first state, controls and steps of the rows of each piece of one trial."""
+        """Model, full first state, controls in every step and steps of the rows of each piece of one trial."""
         self.check_joints(trial.log)
-        control = self._controls(trial, starts.rows[-1] + rows - 1 if len(starts.rows) else 0)
+        steps = self.row_steps(trial)[: starts.rows[-1] + rows - 1 if len(starts.rows) else 0]
+        control, step = self._step_controls(trial, steps), np.concatenate([[0], np.cumsum(steps)])
         gains = joint_gains(trial.log, self.robot)
         of_gains: dict[bytes, mujoco.MjModel] = {}
         models, states, controls, counts = [], [], [], []
-        steps = self.row_steps(trial)
         for row, state in zip(starts.rows, starts.states, strict=True):
             key = gains[row].tobytes()
             if key not in of_gains:
                 of_gains[key] = self.model(trial, row=row)
-            own = control[row : row + rows - 1]
+            own = control[step[row] : step[row + rows - 1]]
             true = self.true_state(trial.effects, state)
             models.append(of_gains[key])
             states.append(self.full_state(replace(trial, first_state=true), of_gains[key], own))
@@ -236,9 +232,10 @@ class Replayer:
         switches = sorted(
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
         )
-        controls = [self._controls(trial, rows) for trial in trials]
         data = self._data(trials[0])
         counts = [self.row_steps(trial)[: rows - 1] for trial in trials]
+        controls = [self._step_controls(trial, steps) for trial, steps in zip(trials, counts, strict=True)]
+        steps_before = [np.concatenate([[0], np.cumsum(steps)]) for steps in counts]
         history: list[list[np.ndarray]] = []
         readings: list[list[np.ndarray]] = [[] for _ in trials]
         for start, end in itertools.pairwise(switches):
@@ -247,7 +244,9 @@ class Replayer:
                 history = [
                     [self.full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
                 ]
-            control = hold_controls([c[start:end] for c in controls], [n[start:end] for n in counts])
+            control = batch_controls(
+                [c[step[start] : step[end]] for c, step in zip(controls, steps_before, strict=True)]
+            )
             out, read = mujoco.rollout.rollout(
                 models, data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
             )
@@ -270,13 +269,13 @@ class Replayer:
         """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
-        gains = actuators.dc_joint_pd(model, self.robot.joint_actuators)
-        for joint, actuator in enumerate(self.robot.joint_actuators):
-            if model.actuator_actnum[actuator]:
-                kp, kd = (gain[joint] for gain in gains)
-                q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
-                asked = control[0, actuator] - kp * q - kd * v
-                activation[model.actuator_actadr[actuator]] = np.clip(asked, *model.actuator_forcerange[actuator])
+        with_state = np.flatnonzero(model.actuator_actnum)
+        for actuator, kp, kd in zip(with_state, *actuators.dc_joint_pd(model, with_state), strict=True):
+            joint = model.actuator_trnid[actuator, 0]
+            q, v = state[model.jnt_qposadr[joint]], state[self.bare.nq + model.jnt_dofadr[joint]]
+            asked = control[0, actuator] - kp * q - kd * v
+            limits = model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
+            activation[model.actuator_actadr[actuator]] = np.clip(asked, *limits)
         return np.concatenate([[0.0], state, activation])
 
     def _data(self, trial: Rollout) -> list[mujoco.MjData]:
@@ -360,13 +359,32 @@ class Replayer:
         return np.maximum(np.diff(ends, prepend=0), 1)
 
     def _controls(self, trial: Rollout, rows: int) -> np.ndarray:
-        """Controls of the affine actuators, (rows, actuators): τ + kp q* + kd q̇*, by the gains of each row."""
+        """Controls of the affine actuators in the first rows of an even log, (rows, actuators)."""
+        return self.row_controls(trial, np.arange(rows), trial.period_s)
+
+    def _step_controls(self, trial: Rollout, steps: np.ndarray) -> np.ndarray:
+        """Controls in every step of the first rows, which last ``steps`` (rows,) each.
+
+        (steps, actuators). Commands reach the joints by rows of one length: those of the log where it is even, else
+        the steps of the simulation.
+        """
+        if trial.log.is_even:
+            return np.repeat(self._controls(trial, len(steps)), steps, axis=0)
+        row = np.repeat(np.arange(len(steps)), steps)
+        return self.row_controls(trial, row, trial.period_s / self.substeps(trial.log))
+
+    def row_controls(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
+        """Controls τ + kp q* + kd q̇* in periods of equal length, (periods, actuators), by the gains of each row.
+
+        ``row`` (periods,) is the row of the log whose command was sent in each.
+        """
         log, robot = trial.log, self.robot
-        commands = Commands(*(joint_commands(log, robot, c)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
+        torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
+        commands = Commands(torque, position, velocity, row)
         for effect in trial.effects:
-            commands = effect.change_commands(commands, trial.period_s, robot)
-        kp, kd = (joint_commands(log, robot, gain)[:rows] for gain in ("cmd_kp", "cmd_kd"))
-        control = np.zeros((rows, self.bare.nu))
+            commands = replace(effect.change_commands(commands, period_s, robot), row=row)
+        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        control = np.zeros((len(row), self._compiled(trial).nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
         control[:, robot.joint_actuators] = asked * self.drive(trial).control_gain
         return control
