@@ -180,7 +180,8 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
         return None
     if max(stream.repeats(log.info.sample_period_s) for stream in of_joints) < REPEATS:
         return clock_of_whole_rows(log, of_joints)
-    return clock_of_messages(log, streams)
+    telling = [stream for stream in streams if stream.fresh.mean() > MOVING]  # the others' samples only look old
+    return clock_of_messages(log, telling) if any(stream.name != BASE for stream in telling) else None
 
 
 def uneven_clocks(logs: Sequence[Log], joints: Sequence[str]) -> dict[str, RowClock]:

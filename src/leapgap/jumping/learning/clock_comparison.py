@@ -154,6 +154,7 @@ def figures(found: ClockComparison) -> dict[str, Any]:
         "ten_step_mse_in_claimed_windows": mse(found.shown[0], names),
         "ten_step_mse": {kind: mse(one, names) for kind, one in found.windows.items()},
         "ten_step_mse_se": {kind: mse_se(one, names) for kind, one in found.windows.items()},
+        "jumps_closer_than_claimed": {kind: jumps_closer(found, kind) for kind in found.windows if kind != CLAIMED},
         "ten_step_rms": {kind: rms(one, names) for kind, one in found.windows.items()},
         "one_step_rms": {
             kind: {phase: rms(one, names, which) for phase, which in phases(one.windows).items()}
@@ -201,6 +202,20 @@ def rms(
     return of_names
 
 
+def jumps_closer(found: ClockComparison, kind: str) -> dict[str, dict[str, int]]:
+    """Number of jumps that a kind predicts with a smaller mean square error than the claimed clock does.
+
+    By model and component.
+    """
+    truth, counts = found.windows[OWN].windows, {}
+    for name in found.models:
+        errors = [squared_errors(found.windows[one].states[name], truth).mean(axis=1) for one in (kind, CLAIMED)]
+        of_jumps = [np.array([e[truth.jump == j].mean(axis=0) for j in range(len(truth.jumps))]) for e in errors]
+        closer = (of_jumps[0] < of_jumps[1]).sum(axis=0)
+        counts[name] = {component: int(count) for component, count in zip(STATE, closer, strict=True)}
+    return counts
+
+
 def by_component(values: np.ndarray) -> dict[str, float]:
     """Six values by the names of the components of the state."""
     return {name: round_figure(value) for name, value in zip(STATE, values, strict=True)}
@@ -228,10 +243,15 @@ def residual_shares(found: ClockComparison) -> dict[str, dict[str, dict[str, flo
     for model in (name for name in RESIDUALS_OF if name in found.models):
         before, after = (squared_errors(one.states[model], one.windows)[:, 0] for one in (one_step, own))
         shares[model] = {
-            phase: by_component(1 - after[which].mean(axis=0) / before[which].mean(axis=0))
+            phase: by_component(share_gone(before[which].mean(axis=0), after[which].mean(axis=0)))
             for phase, which in phases(own.windows).items()
         }
     return shares
+
+
+def share_gone(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Share of what was there before that is not there after; none of nothing."""
+    return 1 - np.divide(after, before, out=np.ones_like(before), where=before > 0)
 
 
 def gained_with_time(windows: Windows) -> dict[str, tuple[float, float]]:
