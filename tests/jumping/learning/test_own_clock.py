@@ -165,7 +165,8 @@ def test_stages_train_and_judge_by_both_clocks(jumps: list[PlainJump], tmp_path:
     write_logs([one.log for one in jumps], tmp_path / "logs")
     by_own = {"chunk.clock": "own", "chunk.out": tmp_path / "own", "train.windows": tmp_path / "own"}
     for changes in ({}, {**by_own, "train.out": tmp_path / "own_models"}):
-        whole = config(tmp_path, **{"train.models": ["nominal_fitted", "kernel"], "train.curvature": 0.5, **changes})
+        models = {"train.models": ["nominal_fitted", "kernel"], "train.curvature": 0.5, "train.processes": 1}
+        whole = config(tmp_path, **models, **changes)
         chunk(whole)
         train(whole)
     assert "4 of 4 logs cut by their own clock" in capsys.readouterr().out
@@ -195,3 +196,23 @@ def test_the_mass_moves_as_physics_says(jumps):
     flight = one.instants[1200] - one.instants[800]
     assert one.state[1200, 3] - one.state[800, 3] == pytest.approx(-9.81 * flight, rel=1e-6)
     assert one.instants[-1] > 1.25  # the log claims 1.2 s
+
+
+@pytest.mark.parametrize(("number", "windows_each"), [(0, 0), (1, 27)])
+def test_too_few_jumps_are_not_compared(number, windows_each, jumps, tmp_path):
+    write_logs([one.log for one in jumps[:number]], tmp_path / "logs")
+    whole = config(
+        tmp_path,
+        **{
+            "chunk.clock": "own",
+            "train.models": ["nominal"],
+            "train.processes": 1,
+            "evaluate.own_clock_windows": tmp_path / "windows",
+            "evaluate.own_clock_models": tmp_path / "models",
+        },
+    )
+    for stage in (chunk, train, evaluate):
+        stage(whole)
+    kept = {"windows": windows_each} if number else {}
+    assert read_json(tmp_path / "metrics.json") == {"jumps": number, **kept}
+    assert (tmp_path / "predictions" / "note.json").is_file()
