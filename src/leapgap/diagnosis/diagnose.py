@@ -180,7 +180,7 @@ def diagnose(
         judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
         progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
-    kinds = kinds_for(kinds, judged, clock is not None)
+    kinds = [kind for kind in kinds if is_looked_for(kind, settings, clock is not None)]
     hypotheses = list_hypotheses(kinds, robot, clock_of(checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], robot)
     most = settings.pieces(len(logs))
@@ -262,12 +262,11 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     return [kinds[name] for name in dict.fromkeys(names)]
 
 
-def kinds_for(kinds: Sequence[type[Effect]], judged: JudgedLogs, has_clock: bool) -> list[type[Effect]]:
-    """The effects that logs can tell; ``has_clock``: they are by their own clock, which then is no hypothesis."""
-    even = all(log.is_even for log in judged.logs)
-    return [
-        kind for kind in kinds if not (has_clock and kind.differs_per_log) and not (even and kind.needs_uneven_rows)
-    ]
+def is_looked_for(kind: type[Effect], settings: Settings, has_clock: bool) -> bool:
+    """Whether an effect is a hypothesis; ``has_clock``: logs are by their own clock, which then is none."""
+    if has_clock:
+        return not kind.differs_per_log
+    return not kind.beside_clock or kind.name in settings.effects
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:

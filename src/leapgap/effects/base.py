@@ -108,8 +108,8 @@ class Effect(ABC):
     """Whether it acts on motors alone, and so at no passive joint."""
     in_controller: ClassVar[bool] = False
     """Whether it acts in the joint PD, which a model of the robot alone does not hold."""
-    needs_uneven_rows: ClassVar[bool] = False
-    """Whether it can be told from others only where rows of the logs are of unequal length."""
+    beside_clock: ClassVar[bool] = False
+    """Whether it is looked for, unless it is named, only in logs that are judged by a clock of their own."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
