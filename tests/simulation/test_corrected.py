@@ -22,7 +22,10 @@ from leapgap.simulation.replay import Replayer, Rollout
 from tests.plain_simulation import Pd, by_motors, published, simulate
 from tests.simulation.test_replay import moving
 
-NOT_IN_A_MODEL = ("command_delay", "encoder_bias", "sample_period", "state_latency")
+NOT_IN_A_MODEL = (
+    *("command_delay", "dropped_commands", "encoder_bias", "frame_tilt", "loop_delay", "numerics"),
+    *("sample_period", "state_latency", "static_friction", "torque_offset"),
+)
 ROWS = 250
 
 

@@ -51,7 +51,7 @@ class Settings:
     """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
     effects: list[str] = field(default_factory=list)
-    """Names of the hypotheses; empty: all known effects."""
+    """Names of the hypotheses; empty: the known effects that are looked for by default (``Effect.by_default``)."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -251,7 +251,7 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     if unknown:
         expected = f"names among {', '.join(kinds)}"
         raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
-    names = [*settings.effects, *(kind.name for kind in own)] if settings.effects else kinds
+    names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
     return [kinds[name] for name in dict.fromkeys(names)]
 
 

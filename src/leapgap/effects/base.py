@@ -98,6 +98,8 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    by_default: ClassVar[bool] = True
+    """Whether a diagnosis looks for it when its settings name no effects; each effect looked for costs time."""
     differs_per_log: ClassVar[bool] = False
     """Whether its value may differ from log to log."""
     needs_base: ClassVar[bool] = False
@@ -177,6 +179,10 @@ class Effect(ABC):
     def change_rows(self, lengths: np.ndarray) -> np.ndarray:
         """True lengths of the rows of a log from nominal ones, in true control periods, (rows,)."""
         return lengths
+
+    def change_step(self, ratio: float) -> float:
+        """True length of a step of the simulation over that of the replay, from the nominal ratio."""
+        return ratio
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """True motors and joint PD from the nominal ones."""

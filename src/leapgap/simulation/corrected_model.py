@@ -15,7 +15,7 @@ from leapgap.robot import actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
 
-OUTSIDE = ("change_period", "change_rows", "change_commands", "change_measured", "true_start")
+OUTSIDE = ("change_period", "change_rows", "change_step", "change_commands", "change_measured", "true_start")
 """Methods of an effect through which it acts outside the model."""
 ACTUATORS = ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange", "actuator_ctrlrange")
 """Fields of a model that motors are changed by, which effects do through their drive."""

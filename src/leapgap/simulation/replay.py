@@ -23,7 +23,7 @@ from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors, sensor_addresses
-from leapgap.robot.motion import Motion
+from leapgap.robot.motion import QUATERNION_SLICE, Motion
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -31,6 +31,8 @@ ROUNDING = 1.1
 """A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
 UNEVEN_FINER = 4
 """Rows of uneven length last a whole number of steps, which are so many times finer."""
+FINER = 0.255
+"""Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
 MODELS_KEPT = 256
 """Number of compiled models that are kept, one for each terrain and structure."""
 
@@ -58,6 +60,14 @@ class Rollout:
         for effect in self.effects:
             period = effect.change_period(period)
         return period
+
+    @property
+    def step_ratio(self) -> float:
+        """Length of the steps of the simulation that the motion is one of, over that of the replayer's own."""
+        ratio = 1.0
+        for effect in self.effects:
+            ratio = effect.change_step(ratio)
+        return ratio
 
 
 def hold_controls(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.ndarray:
@@ -113,6 +123,8 @@ class Replayer:
         self.robot, self.sensors = robot, tuple(sensors)
         own = ROUNDING * float(robot.model.opt.timestep)
         self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
+        self.own_step_s = self.largest_step_s
+        self.finer: Replayer | None = None
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.threads = threads or os.cpu_count() or 1
@@ -125,7 +137,7 @@ class Replayer:
         """A replayer of the same class with another largest step; both share compiled models."""
         other = copy.copy(self)
         other.largest_step_s = largest_step_s
-        other.data, other.own = {}, threading.local()
+        other.data, other.own, other.finer = {}, threading.local(), None
         return other
 
     def with_robot(self, robot: Robot) -> "Replayer":
@@ -141,6 +153,15 @@ class Replayer:
 
     def true_motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
         """True motions of the same replays, without the delay and bias of sensors."""
+        motions = self._by_own_steps(trials, rows)
+        chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
+        if chosen:
+            finer = self._finer()._by_own_steps([trials[i] for i in chosen], rows)
+            for i, fine in zip(chosen, finer, strict=True):
+                motions[i] = self._by_step_ratio(trials[i], motions[i], fine)
+        return motions
+
+    def _by_own_steps(self, trials: Sequence[Rollout], rows: int | None) -> list[Motion]:
         for trial in trials:
             self.check_joints(trial.log)
         kinds = [(min(len(t.log), rows or len(t.log)), self.substeps(t.log), t.structure) for t in trials]
@@ -163,6 +184,43 @@ class Replayer:
         Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
         the joint gains of its first row. Motions are as a log reports them.
         """
+        pieces = self._pieces_by_own_steps(trials, starts, rows)
+        chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
+        if chosen:
+            finer = self._finer()._pieces_by_own_steps([trials[i] for i in chosen], [starts[i] for i in chosen], rows)
+            for i, fine in zip(chosen, finer, strict=True):
+                own = zip(pieces[i], fine, strict=True)
+                pieces[i] = [self._by_step_ratio(trials[i], *of_piece) for of_piece in own]
+        return pieces
+
+    def _finer(self) -> "Replayer":
+        """The replayer of finer steps, kept between calls."""
+        if self.finer is None:
+            self.finer = self.with_steps(FINER * self.largest_step_s)
+        return self.finer
+
+    def _by_step_ratio(self, trial: Rollout, own: Motion, fine: Motion) -> Motion:
+        """The motion by steps of the trial's length, from those by own and by finer steps.
+
+        The error of a step of length h is taken as proportional to h, as Euler's method has it, between the two
+        replays and beyond them (Richardson's extrapolation).
+        """
+        steps = self.substeps(trial.log)
+        nominal = self.with_steps(self.own_step_s).substeps(trial.log)
+        share = (1 - trial.step_ratio) * steps / nominal / (1 - steps / self._finer().substeps(trial.log))
+
+        def between(coarse: np.ndarray, refined: np.ndarray) -> np.ndarray:
+            return np.asarray(coarse + share * (refined - coarse))
+
+        qpos = between(own.qpos, fine.qpos)
+        if self.robot.has_free_base:
+            qpos[:, QUATERNION_SLICE] /= np.linalg.norm(qpos[:, QUATERNION_SLICE], axis=1, keepdims=True)
+        sensors = None if own.sensors is None or fine.sensors is None else between(own.sensors, fine.sensors)
+        return Motion(qpos, between(own.qvel, fine.qvel), sensors)
+
+    def _pieces_by_own_steps(
+        self, trials: Sequence[Rollout], starts: Sequence["Starts"], rows: int
+    ) -> list[list[Motion]]:
         prepared = [self._restarts(trial, of, rows) for trial, of in zip(trials, starts, strict=True)]
         kinds = [(self.substeps(trial.log), trial.structure) for trial in trials]
         found: dict[int, list[Motion]] = {}

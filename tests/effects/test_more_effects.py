@@ -1,0 +1,245 @@
+"""Effects that are looked for when they are named: each moves an arm as plain MuJoCo with one number changed does."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap import effects
+from leapgap.effects.base import Commands, Effect
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, Rollout
+from tests.effects import moving_arm as arm
+
+SENT = arm.commands(3)
+
+
+@pytest.fixture(scope="module")
+def robot_arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return arm.load(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return arm.as_log("nominal", SENT, *arm.simulate(SENT))
+
+
+def replay(robot: Robot, log: Log, *found: Effect) -> np.ndarray:
+    return Replayer(robot).motions([Rollout(log, found)])[0].qpos
+
+
+def damp(model: mujoco.MjModel) -> None:
+    model.dof_dampingpoly[1, 0] = 0.03 + 0.2
+
+
+def undamp(model: mujoco.MjModel) -> None:
+    model.dof_dampingpoly[1, 0] = 0.0
+
+
+def load(model: mujoco.MjModel) -> None:
+    model.body("lower").mass += 0.4
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def lighten(model: mujoco.MjModel) -> None:
+    model.body("lower").mass -= 0.3
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def stretch(model: mujoco.MjModel) -> None:
+    """The lower link's centre is 0.125 m out along x, whatever the axes of its inertia are."""
+    model.body("lower").ipos[0] += 0.04
+    model.body_sameframe[:] = 0
+    model.geom_sameframe[:] = 0
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def turn_harder(model: mujoco.MjModel) -> None:
+    model.body("upper").inertia *= 2.0
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def tilt_mount(model: mujoco.MjModel) -> None:
+    """Pitched by 0.1 rad: what fell along −z falls along −x too."""
+    model.opt.gravity = 9.81 * np.array([-np.sin(0.1), 0, -np.cos(0.1)])
+
+
+def roll_mount(model: mujoco.MjModel) -> None:
+    model.opt.gravity = 9.81 * np.array([0, np.sin(0.1), -np.cos(0.1)])
+
+
+CHANGES: list[tuple[str, str, dict[str, float], Callable[[mujoco.MjModel], None]]] = [
+    ("quadratic_damping", "shoulder", {"coefficient": 0.2}, damp),
+    ("quadratic_damping", "shoulder", {"coefficient": -0.03}, undamp),
+    ("link_payload", "elbow", {"mass_kg": 0.4}, load),
+    ("link_payload", "elbow", {"mass_kg": -0.3}, lighten),
+    ("link_com", "elbow", {"outward_m": 0.04}, stretch),
+    ("link_inertia", "shoulder", {"scale": 2.0}, turn_harder),
+    ("gravity_direction", "all", {"pitch_rad": 0.1}, tilt_mount),
+    ("gravity_direction", "all", {"roll_rad": 0.1}, roll_mount),
+]
+
+
+@pytest.mark.parametrize(("name", "location", "values", "change"), CHANGES)
+def test_an_effect_moves_the_arm_as_the_changed_model_does(
+    name: str, location: str, values: dict, change: Callable, robot_arm: Robot, log: Log
+) -> None:
+    plain, nominal = arm.simulate(SENT, change)[0], arm.simulate(SENT)[0]
+    found = replay(robot_arm, log, effects.effect(name, location, **values))
+    assert np.abs(plain - nominal).max() > 1e-3
+    assert np.abs(found - plain).max() < 1e-9
+
+
+def test_an_offset_of_torque_is_delivered_beside_the_command(robot_arm: Robot, log: Log) -> None:
+    def push(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        data.qfrc_applied[1] = -1.5
+
+    found = replay(robot_arm, log, effects.effect("torque_offset", "shoulder", torque_nm=-1.5))
+    assert np.abs(found - arm.simulate(SENT, before=push)[0]).max() < 1e-9
+
+
+@pytest.mark.parametrize(("ratio", "steps"), [(0.5, 2), (0.1, 10)])
+def test_a_replay_of_other_steps_is_that_of_a_finer_simulation(
+    ratio: float, steps: int, robot_arm: Robot, log: Log
+) -> None:
+    """Errors of Euler's method are proportional to the step, to second order."""
+    plain, nominal = arm.simulate(SENT, steps=steps)[0], arm.simulate(SENT)[0]
+    found = replay(robot_arm, log, effects.effect("numerics", step_ratio=ratio))
+    assert np.abs(plain - nominal).max() > 1e-3
+    assert np.abs(found - plain).max() < 0.05 * np.abs(plain - nominal).max()
+
+
+def test_a_log_of_a_coarser_simulation_is_extrapolated(robot_arm: Robot, log: Log) -> None:
+    def coarse(model: mujoco.MjModel) -> None:
+        model.opt.timestep = 2 * arm.PERIOD_S
+
+    every_other = arm.Sent(SENT.push[::2], SENT.wanted[::2], SENT.speed[::2])
+    plain, nominal = arm.simulate(every_other, coarse)[0], arm.simulate(SENT)[0][::2]
+    held = arm.as_log(
+        "held", arm.Sent(*(np.repeat(x, 2, axis=0) for x in vars(every_other).values())), *arm.simulate(SENT)
+    )
+    found = replay(robot_arm, held, effects.effect("numerics", step_ratio=2.0))[::2]
+    assert np.abs(found - plain).max() < 0.15 * np.abs(plain - replay(robot_arm, held)[::2]).max()
+    assert np.abs(plain - nominal).max() > 1e-3
+
+
+def test_long_steps_for_derivatives_change_nothing_of_what_a_ratio_means(robot_arm: Robot, log: Log) -> None:
+    """The ratio is one to the usual steps, whatever steps the replayer takes for a derivative."""
+    usual = Replayer(robot_arm)
+    rough, half = usual.with_steps(0.0005), effects.effect("numerics", step_ratio=0.25)
+    change = [
+        one.motions([Rollout(log, (half,))])[0].qpos - one.motions([Rollout(log)])[0].qpos for one in (usual, rough)
+    ]
+    assert np.abs(change[0] - change[1]).max() < 0.1 * np.abs(change[0]).max()
+
+
+def test_lost_commands_are_late_by_their_mean(robot_arm: Robot, log: Log) -> None:
+    """Against the mean over 4000 draws of which commands get lost."""
+    rng, share, rows = np.random.default_rng(0), 0.6, 40
+    kind = effects.effect("dropped_commands", "elbow", share=share)
+    sent = np.cumsum(rng.standard_normal((rows, 3)), axis=0)
+    found = kind.change_commands(Commands(sent, 2 * sent, sent), 0.001, robot_arm)
+    lost = rng.random((4000, rows)) < share
+    lost[:, 0] = False
+    last = np.maximum.accumulate(np.where(lost, 0, np.arange(rows)), axis=1)
+    mean = sent[:, 2][last].mean(axis=0)
+    assert found.torque[:, 2] == pytest.approx(mean, abs=0.15)
+    assert np.array_equal(found.torque[:, :2], sent[:, :2])
+    assert found.position[:, 2] == pytest.approx(2 * found.torque[:, 2])
+
+
+def test_a_pd_off_board_answers_what_it_measured_before(robot_arm: Robot, log: Log) -> None:
+    """A PD written here, with a memory of 4 ms for states and commands, in fine steps."""
+    delay_rows, fine = 4, 10
+    states: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def off(model: mujoco.MjModel) -> None:
+        model.actuator_biasprm[:] = 0
+
+    def late(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        states.append((data.qpos.copy(), data.qvel.copy()))
+        q, v = states[max(0, len(states) - 1 - delay_rows * fine)]
+        sent = max(0, row - delay_rows)
+        data.ctrl[:] = SENT.asked[sent] - arm.KP * q - arm.KD * v
+
+    plain = arm.simulate(SENT, off, late, steps=fine)[0]
+    found = replay(
+        robot_arm, log, effects.effect("loop_delay", delay_s=0.004), effects.effect("numerics", step_ratio=0.1)
+    )
+    fast = arm.simulate(SENT, steps=fine)[0]
+    late_commands = replay(
+        robot_arm, log, effects.effect("command_delay", delay_s=0.004), effects.effect("numerics", step_ratio=0.1)
+    )
+    assert np.abs(plain - fast).max() > 5e-3
+    assert np.abs(found - plain).max() < 0.1 * np.abs(plain - fast).max()
+    assert np.abs(late_commands - plain).max() > 4 * np.abs(found - plain).max()
+
+
+STICTION = (
+    '<dcmotor name="grip" joint="elbow" motorconst="0 0" resistance="1" input="none" lugre="{lugre}"/></actuator>'
+)
+
+
+def test_holding_torque_is_mujocos_own_lugre_friction(robot_arm: Robot, log: Log) -> None:
+    """The same friction in the model file: 400 N·m/rad of teeth that give 5 mrad before 2 N·m break loose."""
+    mjcf = arm.MJCF.replace("</actuator>", STICTION.format(lugre="400 0.8 0.002 2 0.1"))
+    plain = arm.simulate(SENT, mjcf=mjcf)[0]
+    found = replay(robot_arm, log, effects.effect("static_friction", "elbow", torque_nm=2.0))
+    assert np.abs(plain - arm.simulate(SENT)[0]).max() > 1e-3
+    assert np.abs(found - plain).max() < 1e-9
+
+
+def test_a_joint_holds_up_to_the_torque_and_lets_go_beyond(tmp_path) -> None:
+    """A slow push at a resting disc: 0.6 of the torque moves it by the teeth's few mrad, 1.1 turns it freely."""
+    disc = """<mujoco model="disc"><option timestep="0.001"/><worldbody><body><joint name="j" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/></body></worldbody>
+      <actuator><motor joint="j"/></actuator></mujoco>"""
+    (tmp_path / "disc.xml").write_text(disc)
+    robot, rows, zero = Robot.load(tmp_path / "disc.xml"), 2000, np.zeros(2000)
+    angle = {}
+    for push in (0.6, 1.1):
+        columns = {f"{name}/j": zero for name in ("joint_pos", "joint_vel", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")}
+        columns |= {"time": np.arange(rows) * 0.001, "cmd_tau/j": push * np.minimum(np.arange(rows) / 1000, 1.0)}
+        slow = Log("slow", columns, arm.LogInfo("disc", 0.001, "plain MuJoCo"))
+        angle[push] = float(replay(robot, slow, effects.effect("static_friction", torque_nm=1.0))[-1, 0])
+    assert 0.002 < angle[0.6] < 0.02  # the teeth, and their creep
+    assert angle[1.1] > 1.0
+
+
+def test_a_leaning_frame_reports_a_fall_aslant(robot: Robot, reference: Log) -> None:
+    """In the air a body falls along the reported vertical of a frame that leans by 0.2 rad, and starts where it was."""
+    columns = dict(reference.columns) | {"base_pos_z": reference["base_pos_z"] + 2.0}
+    air = Log("air", columns, reference.info).first_rows(100)
+    tilted, level = Replayer(robot).motions(
+        [Rollout(air, (effects.effect("frame_tilt", pitch_rad=0.2),)), Rollout(air)]
+    )
+    assert tilted.base_position[0] == pytest.approx(level.base_position[0], abs=1e-9)
+    assert tilted.base_quaternion[0] == pytest.approx(level.base_quaternion[0], abs=1e-9)
+    seconds = 99 * air.info.sample_period_s
+    fall = (tilted.base_velocity - tilted.base_velocity[0])[-1] / seconds
+    assert fall - (level.base_velocity - level.base_velocity[0])[-1] / seconds == pytest.approx(
+        9.81 * np.array([-np.sin(0.2), 0, 1 - np.cos(0.2)]), abs=0.8
+    )
+
+
+def test_a_leaning_frame_is_taken_off_and_put_on(robot: Robot, reference: Log) -> None:
+    tilt = effects.effect("frame_tilt", roll_rad=0.1, pitch_rad=-0.2)
+    (motion,) = Replayer(robot).motions([Rollout(reference.first_rows(50))])
+    seen = tilt.change_measured(motion, 0.001, robot)
+    back = Motion(seen.qpos, seen.qvel)
+    again = tilt.true_start(back, robot)
+    assert np.abs(again.qpos - motion.qpos).max() < 1e-12
+    assert np.abs(again.qvel - motion.qvel).max() < 1e-12
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, seen.base_quaternion[0])
+    true = np.empty(9)
+    mujoco.mju_quat2Mat(true, motion.base_quaternion[0])
+    x, y = (
+        np.array([[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.sin(0.1), np.cos(0.1)]]),
+        np.array([[np.cos(0.2), 0, -np.sin(0.2)], [0, 1, 0], [np.sin(0.2), 0, np.cos(0.2)]]),
+    )
+    assert rotation.reshape(3, 3) == pytest.approx(y @ x @ true.reshape(3, 3), abs=1e-12)
+    assert seen.base_position == pytest.approx(motion.base_position @ (y @ x).T, abs=1e-12)
