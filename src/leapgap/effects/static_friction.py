@@ -25,7 +25,7 @@ class StaticFriction(Effect):
     """Torque that holds a joint at rest beyond the model's own friction, and vanishes above 0.1 rad/s.
 
     The LuGre model (Canudas de Wit et al., IEEE Trans. Automatic Control 40, 1995) of MuJoCo's DC motor, in a passive
-    actuator beside the joint's own. A motion starts with teeth at ease.
+    actuator beside the joint's own. A motion starts with the teeth as far as its speed has dragged them.
     """
 
     name = "static_friction"

@@ -306,6 +306,22 @@ def set_lugre_friction(
     model.actuator_biasprm[actuator, LUGRE_BIAS] = curve
 
 
+def bristles_in_motion(model: mujoco.MjModel, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Addresses among the activations, and deflections of the bristles of LuGre friction, at speeds of the dofs (nv,).
+
+    A joint that moves has dragged its bristles along, z = g(q̇) sign(q̇) / σ₀ with Stribeck's curve g. For one that
+    hardly moves nothing is known of them, so the sign is softened over a tenth of Stribeck's speed.
+    """
+    stiffness = model.actuator_dynprm[:, LUGRE_DYNAMICS.start]
+    passive = np.flatnonzero(
+        (model.actuator_actnum > 0) & is_dc_motor(model, np.arange(len(stiffness))) & (stiffness > 0)
+    )
+    sliding, holding, stribeck = model.actuator_biasprm[passive, LUGRE_BIAS].T
+    speed = speeds[model.jnt_dofadr[model.actuator_trnid[passive, 0]]]
+    curve = sliding + (holding - sliding) * np.exp(-((speed / stribeck) ** 2))
+    return model.actuator_actadr[passive], curve * np.tanh(10 * speed / stribeck) / stiffness[passive]
+
+
 def add_dc_state(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> None:
     """Make the actuators of these joints DC motors whose torque is a state; ``make_dc_motors`` then gives its size."""
     for actuator in spec.actuators:

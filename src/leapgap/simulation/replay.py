@@ -322,9 +322,9 @@ class Replayer:
         ]
 
     def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
-        """MuJoCo's full state: time, positions, velocities, and the torque of motors that have a state.
+        """MuJoCo's full state: time, positions, velocities, and the states of motors that have one.
 
-        That torque is the one that the first command asks for.
+        The torque of a motor is the one that the first command asks for; friction with a memory is that of the motion.
         """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
@@ -335,6 +335,9 @@ class Replayer:
                 q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
                 asked = control[0, actuator] - kp * q - kd * v
                 activation[model.actuator_actadr[actuator]] = np.clip(asked, *model.actuator_forcerange[actuator])
+        if model.na:
+            bristles, deflection = actuators.bristles_in_motion(model, state[self.bare.nq :])
+            activation[bristles] = deflection
         return np.concatenate([[0.0], state, activation])
 
     def _data(self, trial: Rollout) -> list[mujoco.MjData]:
