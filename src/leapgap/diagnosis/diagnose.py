@@ -25,6 +25,7 @@ from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import causes_of, next_experiment, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect
+from leapgap.effects.model_field import ModelField, effect_class
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -52,6 +53,8 @@ class Settings:
 
     effects: list[str] = field(default_factory=list)
     """Names of the hypotheses; empty: the known effects that are looked for by default (``Effect.by_default``)."""
+    model_fields: list[ModelField] = field(default_factory=list)
+    """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -165,6 +168,7 @@ def diagnose(
     change the time it takes and nothing else.
     ``set_aside`` are names and reasons of logs that were left out before, for the report.
     """
+    own = (*own, *map(effect_class, settings.model_fields))
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
     rng = np.random.default_rng(settings.seed)
