@@ -13,6 +13,9 @@ import numpy as np
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 
+LEAST_INERTIA = 0.5
+"""Share of a joint's inertia that a late damping leaves it."""
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -24,11 +27,13 @@ class Drive:
     """Limit of |R τ + q̇|, V; infinite: no limit."""
     lag_s: np.ndarray
     """Time constant with which the delivered torque follows the commanded one; 0: at once."""
+    delay_s: np.ndarray
+    """Time from a measurement to the torque with which the joint PD answers it; 0: the PD runs at the joint."""
 
     @staticmethod
     def ideal(joints: int) -> "Drive":
         """Motors that deliver the commanded torque at once."""
-        return Drive(np.ones(joints), np.full(joints, np.inf), np.zeros(joints))
+        return Drive(np.ones(joints), np.full(joints, np.inf), np.zeros(joints), np.zeros(joints))
 
     @property
     def electric(self) -> np.ndarray:
@@ -48,11 +53,27 @@ class Drive:
             voltage = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)
             motors = robot.joint_actuators[chosen]
             actuators.make_dc_motors(model, motors, resistance_of(robot), voltage[chosen], self.lag_s[chosen])
+        self._delay_pd(model, robot)
+
+    def _delay_pd(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Let the joint PD act on the state of ``delay_s`` ago, q − d q̇ + d² q̈ / 2.
+
+        So kd becomes kd − kp d, and the inertia of the joint grows by kp d² / 2 − kd d, at most down to a half.
+        """
+        late = (self.delay_s > 0) & robot.driven
+        if not late.any():
+            return
+        motors, dofs, delay = robot.joint_actuators[late], robot.joint_dofs[late], self.delay_s[late]
+        kp, kd = actuators.gains_of(model, motors)
+        actuators.set_gains(model, motors, kp, kd - kp * delay)
+        added = kp * delay**2 / 2 - kd * delay
+        model.dof_armature[dofs] += np.maximum(added, (LEAST_INERTIA - 1) * model.dof_M0[dofs])
 
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
         """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
+        late = kd - kp * self.delay_s
         for chosen, put in ((~self.electric, actuators.set_joint_pd), (self.electric, actuators.set_dc_joint_pd)):
-            put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (kd * self.gain)[chosen])
+            put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (late * self.gain)[chosen])
 
 
 def resistance_of(robot: Robot) -> float:

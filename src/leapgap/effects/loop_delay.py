@@ -1,17 +1,11 @@
 """A joint PD that runs off board: what it measures and what it commands are both late."""
 
-from dataclasses import dataclass
-
-import mujoco
-import numpy as np
+from dataclasses import dataclass, replace
 
 from leapgap.effects.base import Commands, Effect, parameter
 from leapgap.effects.command_delay import CommandDelay
-from leapgap.robot import actuators
+from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
-
-LEAST_INERTIA = 0.5
-"""Share of a joint's inertia that the delayed damping leaves it."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +28,8 @@ class LoopDelay(Effect):
         """Shift the commands of the joints."""
         return CommandDelay(self.location, delay_s=self.delay_s).change_commands(commands, period_s, robot)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Take the delay of the measurement from the damping of the joint PD and from the inertia."""
-        if self.is_nominal:
-            return
-        at = robot.joints_at(self.location)
-        at = at[robot.driven[at]]
-        motors, dofs = robot.joint_actuators[at], robot.joint_dofs[at]
-        kp, kd = actuators.gains_of(model, motors)
-        actuators.set_gains(model, motors, kp, kd - kp * self.delay_s)
-        added = kp * self.delay_s**2 / 2 - kd * self.delay_s
-        own = model.dof_M0[dofs]
-        model.dof_armature[dofs] += np.maximum(added, (LEAST_INERTIA - 1) * own)
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        """Add to the time after which the joint PD answers."""
+        delay = drive.delay_s.copy()
+        delay[robot.joints_at(self.location)] += self.delay_s
+        return replace(drive, delay_s=delay)
