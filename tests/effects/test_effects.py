@@ -34,6 +34,8 @@ NAMED_ONLY = {
     "dropped_commands": (("share", "1", 0, 0.2, 0.5, 0.8),),
     "frame_tilt": (("roll_rad", "rad", 0, 0.01, 0.03, 0.1), ("pitch_rad", "rad", 0, 0.01, 0.03, 0.1)),
     "gravity_direction": (("roll_rad", "rad", 0, 0.02, 0.05, 0.2), ("pitch_rad", "rad", 0, 0.02, 0.05, 0.2)),
+    "joint_elasticity": (("compliance_rad_nm", "rad/(N·m)", 0, 0.0005, 0.002826, 0.01),),
+    "joint_play": (("play_rad", "rad", 0, 0.003, 0.01, 0.05),),
     "link_com": (("outward_m", "m", 0, 0.005, 0.02641, 0.04),),
     "link_inertia": (("scale", "1", 1, 1.2, 1.5, 3),),
     "link_payload": (("mass_kg", "kg", 0, 0.1, 0.3039, 1.0),),
@@ -118,6 +120,8 @@ def test_an_effect_acts_at_its_location_only(name: str, robot: Robot, reference:
     changed["actuator"] |= set(np.flatnonzero(controls.any(axis=0)).tolist())
     added = model.actuator_trnid[len(bare.actuator_trnid) :, 0]
     changed["dof"] |= set(model.jnt_dofadr[added].tolist())
+    coupled = model.wrap_objid[: 2 * model.ntendon : 2]  # the joints that springs and play couple to rotors
+    changed["dof"] |= set(model.jnt_dofadr[coupled].tolist())
     assert all(changed[kind] <= {own[kind]} for kind in own)
     assert any(changed.values())
 

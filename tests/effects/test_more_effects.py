@@ -248,3 +248,69 @@ def test_a_leaning_frame_is_taken_off_and_put_on(robot: Robot, reference: Log) -
     )
     assert rotation.reshape(3, 3) == pytest.approx(y @ x @ true.reshape(3, 3), abs=1e-12)
     assert seen.base_position == pytest.approx(motion.base_position @ (y @ x).T, abs=1e-12)
+
+
+def behind_a_gear(stiffness: float, play: float, damping: float, steps: int = 20) -> np.ndarray:
+    """The arm's motion with the elbow's rotor integrated here: J θ̈ = τ − spring, its PD at the rotor, link reported."""
+    rotor: dict[str, float] = {}
+    inertia, step = 0.02, arm.PERIOD_S / steps
+
+    def loosen(model: mujoco.MjModel) -> None:
+        model.actuator_biasprm[2], model.dof_armature[2] = 0, 0
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def turn(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        q, v = data.qpos[2], data.qvel[2]
+        asked = SENT.asked[row, 2] - arm.KP * q - arm.KD * v
+        if not rotor:  # held by the motor against its side of the play
+            side = np.sign(asked) * (play / 2 + max(abs(asked) - arm.KP * play / 2, 0) / (stiffness + arm.KP))
+            rotor["q"], rotor["v"] = q + side, v
+        twist = rotor["q"] - q
+        beyond = twist - np.clip(twist, -play / 2, play / 2)
+        spring = stiffness * beyond + (damping * (rotor["v"] - v) if beyond or not play else 0.0)
+        motor = SENT.asked[row, 2] - arm.KP * rotor["q"] - arm.KD * rotor["v"]
+        rotor["v"] += step * (motor - spring) / inertia
+        rotor["q"] += step * rotor["v"]
+        data.ctrl[2], data.qfrc_applied[2] = 0, spring
+
+    return arm.simulate(SENT, loosen, turn, steps)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "stiffness", "play", "damping"),
+    [
+        ("joint_elasticity", {"compliance_rad_nm": 0.006}, 1 / 0.006, 0.0, 0.05),
+        ("joint_play", {"play_rad": 0.05}, 20000.0, 0.05, 10.0),
+    ],
+)
+def test_a_motor_behind_a_gear_moves_as_spongs_model(
+    name: str, values: dict, stiffness: float, play: float, damping: float, robot_arm: Robot, log: Log
+) -> None:
+    plain, stiff = behind_a_gear(stiffness, play, damping), arm.simulate(SENT, steps=20)[0]
+    found = replay(robot_arm, log, effects.effect(name, "elbow", **values))
+    coarse = replay(robot_arm, log)
+    moved = np.abs(plain - stiff).max()
+    assert moved > 5e-3
+    assert np.abs((found - coarse) - (plain - stiff)).max() < 0.15 * moved
+
+
+def test_a_spring_and_play_act_at_one_joint_in_any_order(robot_arm: Robot, log: Log) -> None:
+    both = [effects.effect("joint_elasticity", "elbow", compliance_rad_nm=0.003)]
+    both.append(effects.effect("joint_play", "all", play_rad=0.02))
+    one, other = replay(robot_arm, log, *both), replay(robot_arm, log, *both[::-1])
+    assert np.abs(one - other).max() < 1e-9
+    assert all(np.abs(one - replay(robot_arm, log, alone)).max() > 1e-3 for alone in both)
+
+
+def test_without_an_inertia_of_the_rotor_there_is_none_behind_a_gear(tmp_path) -> None:
+    bare = arm.load(tmp_path, arm.MJCF.replace('damping="0.1" armature="0.02"', 'damping="0.1"'))
+    for name in ("joint_elasticity", "joint_play"):
+        assert effects.known()[name].lacks(bare) == "the inertia of its rotors (armature)"
+
+
+def test_play_at_all_joints_is_stable_at_every_size(robot_arm: Robot, log: Log) -> None:
+    """Limits that couple several trees of bodies, which MuJoCo's solver does not stand with sparse matrices."""
+    for play in (1e-4, 0.01, 0.1):
+        for replayer in (Replayer(robot_arm), Replayer(robot_arm, largest_step_s=0.00025)):
+            (motion,) = replayer.motions([Rollout(log, (effects.effect("joint_play", play_rad=play),))])
+            assert np.abs(np.diff(motion.qpos, axis=0)).max() < 0.05

@@ -23,7 +23,8 @@ from tests.plain_simulation import Pd, by_motors, published, simulate
 from tests.simulation.test_replay import moving
 
 NOT_IN_A_MODEL = (
-    *("command_delay", "dropped_commands", "encoder_bias", "frame_tilt", "loop_delay", "numerics"),
+    *("command_delay", "dropped_commands", "encoder_bias", "frame_tilt", "joint_elasticity"),
+    *("joint_play", "loop_delay", "numerics"),
     *("sample_period", "state_latency", "static_friction", "torque_offset"),
 )
 ROWS = 250

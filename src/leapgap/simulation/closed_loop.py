@@ -64,7 +64,8 @@ class Plant:
         self.foot_of_geom = np.full(self.model.ngeom, -1)
         geoms = [self.model.geom(name).id for name in self.robot.foot_geom_names]
         self.foot_of_geom[geoms] = np.arange(len(geoms))
-        self.data.qpos[:], self.data.qvel[:] = np.split(ready.start, [self.model.nq])
+        start = replayer.whole_state(self.model, ready.start, None)
+        self.data.qpos[:], self.data.qvel[:] = np.split(start, [self.model.nq])
         mujoco.mj_forward(self.model, self.data)  # contacts of the first tick
         self.gains: tuple[np.ndarray, np.ndarray] | None = None
         self.truth: list[tuple[np.ndarray, np.ndarray]] = [self.state]
@@ -77,7 +78,8 @@ class Plant:
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
         """True positions and velocities now."""
-        return self.data.qpos.copy(), self.data.qvel.copy()
+        own = self.robot.model
+        return self.data.qpos[: own.nq].copy(), self.data.qvel[: own.nv].copy()
 
     def measure(self) -> Motion:
         """The newest row as the robot's sensors report it, without noise, one row."""

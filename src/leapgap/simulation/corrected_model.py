@@ -69,6 +69,8 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
         if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
             effect.change_spec(changed, robot)
     model = changed.compile()
+    if any(effect.structure is not None for effect in inside) and model.nq != spec.copy().compile().nq:
+        return None  # a joint that the makers' model does not have
     makers = [getattr(model, name).copy() for name in ACTUATORS]
     for effect in inside:
         effect.change_model(model, robot)

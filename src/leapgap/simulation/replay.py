@@ -24,6 +24,7 @@ from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors, sensor_addresses
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
+from leapgap.robot.rotors import rest_rotors
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -266,8 +267,13 @@ class Replayer:
         self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray, readings: np.ndarray | None
     ) -> Motion:
         """A piece, of its full first state and those after every step, as the trial's robot would log it."""
-        nq, piece = self.bare.nq, np.concatenate([state[None], out[np.cumsum(counts) - 1]])
-        return self.measure(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv], readings))
+        piece = np.concatenate([state[None], out[np.cumsum(counts) - 1]])
+        return self.measure(trial, self._of_robot(trial, piece, readings))
+
+    def _of_robot(self, trial: Rollout, states: np.ndarray, readings: np.ndarray | None) -> Motion:
+        """The robot's own positions and velocities in full states (rows, …); what effects have added stands behind."""
+        first = 1 + self._compiled(trial).nq
+        return Motion(states[:, 1 : 1 + self.bare.nq], states[:, first : first + self.bare.nv], readings)
 
     def _readings(self, model: mujoco.MjModel, read: np.ndarray, counts: np.ndarray) -> np.ndarray | None:
         """Sensors in the last step before each row, (rows + 1, sensors), in the first step for the first row.
@@ -313,13 +319,9 @@ class Replayer:
                 history[i].append(of_trial[np.cumsum(counts[i][start:end]) - 1])
                 own = self._readings(models[i], read[i], counts[i][start:end])
                 readings[i] += [] if own is None else [own[1 if readings[i] else 0 :]]
-        nq = self.bare.nq
         wholes = [np.concatenate(h) for h in history]
         measured = [np.concatenate(r) if r else None for r in readings]
-        return [
-            Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv], own)
-            for whole, own in zip(wholes, measured, strict=True)
-        ]
+        return [self._of_robot(*of_trial) for of_trial in zip(trials, wholes, measured, strict=True)]
 
     def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
         """MuJoCo's full state: time, positions, velocities, and the states of motors that have one.
@@ -338,7 +340,20 @@ class Replayer:
         if model.na:
             bristles, deflection = actuators.bristles_in_motion(model, state[self.bare.nq :])
             activation[bristles] = deflection
-        return np.concatenate([[0.0], state, activation])
+        return np.concatenate([[0.0], self.whole_state(model, state, control[0]), activation])
+
+    def whole_state(self, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray | None) -> np.ndarray:
+        """Positions and velocities of a model with what effects have added, from those of the robot (nq + nv,).
+
+        Rotors are where the first controls (actuators,) hold them; None: where their joints are.
+        """
+        if model.nq == self.bare.nq:
+            return state
+        robot, motors = self.robot, self.robot.joint_actuators
+        kp, kd = actuators.gains_of(model, motors)
+        q, v = state[robot.joint_qpos], state[self.bare.nq + robot.joint_dofs]
+        torque = 0 * q if control is None else control[motors] - kp * q - kd * v
+        return np.concatenate(rest_rotors(model, robot, state, torque, kp))
 
     def _data(self, trial: Rollout) -> list[mujoco.MjData]:
         """Working memory of each thread, for the trial's structure."""
