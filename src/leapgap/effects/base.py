@@ -106,6 +106,8 @@ class Effect(ABC):
     """Whether it exists only on a robot with a free base."""
     needs_motor: ClassVar[bool] = False
     """Whether it acts on motors alone, and so at no passive joint."""
+    has_rotors: ClassVar[bool] = False
+    """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 

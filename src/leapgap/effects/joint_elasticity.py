@@ -28,6 +28,7 @@ class JointElasticity(Effect):
     by_default = False
     places = "joints"
     needs_motor = True
+    has_rotors = True
 
     compliance_rad_nm: float = parameter(0.0, "rad/(N·m)", 0.0, 0.01, 0.001, limits=(0.0, inf))
 

@@ -24,6 +24,7 @@ class JointPlay(Effect):
     by_default = False
     places = "joints"
     needs_motor = True
+    has_rotors = True
 
     play_rad: float = parameter(0.0, "rad", 0.0, 0.1, 0.01, limits=(0.0, inf))
 

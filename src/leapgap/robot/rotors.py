@@ -117,26 +117,48 @@ def soften(model: mujoco.MjModel, robot: Robot, joints: np.ndarray, tendons: np.
     model.tendon_limited[tendons] = 0
 
 
-def rest_rotors(
-    model: mujoco.MjModel, robot: Robot, state: np.ndarray, torque: np.ndarray, kp: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (model nq,) and velocities (model nv,) with rotors where their motors hold them against the joints.
+def carried_torque(
+    stiff: mujoco.MjModel, robot: Robot, state: np.ndarray, control: np.ndarray, steps: int
+) -> np.ndarray:
+    """Torque that gears carry from rotors to joints of a robot without springs and play, and its rate, (2, joints).
 
-    ``state`` (nq + nv,) is that of the robot itself; ``torque`` (joints,) is what its motors would give if the rotors
-    were where the joints are, and ``kp`` (joints,) how much less, N·m/rad, as they turn.
+    That is what the motor gives less what its rotor takes to speed up, τ − J q̈, N·m, at a state (nq + nv,) under the
+    first of the controls (rows, actuators), and its change over the ``steps`` of a row, N·m/s.
+    """
+    data, nq, nv = mujoco.MjData(stiff), robot.model.nq, robot.model.nv
+    data.qpos[:nq], data.qvel[:nv] = state[:nq], state[nq:]
+    found = []
+    for row in (0, min(1, len(control) - 1)):
+        data.ctrl[:] = control[row]
+        mujoco.mj_forward(stiff, data)
+        dofs = robot.joint_dofs
+        found.append(data.qfrc_actuator[dofs] - robot.model.dof_armature[dofs] * data.qacc[dofs])
+        if row == 0:
+            mujoco.mj_step(stiff, data, steps)
+    return np.stack([found[0], (found[1] - found[0]) / (steps * stiff.opt.timestep)])
+
+
+def rest_rotors(
+    model: mujoco.MjModel, robot: Robot, state: np.ndarray, carried: np.ndarray, kp: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (model nq,) and velocities (model nv,) with rotors where they carry a torque, and follow its change.
+
+    ``state`` (nq + nv,) is that of the robot itself; ``carried`` (2, joints) is the torque, N·m, and its rate, N·m/s,
+    with rotors where the joints are, and ``kp`` (joints,) how much less their motors give as they turn, N·m/rad. Of
+    that loss the joint feels the share I / (J + I), since the rotor is slower too.
     """
     nq, nv = robot.model.nq, robot.model.nv
     qpos, qvel = model.qpos0.copy(), np.zeros(model.nv)
     qpos[:nq], qvel[:nv] = state[:nq], state[nq:]
     names = {model.joint(j).name: j for j in range(model.njnt)}
-    for i, joint in enumerate(robot.joints):
-        if PREFIX + joint not in names:
-            continue
-        rotor, spring = names[PREFIX + joint], model.tendon(PREFIX + joint).id
-        play, push = model.tendon_range[spring, 1], abs(torque[i])
-        within = min(play, push / kp[i]) if kp[i] > 0 else play
-        is_elastic = not model.tendon_limited[spring]
-        beyond = max(push - kp[i] * play, 0.0) / (model.tendon_stiffness[spring] + kp[i]) if is_elastic else 0.0
-        qpos[model.jnt_qposadr[rotor]] = qpos[robot.joint_qpos[i]] + np.sign(torque[i]) * (within + beyond)
-        qvel[model.jnt_dofadr[rotor]] = qvel[robot.joint_dofs[i]]
+    behind = np.array([i for i, joint in enumerate(robot.joints) if PREFIX + joint in names], dtype=int)
+    shares = reduced_inertia(robot, behind) / robot.model.dof_armature[robot.joint_dofs[behind]]
+    for i, share in zip(behind, shares, strict=True):
+        rotor, spring = names[PREFIX + robot.joints[i]], model.tendon(PREFIX + robot.joints[i]).id
+        stiffness = model.tendon_stiffness[spring] + share * kp[i]
+        gives = 0.0 if model.tendon_limited[spring] else 1 / stiffness
+        torque, rate = carried[:, i]
+        twist = np.sign(torque) * model.tendon_range[spring, 1] + gives * torque
+        qpos[model.jnt_qposadr[rotor]] = qpos[robot.joint_qpos[i]] + twist
+        qvel[model.jnt_dofadr[rotor]] = qvel[robot.joint_dofs[i]] + gives * rate
     return qpos, qvel

@@ -24,7 +24,7 @@ from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors, sensor_addresses
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
-from leapgap.robot.rotors import rest_rotors
+from leapgap.robot.rotors import carried_torque, rest_rotors
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -340,20 +340,26 @@ class Replayer:
         if model.na:
             bristles, deflection = actuators.bristles_in_motion(model, state[self.bare.nq :])
             activation[bristles] = deflection
-        return np.concatenate([[0.0], self.whole_state(model, state, control[0]), activation])
+        return np.concatenate([[0.0], self.whole_state(trial, model, state, control), activation])
 
-    def whole_state(self, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray | None) -> np.ndarray:
+    def whole_state(
+        self, trial: Rollout, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray | None
+    ) -> np.ndarray:
         """Positions and velocities of a model with what effects have added, from those of the robot (nq + nv,).
 
-        Rotors are where the first controls (actuators,) hold them; None: where their joints are.
+        Rotors are where they carry the torque of the first rows of controls (rows, actuators), as stiff joints would;
+        None: where their joints are.
         """
         if model.nq == self.bare.nq:
             return state
-        robot, motors = self.robot, self.robot.joint_actuators
-        kp, kd = actuators.gains_of(model, motors)
-        q, v = state[robot.joint_qpos], state[self.bare.nq + robot.joint_dofs]
-        torque = 0 * q if control is None else control[motors] - kp * q - kd * v
-        return np.concatenate(rest_rotors(model, robot, state, torque, kp))
+        kp, kd = actuators.gains_of(model, self.robot.joint_actuators)
+        carried = np.zeros((2, len(self.robot.joints)))
+        if control is not None and any(effect.has_rotors for effect in trial.effects):
+            stiff = self.model(replace(trial, effects=tuple(e for e in trial.effects if not e.has_rotors)))
+            actuators.set_gains(stiff, self.robot.joint_actuators, kp, kd)
+            steps = max(1, round(trial.period_s / stiff.opt.timestep))
+            carried = carried_torque(stiff, self.robot, state, control, steps)
+        return np.concatenate(rest_rotors(model, self.robot, state, carried, kp))
 
     def _data(self, trial: Rollout) -> list[mujoco.MjData]:
         """Working memory of each thread, for the trial's structure."""
