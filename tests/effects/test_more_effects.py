@@ -320,3 +320,17 @@ def test_play_at_all_joints_is_stable_at_every_size(robot_arm: Robot, log: Log) 
         for replayer in (Replayer(robot_arm), Replayer(robot_arm, largest_step_s=0.00025)):
             (motion,) = replayer.motions([Rollout(log, (effects.effect("joint_play", play_rad=play),))])
             assert np.abs(np.diff(motion.qpos, axis=0)).max() < 0.05
+
+
+def test_a_rotor_has_no_friction_of_the_files_defaults(tmp_path, robot_arm: Robot, log: Log) -> None:
+    """A file whose default joint has armature, damping and friction, and whose joints say what they have instead."""
+    defaults = '<default><joint armature="0.5" damping="3" frictionloss="2" stiffness="9" range="-9 9"/></default>'
+    stated = arm.MJCF.replace("<worldbody>", f"{defaults}<worldbody>").replace("<joint ", '<joint stiffness="0" ')
+    stated = stated.replace('<joint stiffness="0" armature="0.5"', '<joint armature="0.5"', 1)
+    stated = stated.replace('armature="0.02"/>', 'armature="0.02" frictionloss="0" limited="false"/>')
+    other = arm.load(tmp_path, stated)
+    assert np.array_equal(other.model.dof_armature, robot_arm.model.dof_armature)
+    for name in ("joint_elasticity", "joint_play"):
+        (about,) = effects.known()[name].parameters(robot_arm)
+        found = effects.effect(name, **{about.name: about.moderate})
+        assert np.abs(replay(other, log, found) - replay(robot_arm, log, found)).max() < 1e-9

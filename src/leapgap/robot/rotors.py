@@ -27,6 +27,8 @@ DAMPING_RATIO = 0.02
 """Of rotor against link on their spring."""
 TEETH_SOLREF, TEETH_SOLIMP = (0.003, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Impact of the teeth at an end of the play, as MuJoCo describes contacts."""
+CARRIED_ROWS = 10
+"""Rows of a stiff robot's motion by which a rotor's first twist and its rate are known."""
 WEIGHTLESS = 1e-9
 """Mass and inertia of the rotor's body, kg, kg·m²; what it has beyond is the armature of its joint."""
 
@@ -52,12 +54,16 @@ def add_rotors(spec: mujoco.MjSpec, robot: Robot, joints: Sequence[int]) -> None
         body.name, body.explicitinertial, body.mass, body.inertia = name, True, WEIGHTLESS, [WEIGHTLESS] * 3
         hinge = body.add_joint()
         hinge.name, hinge.type = name, mujoco.mjtJoint.mjJNT_HINGE
+        # A new part has the defaults of its model file, so everything is set.
+        hinge.armature, hinge.damping, hinge.frictionloss, hinge.stiffness = 0.0, [0.0] * 3, 0.0, [0.0] * 3
+        hinge.limited = hinge.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         motors[robot.model.actuator(robot.joint_actuators[i]).name].target = name
         spring = spec.add_tendon()
         spring.name = name
         spring.wrap_joint(joint, 1.0)
         spring.wrap_joint(name, -1.0)
-        spring.springlength = [0.0, 0.0]
+        spring.springlength, spring.margin = [0.0, 0.0], 0.0
+        spring.stiffness, spring.damping, spring.frictionloss, spring.armature = [0.0] * 3, [0.0] * 3, 0.0, 0.0
         spring.limited, spring.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 1.0]
 
 
@@ -122,20 +128,27 @@ def carried_torque(
 ) -> np.ndarray:
     """Torque that gears carry from rotors to joints of a robot without springs and play, and its rate, (2, joints).
 
-    That is what the motor gives less what its rotor takes to speed up, τ − J q̈, N·m, at a state (nq + nv,) under the
-    first of the controls (rows, actuators), and its change over the ``steps`` of a row, N·m/s.
+    That is what the motor gives less what its rotor takes to speed up, τ − J q̈, N·m, and N·m/s: a line through the
+    first ``CARRIED_ROWS`` rows of ``steps`` steps each from a state (nq + nv,) under controls (rows, actuators).
+    Contacts may settle meanwhile, so the line is that of median slopes (Theil and Sen), and the torque is one that
+    motors have.
     """
-    data, nq, nv = mujoco.MjData(stiff), robot.model.nq, robot.model.nv
+    data, nq, nv, dofs = mujoco.MjData(stiff), robot.model.nq, robot.model.nv, robot.joint_dofs
     data.qpos[:nq], data.qvel[:nv] = state[:nq], state[nq:]
-    found = []
-    for row in (0, min(1, len(control) - 1)):
-        data.ctrl[:] = control[row]
-        mujoco.mj_forward(stiff, data)
-        dofs = robot.joint_dofs
+    found, times = [], []
+    for sent in control[:CARRIED_ROWS]:
+        data.ctrl[:] = sent
+        times.append(data.time)
+        mujoco.mj_step(stiff, data)
         found.append(data.qfrc_actuator[dofs] - robot.model.dof_armature[dofs] * data.qacc[dofs])
-        if row == 0:
-            mujoco.mj_step(stiff, data, steps)
-    return np.stack([found[0], (found[1] - found[0]) / (steps * stiff.opt.timestep)])
+        mujoco.mj_step(stiff, data, steps - 1)
+    torque, time = np.array(found), np.array(times)
+    early, late = np.triu_indices(len(time), 1)
+    rate = np.zeros(len(dofs))
+    if len(early):
+        rate = np.median((torque[late] - torque[early]) / (time[late] - time[early])[:, None], axis=0)
+    first = np.median(torque - time[:, None] * rate, axis=0)
+    return np.stack([np.clip(first, -robot.torque_limits, robot.torque_limits), rate])
 
 
 def rest_rotors(
