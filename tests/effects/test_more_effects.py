@@ -101,6 +101,29 @@ def test_an_offset_of_torque_is_delivered_beside_the_command(robot_arm: Robot, l
     assert np.abs(found - arm.simulate(SENT, before=push)[0]).max() < 1e-9
 
 
+def test_the_largest_torque_falls_on_a_line_with_the_speed(robot_arm: Robot) -> None:
+    """Pushed to and fro with more than its 40 N·m, the elbow gets what the line to 8 rad/s leaves of it."""
+    hard = arm.Sent(60 * np.sign(SENT.push), SENT.wanted, SENT.speed)
+
+    def weaken(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        v = data.qvel[2]
+        asked = hard.asked[row, 2] - arm.KP * data.qpos[2] - arm.KD * v
+        data.qfrc_applied[2] = np.clip(np.clip(asked, -40 * (1 + v / 8), 40 * (1 - v / 8)), -40, 40)
+
+    def off(model: mujoco.MjModel) -> None:
+        model.actuator_biasprm[2], model.actuator_gainprm[2] = 0, 0
+
+    plain = arm.simulate(hard, off, weaken)
+    log = arm.as_log("hard", hard, *plain)
+    found = replay(robot_arm, log, effects.effect("duty_limit", "elbow", droop_s_rad=1 / 8))
+    assert np.abs(replay(robot_arm, log) - plain[0]).max() > 0.1
+    assert np.abs(found - plain[0]).max() < 1e-6
+    assert effects.known()["duty_limit"].lacks(robot_arm) is None
+    assert effects.known()["duty_limit"].lacks(Robot.load()) == (
+        "motors without stated constants (see torque_speed_limit)"
+    )
+
+
 @pytest.mark.parametrize(("ratio", "steps"), [(0.5, 2), (0.1, 10)])
 def test_a_replay_of_other_steps_is_that_of_a_finer_simulation(
     ratio: float, steps: int, robot_arm: Robot, log: Log

@@ -27,18 +27,26 @@ class Drive:
     """Limit of |R τ + q̇|, V; infinite: no limit."""
     lag_s: np.ndarray
     """Time constant with which the delivered torque follows the commanded one; 0: at once."""
+    resistance: np.ndarray
+    """Of the windings, V/(N·m); NaN: that of the robot's motors."""
     delay_s: np.ndarray
     """Time from a measurement to the torque with which the joint PD answers it; 0: the PD runs at the joint."""
 
     @staticmethod
     def ideal(joints: int) -> "Drive":
         """Motors that deliver the commanded torque at once."""
-        return Drive(np.ones(joints), np.full(joints, np.inf), np.zeros(joints), np.zeros(joints))
+        return Drive(
+            np.ones(joints), np.full(joints, np.inf), np.zeros(joints), np.full(joints, np.nan), np.zeros(joints)
+        )
 
     @property
     def electric(self) -> np.ndarray:
         """Which joints need MuJoCo's DC motor, bool, (joints,)."""
         return np.isfinite(self.voltage_v) | (self.lag_s > 0)
+
+    def resistances(self, robot: Robot) -> np.ndarray:
+        """Resistance of each joint's motor, V/(N·m), (joints,)."""
+        return np.where(np.isnan(self.resistance), resistance_of(robot), self.resistance)
 
     @property
     def control_gain(self) -> np.ndarray:
@@ -52,7 +60,8 @@ class Drive:
         if chosen.any():
             voltage = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)
             motors = robot.joint_actuators[chosen]
-            actuators.make_dc_motors(model, motors, resistance_of(robot), voltage[chosen], self.lag_s[chosen])
+            resistance = self.resistances(robot)[chosen]
+            actuators.make_dc_motors(model, motors, resistance, voltage[chosen], self.lag_s[chosen])
         self._delay_pd(model, robot)
 
     def _delay_pd(self, model: mujoco.MjModel, robot: Robot) -> None:

@@ -239,9 +239,9 @@ def scale_torque(model: mujoco.MjModel, actuators: np.ndarray, gain: np.ndarray)
 
 
 def make_dc_motors(
-    model: mujoco.MjModel, actuators: np.ndarray, resistance: float, voltage_v: np.ndarray, lag_s: np.ndarray
+    model: mujoco.MjModel, actuators: np.ndarray, resistance: np.ndarray, voltage_v: np.ndarray, lag_s: np.ndarray
 ) -> None:
-    """Turn affine actuators into DC motors with the same joint PD; a voltage (actuators,) of 0 is no limit."""
+    """Turn affine actuators into DC motors with the same joint PD; a voltage of 0 is no limit. (actuators,) each."""
     kp, kd = joint_pd(model, actuators)
     model.actuator_dyntype[actuators] = int(mujoco.mjtDyn.mjDYN_DCMOTOR)
     model.actuator_gaintype[actuators] = int(mujoco.mjtGain.mjGAIN_DCMOTOR)

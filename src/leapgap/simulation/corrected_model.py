@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect
-from leapgap.effects.drive import Drive, resistance_of
+from leapgap.effects.drive import Drive
 from leapgap.robot import actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
@@ -89,7 +89,7 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
 
 def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
     """Put motors into the specification: a gain scales its actuators, a limit of voltage or a lag needs DC motors."""
-    resistance = resistance_of(robot)
+    resistance = drive.resistances(robot)
     voltage = np.where(np.isfinite(drive.voltage_v), drive.voltage_v, 0.0)
     for i, motor in enumerate(robot.actuators):
         if not motor.driven:
@@ -98,5 +98,5 @@ def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
         if gain != 1:
             actuators.scale_joint(spec, motor.joint, gain)
         if drive.electric[i]:
-            winding = actuators.Winding(resistance, float(voltage[i]), float(drive.lag_s[i]))
+            winding = actuators.Winding(float(resistance[i]), float(voltage[i]), float(drive.lag_s[i]))
             actuators.replace_by_dc_motor(spec, motor, gain, winding)
