@@ -51,6 +51,8 @@ def effect_at(robot: Robot, name: str, place: str | int) -> Effect:
     size = {p.name: p.moderate for p in kind.parameters(robot, location)}
     if name == "torque_speed_limit":
         size = {"voltage_v": 0.03 * kind.parameters(robot, location)[0].nominal}  # small motions need little
+    if name == "duty_limit":
+        size = {"droop_s_rad": 5.0}  # and are slow
     return kind(location=location, **size)
 
 
