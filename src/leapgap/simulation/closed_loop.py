@@ -114,10 +114,17 @@ class Plant:
         commands = self._arriving()
         control = commands.torque[-1] + command.kp * commands.position[-1] + command.kd * commands.velocity[-1]
         self.data.ctrl[self.robot.joint_actuators] = control * self.drive.control_gain
-        if len(self.truth) == 1 and self.model.na:  # motors with a lag start at what is asked of them first
-            self.data.act[:] = self.replayer.full_state(self.trial, self.model, self.data.ctrl[None])[-self.model.na :]
+        if len(self.truth) == 1:
+            self._start_motors()
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.truth.append(self.state)
+
+    def _start_motors(self) -> None:
+        """Let motors with a state of their own start at what is asked of them first."""
+        model, ends = self.model, np.cumsum([1, self.model.nq, self.model.nv])
+        if model.na or model.nq > self.robot.model.nq:
+            start = self.replayer.full_state(self.trial, model, self.data.ctrl[None])
+            _, self.data.qpos[:], self.data.qvel[:], self.data.act[:] = np.split(start, ends)
 
     def disturb(self, actions: Sequence[Disturbance], time_s: float) -> None:
         """Apply the disturbances that act at a time; the next ``send`` simulates them."""
