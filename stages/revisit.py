@@ -130,7 +130,7 @@ def at_most(number: int, cases: list[Seen]) -> list[Seen]:
 
 def without(settings: Diagnosing, effect: str) -> Diagnosing:
     """The diagnosis's settings without one hypothesis."""
-    names = settings.effects or list(effects.known())
+    names = settings.effects or list(effects.by_default())
     return replace(settings, effects=[name for name in names if name != effect])
 
 

@@ -26,6 +26,7 @@ from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import causes_of, next_experiment, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect
+from leapgap.effects.model_field import ModelField, effect_class
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -52,7 +53,9 @@ class Settings:
     """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
     effects: list[str] = field(default_factory=list)
-    """Names of the hypotheses; empty: all known effects."""
+    """Names of the hypotheses; empty: the known effects that are looked for by default (``Effect.by_default``)."""
+    model_fields: list[ModelField] = field(default_factory=list)
+    """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -166,6 +169,7 @@ def diagnose(
     change the time it takes and nothing else.
     ``set_aside`` are names and reasons of logs that were left out before, for the report.
     """
+    own = (*own, *map(effect_class, settings.model_fields))
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
     rng = np.random.default_rng(settings.seed)
@@ -180,7 +184,7 @@ def diagnose(
         judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
         progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
-    kinds = [kind for kind in kinds if is_looked_for(kind, settings, clock is not None)]
+    kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
     hypotheses = list_hypotheses(kinds, robot, clock_of(checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], robot)
     most = settings.pieces(len(logs))
@@ -258,15 +262,14 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     if unknown:
         expected = f"names among {', '.join(kinds)}"
         raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
-    names = [*settings.effects, *(kind.name for kind in own)] if settings.effects else kinds
+    names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
     return [kinds[name] for name in dict.fromkeys(names)]
 
 
-def is_looked_for(kind: type[Effect], settings: Settings, has_clock: bool) -> bool:
-    """Whether an effect is a hypothesis; ``has_clock``: logs are by their own clock, which then is none."""
-    if has_clock:
-        return not kind.differs_per_log
-    return not kind.beside_clock or kind.name in settings.effects
+def kinds_beside_clock(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
+    """The effects to look for in logs by their own clock, which is no hypothesis then; others show beside a clock."""
+    further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
+    return [kind for kind in (*kinds, *further) if not kind.differs_per_log]
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:

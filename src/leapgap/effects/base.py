@@ -100,6 +100,8 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    by_default: ClassVar[bool] = True
+    """Whether a diagnosis looks for it when its settings name no effects; each effect looked for costs time."""
     differs_per_log: ClassVar[bool] = False
     """Whether its value may differ from log to log."""
     needs_base: ClassVar[bool] = False
@@ -109,7 +111,9 @@ class Effect(ABC):
     in_controller: ClassVar[bool] = False
     """Whether it acts in the joint PD, which a model of the robot alone does not hold."""
     beside_clock: ClassVar[bool] = False
-    """Whether it is looked for, unless it is named, only in logs that are judged by a clock of their own."""
+    """Whether it is looked for in logs that are judged by a clock of their own, though not by default."""
+    has_rotors: ClassVar[bool] = False
+    """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
@@ -183,6 +187,10 @@ class Effect(ABC):
     def change_rows(self, lengths: np.ndarray) -> np.ndarray:
         """True lengths of the rows of a log from nominal ones, in true control periods, (rows,)."""
         return lengths
+
+    def change_step(self, ratio: float) -> float:
+        """True length of a step of the simulation over that of the replay, from the nominal ratio."""
+        return ratio
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """True motors and joint PD from the nominal ones."""

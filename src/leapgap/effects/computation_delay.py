@@ -19,6 +19,7 @@ class ComputationDelay(Effect):
 
     name = "computation_delay"
     needs_motor = True
+    by_default = False
     beside_clock = True
 
     share: float = parameter(0.0, "rows", 0.0, 2.0, 0.5)

@@ -23,6 +23,7 @@ class VelocityFilter(Effect):
     places = "joints"
     needs_motor = True
     in_controller = True
+    by_default = False
     beside_clock = True
 
     time_constant_s: float = parameter(0.0, "s", 0.0, 0.01, 0.001)

@@ -23,7 +23,8 @@ from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors, sensor_addresses
-from leapgap.robot.motion import Motion
+from leapgap.robot.motion import QUATERNION_SLICE, Motion
+from leapgap.robot.rotors import carried_torque, rest_rotors
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -31,6 +32,8 @@ ROUNDING = 1.1
 """A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
 UNEVEN_FINER = 4
 """Rows of uneven length last a whole number of steps, which are so many times finer."""
+FINER = 0.255
+"""Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
 MODELS_KEPT = 256
 """Number of compiled models that are kept, one for each terrain and structure."""
 
@@ -58,6 +61,14 @@ class Rollout:
         for effect in self.effects:
             period = effect.change_period(period)
         return period
+
+    @property
+    def step_ratio(self) -> float:
+        """Length of the steps of the simulation that the motion is one of, over that of the replayer's own."""
+        ratio = 1.0
+        for effect in self.effects:
+            ratio = effect.change_step(ratio)
+        return ratio
 
 
 def batch_controls(controls: Sequence[np.ndarray]) -> np.ndarray:
@@ -109,6 +120,8 @@ class Replayer:
         self.robot, self.sensors = robot, tuple(sensors)
         own = ROUNDING * float(robot.model.opt.timestep)
         self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
+        self.own_step_s = self.largest_step_s
+        self.finer: Replayer | None = None
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.threads = threads or os.cpu_count() or 1
@@ -121,7 +134,7 @@ class Replayer:
         """A replayer of the same class with another largest step; both share compiled models."""
         other = copy.copy(self)
         other.largest_step_s = largest_step_s
-        other.data, other.own = {}, threading.local()
+        other.data, other.own, other.finer = {}, threading.local(), None
         return other
 
     def with_robot(self, robot: Robot) -> "Replayer":
@@ -137,6 +150,15 @@ class Replayer:
 
     def true_motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
         """True motions of the same replays, without the delay and bias of sensors."""
+        motions = self._by_own_steps(trials, rows)
+        chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
+        if chosen:
+            finer = self._finer()._by_own_steps([trials[i] for i in chosen], rows)
+            for i, fine in zip(chosen, finer, strict=True):
+                motions[i] = self._by_step_ratio(trials[i], motions[i], fine)
+        return motions
+
+    def _by_own_steps(self, trials: Sequence[Rollout], rows: int | None) -> list[Motion]:
         for trial in trials:
             self.check_joints(trial.log)
         kinds = [(min(len(t.log), rows or len(t.log)), self.substeps(t.log), t.structure) for t in trials]
@@ -159,6 +181,43 @@ class Replayer:
         Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
         the joint gains of its first row. Motions are as a log reports them.
         """
+        pieces = self._pieces_by_own_steps(trials, starts, rows)
+        chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
+        if chosen:
+            finer = self._finer()._pieces_by_own_steps([trials[i] for i in chosen], [starts[i] for i in chosen], rows)
+            for i, fine in zip(chosen, finer, strict=True):
+                own = zip(pieces[i], fine, strict=True)
+                pieces[i] = [self._by_step_ratio(trials[i], *of_piece) for of_piece in own]
+        return pieces
+
+    def _finer(self) -> "Replayer":
+        """The replayer of finer steps, kept between calls."""
+        if self.finer is None:
+            self.finer = self.with_steps(FINER * self.largest_step_s)
+        return self.finer
+
+    def _by_step_ratio(self, trial: Rollout, own: Motion, fine: Motion) -> Motion:
+        """The motion by steps of the trial's length, from those by own and by finer steps.
+
+        The error of a step of length h is taken as proportional to h, as Euler's method has it, between the two
+        replays and beyond them (Richardson's extrapolation).
+        """
+        steps = self.substeps(trial.log)
+        nominal = self.with_steps(self.own_step_s).substeps(trial.log)
+        share = (1 - trial.step_ratio) * steps / nominal / (1 - steps / self._finer().substeps(trial.log))
+
+        def between(coarse: np.ndarray, refined: np.ndarray) -> np.ndarray:
+            return np.asarray(coarse + share * (refined - coarse))
+
+        qpos = between(own.qpos, fine.qpos)
+        if self.robot.has_free_base:
+            qpos[:, QUATERNION_SLICE] /= np.linalg.norm(qpos[:, QUATERNION_SLICE], axis=1, keepdims=True)
+        sensors = None if own.sensors is None or fine.sensors is None else between(own.sensors, fine.sensors)
+        return Motion(qpos, between(own.qvel, fine.qvel), sensors)
+
+    def _pieces_by_own_steps(
+        self, trials: Sequence[Rollout], starts: Sequence["Starts"], rows: int
+    ) -> list[list[Motion]]:
         prepared = [self._restarts(trial, of, rows) for trial, of in zip(trials, starts, strict=True)]
         kinds = [(self.substeps(trial.log), trial.structure) for trial in trials]
         found: dict[int, list[Motion]] = {}
@@ -204,8 +263,13 @@ class Replayer:
         self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray, readings: np.ndarray | None
     ) -> Motion:
         """A piece, of its full first state and those after every step, as the trial's robot would log it."""
-        nq, piece = self.bare.nq, np.concatenate([state[None], out[np.cumsum(counts) - 1]])
-        return self.measure(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv], readings))
+        piece = np.concatenate([state[None], out[np.cumsum(counts) - 1]])
+        return self.measure(trial, self._of_robot(trial, piece, readings))
+
+    def _of_robot(self, trial: Rollout, states: np.ndarray, readings: np.ndarray | None) -> Motion:
+        """The robot's own positions and velocities in full states (rows, …); what effects have added stands behind."""
+        first = 1 + self._compiled(trial).nq
+        return Motion(states[:, 1 : 1 + self.bare.nq], states[:, first : first + self.bare.nv], readings)
 
     def _readings(self, model: mujoco.MjModel, read: np.ndarray, counts: np.ndarray) -> np.ndarray | None:
         """Sensors in the last step before each row, (rows + 1, sensors), in the first step for the first row.
@@ -254,29 +318,53 @@ class Replayer:
                 history[i].append(of_trial[np.cumsum(counts[i][start:end]) - 1])
                 own = self._readings(models[i], read[i], counts[i][start:end])
                 readings[i] += [] if own is None else [own[1 if readings[i] else 0 :]]
-        nq = self.bare.nq
         wholes = [np.concatenate(h) for h in history]
         measured = [np.concatenate(r) if r else None for r in readings]
-        return [
-            Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv], own)
-            for whole, own in zip(wholes, measured, strict=True)
-        ]
+        return [self._of_robot(*of_trial) for of_trial in zip(trials, wholes, measured, strict=True)]
 
     def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
-        """MuJoCo's full state: time, positions, velocities, and the torque of motors that have a state.
+        """MuJoCo's full state: time, positions, velocities, and the states of motors that have one.
 
-        That torque is the one that the first command asks for.
+        The torque of a motor is the one that the first command asks for; friction with a memory is that of the motion.
         """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
-        with_state = np.flatnonzero(model.actuator_actnum)
-        for actuator, kp, kd in zip(with_state, *actuators.dc_joint_pd(model, with_state), strict=True):
-            joint = model.actuator_trnid[actuator, 0]
-            q, v = state[model.jnt_qposadr[joint]], state[self.bare.nq + model.jnt_dofadr[joint]]
-            asked = control[0, actuator] - kp * q - kd * v
-            limits = model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
-            activation[model.actuator_actadr[actuator]] = np.clip(asked, *limits)
-        return np.concatenate([[0.0], state, activation])
+        motors = [
+            *enumerate(self.robot.joint_actuators.tolist()),
+            *actuators.filtered_dampers(model, self.robot.joints),
+        ]
+        for joint, actuator in motors:
+            if model.actuator_actnum[actuator]:
+                kp, kd = (float(gain) for gain in actuators.dc_joint_pd(model, np.array(actuator)))
+                q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
+                asked = control[0, actuator] - kp * q - kd * v
+                limits = (
+                    model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
+                )
+                activation[model.actuator_actadr[actuator]] = np.clip(asked, *limits)
+        if model.na:
+            bristles, deflection = actuators.bristles_in_motion(model, state[self.bare.nq :])
+            activation[bristles] = deflection
+        return np.concatenate([[0.0], self.whole_state(trial, model, state, control), activation])
+
+    def whole_state(
+        self, trial: Rollout, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray | None
+    ) -> np.ndarray:
+        """Positions and velocities of a model with what effects have added, from those of the robot (nq + nv,).
+
+        Rotors are where they carry the torque of the first rows of controls (rows, actuators), as stiff joints would;
+        None: where their joints are.
+        """
+        if model.nq == self.bare.nq:
+            return state
+        kp, kd = actuators.gains_of(model, self.robot.joint_actuators)
+        carried = np.zeros((2, len(self.robot.joints)))
+        if control is not None and any(effect.has_rotors for effect in trial.effects):
+            stiff = self.model(replace(trial, effects=tuple(e for e in trial.effects if not e.has_rotors)))
+            actuators.set_gains(stiff, self.robot.joint_actuators, kp, kd)
+            steps = max(1, round(trial.period_s / stiff.opt.timestep))
+            carried = carried_torque(stiff, self.robot, state, control, steps)
+        return np.concatenate(rest_rotors(model, self.robot, state, carried, kp))
 
     def _data(self, trial: Rollout) -> list[mujoco.MjData]:
         """Working memory of each thread, for the trial's structure."""
