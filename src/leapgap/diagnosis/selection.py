@@ -300,7 +300,9 @@ class Search:
         """Numbers and held-out losses of a set, fitted on the other folds by derivatives ``columns`` at ``numbers``.
 
         These derivatives are wrong where the time of a contact changes. So that no such piece decides alone, the loss
-        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss.
+        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss. Each piece bears its share of what the
+        nuisances cost: a tolerance of the model that has to be missed by tens of its standard deviations explains
+        nothing.
         """
         products, p = self.sensitivities.with_nuisances(columns), len(numbers)
         prior = self.prior(p)
@@ -311,7 +313,8 @@ class Search:
             out = self.fold_of_piece == fold
             others = products.fit(prior, ~out)
             folds.append(clip_numbers(hypotheses, numbers + others[1 : 1 + p]))
-            heldout[out] = np.minimum(products.loss(others), most)[out]
+            cost = 0.5 * float(prior @ others[1:] ** 2) / len(heldout)
+            heldout[out] = np.minimum(products.loss(others), most)[out] + cost
         chi2 = products.chi2(weights)
         emphasis = 2 * products.values / (products.values + chi2)
         normal = np.tensordot(emphasis, products.gram, axes=1)[1:, 1:] + np.diag(prior)
