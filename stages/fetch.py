@@ -1,7 +1,7 @@
-"""Fetch the published logs into data/raw from the public repository, at the commit that imports/ names. Needs a network.
+"""Fetch the published logs into data/raw from the public repository, at the commit that imports/ names.
 
-An import file of imports/ is copied to data/raw, and `dvc update` fetches what it names. Logs that are there stay as they
-are. Without a network nothing changes, and the exit code is 2.
+An import file of imports/ is copied to data/raw, and `dvc update` fetches what it names. Logs that are there stay as
+they are. It needs a network; without one nothing changes, and the exit code is 2.
 
 Examples:
 
@@ -26,7 +26,7 @@ WITHOUT = "without them everything runs on simulated hardware and says so"
 
 
 def fetch(imports: Path = IMPORTS, raw: Path = RAW) -> list[Path]:
-    """Fetch what every import file of a folder names, where it is not there yet; the folders of logs that are there now.
+    """Fetch what every import file of a folder names, where it is not there yet; the folders that are there now.
 
     ``InputError`` where a repository does not answer, or does not have what the import file names.
     """

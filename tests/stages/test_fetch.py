@@ -1,4 +1,4 @@
-"""`make data`: the pinned import is fetched where its repository answers; elsewhere nothing changes, with exit code 2."""
+"""`make data`: the pinned import is fetched where its repository answers; elsewhere nothing changes and it exits with 2."""
 
 import os
 import shutil
