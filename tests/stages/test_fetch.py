@@ -1,4 +1,4 @@
-"""`make data`: the pinned import is fetched where its repository answers; elsewhere nothing changes and it exits with 2."""
+"""`make data`: the pinned import is fetched where its repository answers; elsewhere nothing changes, exit code 2."""
 
 import os
 import shutil
