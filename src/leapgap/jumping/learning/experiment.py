@@ -7,6 +7,7 @@ from typing import Any
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning import uncertainty
+from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
 from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, Settings, TrainingRun, settings_in
@@ -59,6 +60,8 @@ class TrainConfig:
     """Splits fitted at the same time."""
     trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
     """Arguments of Lightning's Trainer."""
+    logger: LoggerConfig = field(default_factory=LoggerConfig)
+    """Who is given the losses along the trainings besides ``curves.csv``; no result depends on it."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""
@@ -97,7 +100,14 @@ def fit_task(
         return load(folder, other).model
 
     run = TrainingRun(
-        config.seed, config.threads, config.trainer, scratch, f"{split.name} {name}", config.steps_an_epoch
+        config.seed,
+        config.threads,
+        config.trainer,
+        scratch,
+        f"{split.name} {name}",
+        config.steps_an_epoch,
+        config.logger,
+        folder.parent,
     )
     return FitTask(train, held_out, config.body, config.curvature, config.model_settings, run, member)
 

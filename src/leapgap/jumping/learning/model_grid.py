@@ -13,7 +13,7 @@ import numpy as np
 from leapgap.atomic_io import read_json, whole_file, write_json
 from leapgap.cache import ResultCache, result_key
 from leapgap.errors import InputError
-from leapgap.jumping.learning import export
+from leapgap.jumping.learning import export, loggers
 from leapgap.jumping.learning.experiment import TrainConfig, fit_task, fit_uncertainty
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.npz_files import read_npz
@@ -49,6 +49,7 @@ def train(
         write_json(out / NOTE, {"note": "no logs: nothing was trained"})
         return []
     (out / NOTE).unlink(missing_ok=True)
+    loggers.prepare(config.logger, out)
     splits = [
         *folds(windows.jumps, config.folds),
         *sessions(windows.jumps, config.sessions or []),
@@ -221,7 +222,17 @@ def own_settings(name: str, config: TrainConfig) -> dict[str, ModelSettings]:
 def shared_settings(config: TrainConfig) -> dict[str, Any]:
     """The settings that every model depends on."""
     settings = asdict(config)
-    others = ("windows", "out", "models", "not_in_sessions", "folds", "sessions", "processes", "model_settings")
+    others = (
+        "windows",
+        "out",
+        "models",
+        "not_in_sessions",
+        "folds",
+        "sessions",
+        "processes",
+        "logger",
+        "model_settings",
+    )
     for name in others:
         settings.pop(name)
     settings["trainer"].pop("enable_progress_bar", None)

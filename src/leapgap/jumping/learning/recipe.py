@@ -7,10 +7,11 @@ A recipe says how a ``Model`` is fitted, judged, exported and shown. Each is a c
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.rigid_body import RigidBody
@@ -86,6 +87,10 @@ class TrainingRun:
     """Shown before the progress bar."""
     steps_an_epoch: int
     """Steps between checkpoints, and between points of the curve."""
+    logger: LoggerConfig = field(default_factory=LoggerConfig)
+    """Who is given the points of the curve."""
+    models: Path = Path()
+    """Folder of all models, by which a logger groups trainings."""
 
 
 @dataclass(frozen=True)

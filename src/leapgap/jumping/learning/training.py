@@ -10,6 +10,7 @@ import shutil
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import lightning
@@ -18,6 +19,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
 
 from leapgap.errors import InputError
+from leapgap.jumping.learning import loggers
 from leapgap.jumping.learning.network import NetworkModel
 from leapgap.jumping.learning.recipe import Fitting, LearningCurve, TrainingRun
 from leapgap.jumping.learning.torch_rollout import Batch, ResidualModule
@@ -61,7 +63,7 @@ class Learner(lightning.LightningModule):
         states, penalty = self.residual.roll_out(batch)
         squared = (states - batch.state[:, 1:]) ** 2
         per_member = squared.mean(dim=(1, 2, 3)) if self.fitting.loss == "mean" else squared.sum(dim=(1, 2, 3))
-        self.log("train_loss", squared.mean().detach(), batch_size=1)
+        self.log("train_loss", squared.mean().detach(), batch_size=1, logger=False)  # LossCurve gives it to loggers
         return per_member.sum() + self.fitting.output_penalty * penalty
 
     def error_on(self, name: str) -> float | None:
@@ -116,6 +118,10 @@ class LossCurve(Callback):
             assert isinstance(pl_module, Learner)
             train_loss = float(trainer.callback_metrics["train_loss"])
             self.rows.append([trainer.global_step, train_loss, pl_module.error_on(HELD_OUT)])
+            losses = dict(zip(CURVE[1:], self.rows[-1][1:], strict=True))
+            for logger in trainer.loggers:
+                known = {name: value for name, value in losses.items() if value is not None}
+                logger.log_metrics(known, step=trainer.global_step)
 
     def _check(self, trainer: lightning.Trainer) -> None:
         """Raise ``InputError`` for a training that diverges, before its weights are kept in a checkpoint."""
@@ -221,7 +227,12 @@ def fit(
     driver = make_trainer(fitting, run, every, curve)
     last = run.scratch / "last.ckpt"
     steps = torch.utils.data.DataLoader(EmptySteps(every), batch_size=None)
-    driver.fit(learner, steps, ckpt_path=str(last) if last.exists() else None, weights_only=True)
+    for logger in driver.loggers:
+        logger.log_hyperparams({**asdict(fitting), "seed": run.seed})
+    try:
+        driver.fit(learner, steps, ckpt_path=str(last) if last.exists() else None, weights_only=True)
+    finally:
+        loggers.close(driver.loggers)
     shutil.rmtree(run.scratch, ignore_errors=True)
     return learner.residual.to_model(model), curve.rows
 
@@ -251,7 +262,7 @@ def make_trainer(fitting: Fitting, run: TrainingRun, every: int, curve: LossCurv
             max_steps=fitting.steps,
             gradient_clip_val=fitting.clip_norm or None,
             default_root_dir=run.scratch,
-            logger=False,
+            logger=loggers.make_logger(run.logger, run.models, run.title.replace(" ", "/")) or False,
             log_every_n_steps=every,
             use_distributed_sampler=False,
             enable_model_summary=False,

@@ -1,0 +1,140 @@
+"""`make data`: the pinned import is fetched where its repository answers; elsewhere nothing changes, exit code 2."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from tests.code import ROOT
+from tests.project import environment
+
+PINNED = ROOT / "imports/a1_hardware.dvc"
+PLACE = "residual_learning/data/mix-20traj"
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ("-c", "user.name=t", "-c", "user.email=t@example.org", "-c", "commit.gpgsign=false")
+    done = subprocess.run(["git", *identity, *arguments], cwd=folder, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def public(tmp_path: Path) -> Path:
+    """A repository that holds logs in the place of the published ones, and a later commit that changed them."""
+    folder = tmp_path / "public"
+    (folder / PLACE / "1").mkdir(parents=True)
+    (folder / PLACE / "1/pos.txt").write_text("0 1 2\n")
+    git(folder, "init", "-q")
+    git(folder, "add", "-A")
+    git(folder, "commit", "-qm", "logs")
+    return folder
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A repository under git and DVC with the import file and what DVC leaves out, and no logs."""
+    folder = tmp_path / "project"
+    (folder / "imports").mkdir(parents=True)
+    (folder / "data/raw").mkdir(parents=True)
+    shutil.copy(PINNED, folder / "imports")
+    shutil.copy(ROOT / ".dvcignore", folder)
+    (folder / "stages").symlink_to(ROOT / "stages")
+    git(folder, "init", "-q")
+    run(folder, "dvc", "init", "-q")
+    (folder / "dvc.yaml").write_text(
+        "stages: {list: {cmd: ls -R data/raw > listed.txt, deps: [data/raw], outs: [listed.txt]}}\n"
+    )
+    return folder
+
+
+def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    variables = environment(ROOT) | {
+        "GIT_TERMINAL_PROMPT": "0",
+        "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), "."]),
+    }
+    return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
+
+
+def fetch(folder: Path) -> subprocess.CompletedProcess[str]:
+    return run(folder, sys.executable, "-m", "stages.fetch")
+
+
+def pin(project: Path, url: str, revision: str | None = None) -> None:
+    """Let the project's import file name another address, and another commit if one is given."""
+    text = (project / "imports/a1_hardware.dvc").read_text()
+    repository = OmegaConf.load(PINNED).deps[0].repo
+    text = text.replace(repository.url, url)
+    (project / "imports/a1_hardware.dvc").write_text(text.replace(repository.rev, revision or repository.rev))
+
+
+def test_the_pin_is_a_whole_commit_of_the_public_repository() -> None:
+    (dependency,) = OmegaConf.load(PINNED).deps
+    assert dependency.path == PLACE
+    assert dependency.repo.url == "https://github.com/DRCL-USC/Learning_MPC_Jumping"
+    assert len(dependency.repo.rev) == 40 == len(dependency.repo.rev_lock)
+    assert OmegaConf.load(PINNED).outs[0].path == "a1_hardware"
+
+
+def test_logs_come_as_they_were_at_the_pinned_commit_and_dvc_knows_them(project: Path, public: Path) -> None:
+    pinned = git(public, "rev-parse", "HEAD")
+    (public / PLACE / "1/pos.txt").write_text("changed later\n")
+    git(public, "commit", "-qam", "later")
+    pin(project, str(public), pinned)
+    done = fetch(project)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (project / "data/raw/a1_hardware/1/pos.txt").read_text() == "0 1 2\n"
+    assert "data/raw/a1_hardware: 1 files" in done.stdout
+    assert run(project, "dvc", "repro", "-q").returncode == 0
+    assert "pos.txt" in (project / "listed.txt").read_text()
+    assert "Data and pipelines are up to date." in run(project, "dvc", "status").stdout
+    public.rename(public.with_name("gone"))  # what was fetched needs no network any more
+    assert run(project, "dvc", "repro").returncode == 0
+    again = fetch(project)
+    assert again.returncode == 0
+    assert "there already, left as it is" in again.stdout
+
+
+def test_without_a_network_nothing_changes_and_the_message_says_what_to_do(project: Path) -> None:
+    pin(project, "https://nobody.invalid/Learning_MPC_Jumping")
+    done = fetch(project)
+    assert done.returncode == 2
+    assert done.stderr.startswith("stages.fetch: https://nobody.invalid/Learning_MPC_Jumping: found no answer (")
+    assert "expected a repository that a network reaches; run it where there is a network, or copy" in done.stderr
+    assert "without them everything runs on simulated hardware and says so" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list((project / "data/raw").iterdir()) == []
+
+
+def test_a_commit_that_is_gone_leaves_nothing_behind(project: Path, public: Path) -> None:
+    pin(project, str(public), "ab" * 20)
+    done = fetch(project)
+    assert done.returncode == 2
+    assert f"{public}: found no such data at abababa (" in done.stderr
+    assert not [path for path in (project / "data/raw").iterdir() if path.name != ".gitignore"]
+
+
+def test_dvc_misses_no_import_where_nothing_was_fetched(project: Path) -> None:
+    """An import file that DVC sees would make `dvc status`, `pull` and `repro` ask for a network."""
+    pin(project, "https://nobody.invalid/Learning_MPC_Jumping")
+    assert run(project, "dvc", "repro", "-q").returncode == 0
+    done = run(project, "dvc", "pull", "--allow-missing")
+    assert "nobody.invalid" not in done.stdout + done.stderr
+
+
+def test_logs_that_somebody_brought_are_left_alone(project: Path) -> None:
+    own = project / "data/raw/a1_hardware/1/pos.txt"
+    own.parent.mkdir(parents=True)
+    own.write_text("mine\n")
+    done = fetch(project)
+    assert done.returncode == 0, done.stderr
+    assert own.read_text() == "mine\n"
+    assert not (project / "data/raw/a1_hardware.dvc").exists()
+
+
+def test_make_data_runs_the_stage_and_hands_on_its_exit_code() -> None:
+    text = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert "\ndata: .venv/ready\n\t@python -m stages.fetch\n" in text
