@@ -53,11 +53,14 @@ class Push:
         return 2 / np.pi * self.peak * self.duration_s
 
 
-def arm_swing(log: int, pushes: list[Push], elbow: float = 0.1, seconds: float = 4.0, noise: float = 1.0) -> Log:
-    """One log of an arm that swings by a joint PD, pushed; ``elbow`` is its damping there, N·m·s/rad."""
-    rng = np.random.default_rng(100 + log)
+def arm_swing(log: int, pushes: list[Push], elbow: float = 0.1, motion: int | None = None) -> Log:
+    """One log of 4 s of an arm that swings by a joint PD, pushed; ``elbow`` is its damping there, N·m·s/rad.
+
+    Logs of one number ``motion`` are asked for the same motion; None: each for its own.
+    """
+    noise, rng = np.random.default_rng(log), np.random.default_rng(100 + (log if motion is None else motion))
     model = mujoco.MjModel.from_xml_string(ARM.format(shoulder=0.1, elbow=elbow))
-    data, rows, steps = mujoco.MjData(model), round(seconds / PERIOD_S), round(PERIOD_S / model.opt.timestep)
+    data, rows, steps = mujoco.MjData(model), round(4.0 / PERIOD_S), round(PERIOD_S / model.opt.timestep)
     time = np.arange(rows) * PERIOD_S
     size, rate, phase = rng.uniform(0.2, 0.5, (2, 2)), rng.uniform(0.3, 1.0, (2, 2)), rng.uniform(0, 6, (2, 2))
     angle = 2 * np.pi * rate[:, :, None] * time + phase[:, :, None]
@@ -77,8 +80,8 @@ def arm_swing(log: int, pushes: list[Push], elbow: float = 0.1, seconds: float =
     columns = {"time": time}
     for i, joint in enumerate(JOINTS):
         columns |= {
-            f"joint_pos/{joint}": qpos[:, i] + noise * 3e-4 * rng.standard_normal(rows),
-            f"joint_vel/{joint}": qvel[:, i] + noise * 1e-2 * rng.standard_normal(rows),
+            f"joint_pos/{joint}": qpos[:, i] + 3e-4 * noise.standard_normal(rows),
+            f"joint_vel/{joint}": qvel[:, i] + 1e-2 * noise.standard_normal(rows),
             f"cmd_tau/{joint}": np.zeros(rows),
             f"cmd_pos/{joint}": wanted[:, i],
             f"cmd_vel/{joint}": speed[:, i],
@@ -103,7 +106,7 @@ BASE = ("base_pos_x", "base_pos_y", "base_pos_z", "base_quat_w", "base_quat_x", 
 BASE_RATES = (*(f"base_linvel_{axis}" for axis in "xyz"), *(f"base_angvel_{axis}" for axis in "xyz"))
 
 
-def quadruped_jump(log: int, pushes: list[Push], noise: float = 1.0) -> Log:
+def quadruped_jump(log: int, pushes: list[Push]) -> Log:
     """A jump of the A1 from a crouch by a joint PD; pushes along x or z act on the trunk's centre of mass.
 
     The log ends before it lands.
@@ -136,10 +139,10 @@ def quadruped_jump(log: int, pushes: list[Push], noise: float = 1.0) -> Log:
                 data.xfrc_applied[trunk, "xyz".index(push.at)] += push.peak
         mujoco.mj_step(model, data)
     sigma = np.concatenate([np.full(3, 1e-3), np.full(4, 7e-4), np.full(12, 6e-4)])
-    qpos = qpos + noise * sigma * rng.standard_normal(qpos.shape)
+    qpos = qpos + sigma * rng.standard_normal(qpos.shape)
     qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
     sigma = np.concatenate([np.full(3, 0.01), np.full(3, 0.02), np.full(12, 0.06)])
-    qvel = qvel + noise * sigma * rng.standard_normal(qvel.shape)
+    qvel = qvel + sigma * rng.standard_normal(qvel.shape)
     columns = {"time": time}
     columns |= dict(zip(BASE, qpos[:, :7].T, strict=True)) | dict(zip(BASE_RATES, qvel[:, :6].T, strict=True))
     for i, joint in enumerate(joints):

@@ -11,24 +11,30 @@ from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 
 LENGTHS_S = (0.06, 0.12, 0.24, 0.48)
 """Times over which forces are averaged to find moments that stand out."""
-MOST_QUIET = 0.8
-"""Share of the mean forces that are no outside force; their size says what the model leaves."""
-NORMAL_QUANTILE = 1.2816
-"""The size that this share of standard normal numbers does not exceed."""
+MOST_QUIET, TAIL = 0.8, 0.95
+"""Shares of the mean forces that are no outside force; their size says what the model leaves.
+
+The second is for short moments once the larger forces are known: what models leave over a short time is far from normal.
+"""
+NORMAL_SIZE = {MOST_QUIET: 1.2816, TAIL: 1.96}
+"""The size that these shares of standard normal numbers do not exceed."""
+SHORT_S = 0.1
+"""Moments that stand out most over a shorter time count as short."""
 SMOOTH_S = 0.07
 """Forces are averaged over this time where the begin and end of a moment are looked for."""
 REPEAT_S = 0.05
 """The same where a force is compared with that of other logs."""
 EDGE, CENTRE = 0.12, 0.35
-"""Shares of its peak: a moment ends where the force falls below the first; its centre is that of what exceeds the other."""
+"""Shares of its peak: a moment ends where its force falls below the first, and its centre is that of what is above the
+other."""
 MEDIAN_LOGS = 3
 """From so many other logs on, what they repeat is their median; of two, the smaller one if they agree."""
 SWING = 0.7
 """A force of the other sign beside a moment, as a share of the moment's own mean, from which on it is no push."""
 SURE_SIZE = 20.0
 """A moment that stands out by more may be so much smaller beside the forces that the motions need."""
-LEAST_ELSEWHERE_S = 1.0
-"""Least time in states that no other log was near to that says how far off a model is in such states."""
+LEAST_STRANGE_S = 1.0
+"""Least time in states that no other log was near to that says how far off a model is there; else all states say it."""
 END_S = 0.1
 """No moment is told that begins sooner after the begin of a log."""
 COMPARED_ROWS = 4000
@@ -120,20 +126,19 @@ def stands_out_in_its_state(
     """Whether a force is large for the state in which it acts.
 
     Where another log was near, it is: that log shows nothing like it. Elsewhere the model may be wrong in a way that no
-    log can tell from a push, so that the force must be larger than what the model leaves in all other states of that kind.
+    log can tell from a push. There the force must be larger than what the model leaves in all other such states.
     """
     during = moment(of_logs[episode.log], episode)
     if np.median(repeats[episode.log].distance[during]) < settings.near:
         return True
-    length_s, elsewhere = episode.end_s - episode.begin_s, []
+    length_s, strange, every = episode.end_s - episode.begin_s, [], []
     for log, (of, force, own) in enumerate(zip(of_logs, alone, repeats, strict=True)):
-        strange = own.distance >= settings.near
-        if log == episode.log:
-            strange &= ~moment(of, episode, margin_s=length_s)
-        elsewhere.append(box_mean(force[:, episode.dof], rows_of(length_s, of))[strange])
-    if sum(map(len, elsewhere)) * of_logs[0].every_s < LEAST_ELSEWHERE_S:
-        return False
-    return abs(episode.impulse) / length_s >= settings.least_size_alone * quiet_spread(elsewhere)
+        mean = box_mean(force[:, episode.dof], rows_of(length_s, of))
+        others = ~moment(of, episode, margin_s=length_s) if log == episode.log else np.ones(len(mean), bool)
+        every.append(mean[others])
+        strange.append(mean[others & (own.distance >= settings.near)])
+    few = sum(map(len, strange)) * of_logs[0].every_s < LEAST_STRANGE_S
+    return abs(episode.impulse) / length_s >= settings.least_size_alone * quiet_spread(every if few else strange)
 
 
 def moment(residual: Residual, episode: Episode, margin_s: float = 0.0) -> np.ndarray:
@@ -177,8 +182,8 @@ def nearest_states(states: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, 
 def common_part(forces: np.ndarray, like: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force that other logs agree on, and how far they are from it, in the shape of ``like`` (instants, nv).
 
-    ``forces`` (logs, instants, nv) are NaN where a log was never near. One log alone agrees on nothing: it may be the one
-    that was pushed.
+    ``forces`` (logs, instants, nv) are NaN where a log was never near. One log alone agrees on nothing: it may be the
+    one that was pushed.
     """
     number = np.isfinite(forces[:, :, :1]).sum(axis=0)
     median, two = median_of_some(forces), of_two(forces)
@@ -195,7 +200,7 @@ def median_of_some(values: np.ndarray) -> np.ndarray:
 
 
 def of_two(forces: np.ndarray) -> np.ndarray:
-    """The smaller of two forces of one sign, 0 where signs differ; ``forces`` (logs, instants, nv), NaN where absent."""
+    """The smaller of two forces of one sign, 0 where signs differ; (logs, instants, nv) with NaN where a log is absent."""
     smallest = np.nan_to_num(np.where(np.isfinite(forces), np.abs(forces), np.inf).min(axis=0), posinf=0.0)
     signs = np.nan_to_num(np.sign(forces)).sum(axis=0)
     return np.where(np.abs(signs) == 2, np.sign(signs) * smallest, 0.0)
@@ -220,10 +225,11 @@ def episodes_at(
 ) -> list[Episode]:
     """Moments at one joint, or one axis of the base, whose mean force is larger than ``least_size``."""
     own = [force[:, dof] for force in forces]
-    candidates = []
+    candidates, any_known = [], not all(of.quiet.all() for of in of_logs)
     for length_s in LENGTHS_S:
         means = [box_mean(force, rows_of(length_s, of)) for force, of in zip(own, of_logs, strict=True)]
-        spread = quiet_spread([mean[of.quiet] for mean, of in zip(means, of_logs, strict=True)])
+        means_of_quiet = [mean[of.quiet] for mean, of in zip(means, of_logs, strict=True)]
+        spread = quiet_spread(means_of_quiet, TAIL if any_known and length_s <= SHORT_S else MOST_QUIET)
         for log, mean in enumerate(means):
             spreads = np.hypot(spread, box_mean(repeats[log].spread[:, dof], rows_of(length_s, of_logs[log])))
             size = mean / spreads
@@ -249,9 +255,9 @@ def rows_of(seconds: float, residual: Residual) -> int:
     return max(1, round(seconds / residual.every_s))
 
 
-def quiet_spread(means: Sequence[np.ndarray]) -> float:
-    """Standard deviation of mean forces where nothing acts from outside."""
-    return max(float(np.quantile(np.abs(np.concatenate(list(means))), MOST_QUIET)) / NORMAL_QUANTILE, 1e-9)
+def quiet_spread(means: Sequence[np.ndarray], share: float = MOST_QUIET) -> float:
+    """Standard deviation of mean forces where nothing acts from outside, by the size that a share of them is below."""
+    return max(float(np.quantile(np.abs(np.concatenate(list(means))), share)) / NORMAL_SIZE[share], 1e-9)
 
 
 def extent(force: np.ndarray, about: slice, sign: float, taken: np.ndarray, rows: int) -> slice:

@@ -23,6 +23,8 @@ EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
 """Forces are computed at this interval, or at a longer one that needs no more inverse dynamics of all logs together."""
 WINDOW_S, WINDOW_ROWS = 0.06, 7
 """Positions, velocities and torques are those of parabolas over this time, or over so many rows."""
+AT_STOP = 0.005
+"""A joint is at a stop where it is nearer to the end of its range than this share of it."""
 REPLAY_S = 0.02
 """Length of the replays that stand in place of inverse dynamics where something is touched."""
 
@@ -54,8 +56,8 @@ class Residuals:
     scale: np.ndarray
     """Root mean square of the forces that the motions need, of each degree of freedom that is searched for pushes.
 
-    Those of a free base come first, and are the only ones where there is one: what legs lack while feet slip or stick is
-    no push. Its forces have one scale; its moments that of forces at the robot's radius of gyration.
+    Where there is a free base, they are its own alone: what legs lack while feet slip or stick is no push. Its forces
+    have one scale; its moments have that of forces at the robot's radius of gyration.
     """
 
 
@@ -68,12 +70,15 @@ class ByInverseDynamics:
     """By inverse dynamics of smoothed motions, without what a wrong model explains in all logs together."""
 
     errors: ModelErrors
+    at_stop: tuple[np.ndarray, ...]
+    """Where a joint is at a stop of the model, for each log: −1 at the lower one, 1 at the upper one, (instants, nv)."""
 
     @staticmethod
     def of(states: Sequence[States], robot: Robot) -> "ByInverseDynamics":
         """Torques that the motions of some logs need."""
         model, every_s = without_constraints(robot.model), spacing(states, robot)
-        return ByInverseDynamics(ModelErrors.of(model, [instants_of(of, robot, every_s) for of in states]))
+        motions = [instants_of(of, robot, every_s) for of in states]
+        return ByInverseDynamics(ModelErrors.of(model, motions), tuple(stops(of.qpos, robot) for of in motions))
 
     def residuals(self, pushed: Pushed) -> Residuals:
         """Forces that the model lacks, where the moments of known forces are not fitted."""
@@ -81,7 +86,9 @@ class ByInverseDynamics:
         quiet = [quiet_rows(of.time, moments) for of, moments in zip(motions, pushed, strict=True)]
         scale = np.sqrt(np.mean(np.concatenate(list(self.errors.needed)) ** 2, axis=0))
         rows = [np.concatenate([of.qpos, of.qvel, of.torque], axis=1) for of in motions]
-        forces = self.errors.unexplained(quiet)
+        left = self.errors.unexplained(quiet)
+        # A stop of the model pushes back from its side.
+        forces = [np.where(force * at < 0, 0.0, force) for force, at in zip(left, self.at_stop, strict=True)]
         return Residuals(together([of.time for of in motions], forces, rows, quiet), scale)
 
 
@@ -112,8 +119,10 @@ class ByReplay:
             qpos, qvel = np.split(starts.states, [robot.model.nq], axis=1)
             ends = np.array([motion.qvel[-1] for motion in motions])
             span = np.diff(log.time[begins])[:, None]
-            forces.append(momentum(robot.model, qpos[:-1], (qvel[1:] - ends) / span))
-            needed.append(momentum(robot.model, qpos[:-1], np.diff(qvel, axis=0) / span) + weight(robot.model, qpos[:-1]))
+            lacking = np.nan_to_num((qvel[1:] - ends) / span, posinf=0.0, neginf=0.0)  # a replay may diverge
+            forces.append(momentum(robot.model, qpos[:-1], lacking))
+            changes = momentum(robot.model, qpos[:-1], np.diff(qvel, axis=0) / span)
+            needed.append(changes + weight(robot.model, qpos[:-1]))
             torque = motor_torques(log, robot, of.motion)[begins[:-1]]
             times.append((log.time[begins[:-1]] + log.time[begins[1:]]) / 2)
             rows.append(np.concatenate([qpos[:-1], qvel[:-1], torque], axis=1))
@@ -127,7 +136,7 @@ class ByReplay:
 
 def measure(states: Sequence[States], robot: Robot, replayer: Replayer) -> ByInverseDynamics | ByReplay:
     """What tells the forces that the model lacks in some logs."""
-    if robot.has_free_base or any(touches(of, robot) for of in states):
+    if robot.has_free_base or robot.model.neq or any(touches(of, robot) for of in states):
         return ByReplay.of(states, robot, replayer)
     return ByInverseDynamics.of(states, robot)
 
@@ -142,6 +151,16 @@ def touches(states: States, robot: Robot) -> bool:
         if data.ncon:
             return True
     return False
+
+
+def stops(qpos: np.ndarray, robot: Robot) -> np.ndarray:
+    """Which joints are at the lower (−1) or upper (1) end of their range in some poses, (poses, nv); 0 elsewhere."""
+    model, found = robot.model, np.zeros((len(qpos), robot.model.nv))
+    for joint in np.flatnonzero(model.jnt_limited):
+        low, high = model.jnt_range[joint]
+        pose, near = qpos[:, model.jnt_qposadr[joint]], AT_STOP * (high - low)
+        found[:, model.jnt_dofadr[joint]] = (pose > high - near).astype(float) - (pose < low + near)
+    return found
 
 
 def quiet_rows(time: np.ndarray, moments: Sequence[tuple[float, float]]) -> np.ndarray:

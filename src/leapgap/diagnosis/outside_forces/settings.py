@@ -14,8 +14,10 @@ class OutsideForceSettings:
     least_share: float = 0.4
     """Smallest peak of a moment, as a share of the root mean square torque that the motions need at the joint."""
     near: float = 1.0
-    """Largest distance between two states of the robot at which they count as the same moment of a motion: the length of
-    the difference of positions, velocities and torques, each divided by its spread over all logs."""
+    """Largest distance between two states of the robot at which they count as the same moment of a motion.
+
+    It is the length of the difference of positions, velocities and torques, each divided by its spread over all logs.
+    """
     least_size_alone: float = 8.0
     """As ``least_size``, beside all other states that no other log was near to, for a moment in such a state."""
     longest_s: float = 1.0

@@ -1,0 +1,197 @@
+"""Forces from outside: found at their joint, time and impulse, absent from logs without any, and blamed on nothing."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
+from leapgap.diagnosis.outside_forces.residuals import stops
+from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
+from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.logs.importers import log_format
+from leapgap.logs.log import Log
+from leapgap.logs.reading import read_foreign
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer
+from tests.diagnosis.pushed_robots import ARM, Push, arm_swing, quadruped_jump, write_arm
+
+SETTINGS = Settings(effects=["joint_damping", "torque_gain", "armature"])
+PUSHES = (Push(0, "elbow", 1.5, 0.2, 1.5), Push(2, "shoulder", 2.5, 0.15, -1.5))
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return Robot.load(write_arm(tmp_path_factory.mktemp("arm")))
+
+
+@pytest.fixture(scope="module")
+def a1() -> Robot:
+    return Robot.load()
+
+
+def find(logs: Sequence[Log], robot: Robot, settings: OutsideForceSettings = OutsideForceSettings()) -> OutsideForces:
+    return find_outside_forces(JudgedLogs.of(logs, robot), Replayer(robot, threads=1), settings)
+
+
+def assert_are(found: Sequence[OutsideForce], pushes: Sequence[Push], of_logs: str) -> None:
+    """Each force is a push: at its log and joint or axis, within 50 ms, with its impulse in the interval."""
+    in_order = sorted(pushes, key=lambda push: (push.log, push.time_s))
+    assert [(one.log, one.axis or one.at) for one in found] == [(f"{of_logs}_{p.log}", p.at) for p in in_order]
+    for one, push in zip(found, in_order, strict=True):
+        assert one.time_s == pytest.approx(push.time_s, abs=0.05)
+        assert one.impulse_ci95[0] <= push.impulse <= one.impulse_ci95[1]
+        assert one.impulse == pytest.approx(push.impulse, rel=0.15)
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.4])
+def test_pushes_of_an_arm_are_found_at_their_joint_and_time(arm: Robot, damping: float) -> None:
+    """Also where the elbow has four times the damping that the model states."""
+    logs = [arm_swing(k, list(PUSHES), damping) for k in range(4)]
+    assert_are(find(logs, arm).forces, PUSHES, "swing")
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.4])
+def test_an_arm_that_nothing_pushes_has_no_force_from_outside(arm: Robot, damping: float) -> None:
+    false = [k for k in range(0, 40, 4) if find([arm_swing(k + i, [], damping) for i in range(4)], arm).forces]
+    assert not false
+
+
+@pytest.mark.parametrize(("pushed", "told"), [((0, 1, 2, 3), 0), ((2,), 1)])
+def test_what_every_log_shows_at_one_moment_of_a_motion_is_no_push(
+    arm: Robot, pushed: tuple[int, ...], told: int
+) -> None:
+    """Four times the same motion: what acts in all of them belongs to the robot or its cell, what acts once does not."""
+    pushes = [Push(k, "elbow", 1.5, 0.2, 1.5) for k in pushed]
+    found = find([arm_swing(k, pushes, motion=7) for k in range(4)], arm).forces
+    assert len(found) == told
+    assert all(one.log == "swing_2" for one in found)
+
+
+def test_pushes_are_blamed_on_no_parameter(arm: Robot) -> None:
+    logs = [arm_swing(k, list(PUSHES)) for k in range(4)]
+    report = diagnose(logs, arm, SETTINGS).report
+    assert report.verdict == "named", report.sentence
+    assert report.answer == (("external_push",),)
+    assert report.causes[0].effect == "external_push"
+    assert report.causes[0].location == "elbow, shoulder"
+    impulse = report.causes[0].parameters["angular_impulse"]
+    assert impulse.value == pytest.approx(sum(abs(push.impulse) for push in PUSHES), rel=0.1)
+    assert report.closure_of_answer.value > 0.95
+    assert "at 1.50 s in swing_0, elbow, +1.4 N·m for 0.2" in report.sentence
+    assert [one["at"] for one in report.to_json()["outside_forces"]] == ["elbow", "shoulder"]
+
+
+def test_damping_is_found_beside_pushes(arm: Robot) -> None:
+    logs = [arm_swing(k, list(PUSHES), 0.4) for k in range(4)]
+    report = diagnose(logs, arm, SETTINGS).report
+    assert report.answer == (("joint_damping",), ("external_push",)), report.sentence
+    assert report.causes[0].location == "elbow"
+    assert report.causes[0].parameters["damping"].value == pytest.approx(0.3, rel=0.05)
+
+
+def test_rows_with_pushes_are_left_out_and_nothing_else(arm: Robot) -> None:
+    logs = [arm_swing(k, list(PUSHES)) for k in range(4)]
+    found = find(logs, arm)
+    names = ["swing_0", "swing_0", "swing_1", "swing_2", "swing_2", "swing_3"]
+    assert list(found.part_of.values()) == names
+    assert [log.name for log in found.logs][1].startswith("swing_0_from_1.6")
+    first, second = found.logs[:2]
+    begin = len(logs[0]) - len(second)
+    assert np.array_equal(first["joint_pos/elbow"], logs[0]["joint_pos/elbow"][: len(first)])
+    assert np.array_equal(second["joint_pos/elbow"], logs[0]["joint_pos/elbow"][begin:])
+    push = PUSHES[0]
+    assert first.time[-1] < push.time_s - push.duration_s / 2 < push.time_s + push.duration_s / 2
+    assert logs[0].time[begin] > push.time_s + push.duration_s / 2
+    assert 1.3 < first.time[-1]
+
+
+def test_pushes_are_told_and_rows_kept_where_the_user_asks(arm: Robot) -> None:
+    logs = [arm_swing(k, list(PUSHES)) for k in range(4)]
+    found = find(logs, arm, OutsideForceSettings(remove=False))
+    assert len(found.forces) == 2
+    assert not found.logs
+
+
+@pytest.mark.parametrize("push", [Push(1, "x", 0.45, 0.1, 60.0), Push(2, "x", 0.3, 0.1, -60.0)])
+def test_a_push_on_the_trunk_of_a_jumping_quadruped_is_found(a1: Robot, push: Push) -> None:
+    """60 N for 100 ms, in the air and while it stands: a constant force, whose impulse is peak × duration."""
+    logs = [quadruped_jump(k, [push]) for k in range(5)]
+    (found,) = find(logs, a1).forces
+    assert (found.log, found.at, found.axis, found.unit) == (f"jump_{push.log}", "trunk", "x", "N")
+    assert found.time_s == pytest.approx(push.time_s, abs=0.03)
+    assert found.impulse == pytest.approx(push.peak * push.duration_s, rel=0.15)
+
+
+def test_jumps_that_nothing_pushes_have_no_force_from_outside(a1: Robot) -> None:
+    assert not find([quadruped_jump(k, []) for k in range(8)], a1).forces
+
+
+def test_inverse_dynamics_of_a_simulated_motion_is_its_torque() -> None:
+    """Against MuJoCo's forward dynamics: the torque that was applied comes back, damping included."""
+    model = mujoco.MjModel.from_xml_string(ARM.format(shoulder=0.3, elbow=0.2))
+    model.dof_frictionloss[:] = 0
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.qfrc_applied[:] = (0.4, -0.7), (2.0, -3.0), (1.5, -0.4)
+    mujoco.mj_forward(model, data)
+    one = [np.array(values)[None] for values in (data.qpos, data.qvel, data.qacc)]
+    motion = Instants(np.zeros(1), *one, np.zeros((1, 2)), np.zeros((1, 2)))
+    assert inverse_dynamics(without_constraints(model), motion)[0] == pytest.approx([1.5, -0.4], abs=1e-9)
+
+
+def test_a_stop_of_the_model_is_no_force_from_outside() -> None:
+    """Where a joint is at the end of its range, what pushes it back is the stop; what pushes it on is not."""
+    robot = SimpleNamespace(model=mujoco.MjModel.from_xml_string(ARM.format(shoulder=0.1, elbow=0.1)))
+    robot.model.jnt_limited[1], robot.model.jnt_range[1] = True, (-1.0, 2.0)
+    found = stops(np.array([[5.0, -1.001], [-5.0, 0.5], [0.0, 2.001]]), robot)
+    assert found.tolist() == [[0, -1], [0, 0], [0, 1]]
+
+
+@pytest.fixture(scope="session")
+def acrobot() -> Path:
+    """Logs of a real acrobot, where this machine has them."""
+    for folder in (os.environ.get("LEAPGAP_ROBOTS"), "data/raw"):
+        if folder and (Path(folder) / "acrobot" / "acrobot.urdf").is_file():
+            return Path(folder) / "acrobot"
+    pytest.skip("no logs of the acrobot: set LEAPGAP_ROBOTS or fill data/raw")
+
+
+def acrobot_logs(folder: Path) -> tuple[Robot, list[Log]]:
+    """The robot and its logs, with the commands as they were sent."""
+    robot = Robot.load(folder.parent / "acrobot.urdf")
+    joints = {"1": "Joint1", "2": "Joint2"}
+    sent = {"joint_pos/*": "pos_meas*", "joint_vel/*": "vel_meas*", "cmd_tau/*": "tau_con*", "time": "time"}
+    constants = {f"cmd_{name}/*": 0.0 for name in ("pos", "vel", "kp", "kd")}
+    layout = log_format("csv")
+    options = layout.Options(columns=sent, joint_names=joints, constants=constants)
+    return robot, list(read_foreign(layout, folder, robot, options).logs)
+
+
+def test_pushes_of_a_real_acrobot_are_found_and_nothing_else(acrobot: Path) -> None:
+    """Against the torques that its owners added to the motors, which the diagnosis does not see.
+
+    Of their fourteen pushes two act while it tumbles, in states that no other log was in.
+    """
+    robot, logs = acrobot_logs(acrobot / "pushed")
+    found = find(logs, robot).forces
+    assert len(found) == 12
+    for one in found:
+        raw = np.genfromtxt(acrobot / "pushed" / f"{one.log}.csv", delimiter=",", names=True)
+        time = raw["time"] - raw["time"][0]
+        about = np.abs(time - one.time_s) < 0.4
+        added = raw[f"tau_pert{one.at[-1]}"] * about
+        impulse = np.trapezoid(added, time)
+        assert one.time_s == pytest.approx(np.trapezoid(added * time, time) / impulse, abs=0.05)
+        assert 0.5 < one.impulse / impulse < 1.8
+
+
+def test_an_acrobot_as_it_was_sent_is_pushed_by_nothing(acrobot: Path) -> None:
+    robot, logs = acrobot_logs(acrobot / "sent")
+    assert not find(logs, robot).forces
