@@ -19,7 +19,7 @@ from leapgap.logs.importers import log_format
 from leapgap.logs.importers.base import LogFormat
 from leapgap.output_folder import whole_folder
 from leapgap.reports.diagnosis import diagnose_logs
-from leapgap.validation.real_robots import RealCase, is_here, outcome_of, read_case
+from leapgap.validation.real_robots import RealCase, is_here, outcome_of, published_pushes, read_case
 from stages.common import CONF, output_folder, read_config, run_stage
 
 STAGE = "stages.robots"
@@ -51,7 +51,8 @@ def robots(config: DictConfig) -> None:
             begin = time.perf_counter()
             robot, logs = read_case(case, raw, *importer(case.import_logs))
             report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
-            table[name] = outcome_of(case, report.content, time.perf_counter() - begin)
+            seconds = time.perf_counter() - begin
+            table[name] = outcome_of(case, report.content, seconds, published_pushes(case, raw))
             report.save(folder / name)
             verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
             verdict = "not judged" if case.expected is None else verdict

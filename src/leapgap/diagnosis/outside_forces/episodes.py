@@ -14,7 +14,8 @@ LENGTHS_S = (0.06, 0.12, 0.24, 0.48)
 MOST_QUIET, TAIL = 0.8, 0.95
 """Shares of the mean forces that are no outside force; their size says what the model leaves.
 
-The second is for short moments once the larger forces are known: what models leave over a short time is far from normal.
+The second is for short moments, once the larger forces are known: over a short time, errors of a model are far from
+normal.
 """
 NORMAL_SIZE = {MOST_QUIET: 1.2816, TAIL: 1.96}
 """The size that these shares of standard normal numbers do not exceed."""
@@ -200,7 +201,7 @@ def median_of_some(values: np.ndarray) -> np.ndarray:
 
 
 def of_two(forces: np.ndarray) -> np.ndarray:
-    """The smaller of two forces of one sign, 0 where signs differ; (logs, instants, nv) with NaN where a log is absent."""
+    """The smaller of two forces of one sign, 0 where signs differ, (instants, nv); ``forces`` as of ``common_part``."""
     smallest = np.nan_to_num(np.where(np.isfinite(forces), np.abs(forces), np.inf).min(axis=0), posinf=0.0)
     signs = np.nan_to_num(np.sign(forces)).sum(axis=0)
     return np.where(np.abs(signs) == 2, np.sign(signs) * smallest, 0.0)

@@ -37,6 +37,12 @@ class OutsideForce:
         lasts_s = f"{self.end_s - self.begin_s:.2g}"
         return f"at {self.time_s:.2f} s in {self.log}, {self.at}, {self.peak:+.2g} {self.unit}{along} for {lasts_s} s"
 
+    @property
+    def in_words(self) -> str:
+        """What it says, with its impulse and the interval of that."""
+        low, high = self.impulse_ci95
+        return f"{self.says}, impulse {self.impulse:+.2g} {self.unit}·s ({low:.2g} to {high:.2g})"
+
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""
         return {**asdict(self), "impulse_ci95": list(self.impulse_ci95), "says": self.says}

@@ -71,7 +71,7 @@ class ByInverseDynamics:
 
     errors: ModelErrors
     at_stop: tuple[np.ndarray, ...]
-    """Where a joint is at a stop of the model, for each log: −1 at the lower one, 1 at the upper one, (instants, nv)."""
+    """Where a joint is at a stop of the model, by log: −1 at the lower one, 1 at the upper one, (instants, nv)."""
 
     @staticmethod
     def of(states: Sequence[States], robot: Robot) -> "ByInverseDynamics":
