@@ -11,9 +11,10 @@ import pytest
 
 from leapgap.diagnosis.diagnose import Settings, diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.outside_forces.episodes import Episode, least_peak
 from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
-from leapgap.diagnosis.outside_forces.residuals import stops
+from leapgap.diagnosis.outside_forces.residuals import Residuals, stops
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.logs.importers import log_format
@@ -196,3 +197,13 @@ def test_pushes_of_a_real_acrobot_are_found_and_nothing_else(acrobot: Path) -> N
 def test_an_acrobot_as_it_was_sent_is_pushed_by_nothing(acrobot: Path) -> None:
     robot, logs = acrobot_logs(acrobot / "sent")
     assert not find(logs, robot).forces
+
+
+@pytest.mark.parametrize(("size", "friction", "least"), [(5.0, 0.1, 0.4), (80.0, 0.02, 0.1), (80.0, 0.7, 0.7)])
+def test_a_push_is_larger_than_a_share_of_the_torque_and_than_friction(
+    size: float, friction: float, least: float
+) -> None:
+    """40 % of the torque of 1 N·m, a quarter of that where it stands out four times as much as what is sure."""
+    residuals = Residuals((), np.array([9.0, 1.0]), np.array([9.0, friction]))
+    one = Episode(0, 1, 0.0, 0.1, 0.05, 1.0, 0.1, 0.01, size)
+    assert least_peak(one, residuals, OutsideForceSettings()) == pytest.approx(least)

@@ -84,7 +84,7 @@ def episodes_of(residuals: Residuals, settings: OutsideForceSettings) -> list[Ep
         one
         for dof in range(len(residuals.scale))
         for one in episodes_at(of_logs, alone, repeats, dof, settings.least_size)
-        if abs(one.peak) >= settings.least_share * min(1.0, SURE_SIZE / abs(one.size)) * residuals.scale[dof]
+        if abs(one.peak) >= least_peak(one, residuals, settings)
         and abs(one.impulse) >= settings.least_size * one.deviation
         and one.end_s - one.begin_s <= settings.longest_s
         and stands_out_in_its_state(of_logs, alone, repeats, one, settings)
@@ -92,6 +92,12 @@ def episodes_of(residuals: Residuals, settings: OutsideForceSettings) -> list[Ep
         and not swings(of_logs[one.log], alone[one.log][:, dof], one)
     ]
     return sorted(largest_of_each_moment(found), key=lambda one: (one.log, one.time_s, one.dof))
+
+
+def least_peak(episode: Episode, residuals: Residuals, settings: OutsideForceSettings) -> float:
+    """Smallest peak that a moment needs beside the forces of the motion and the friction of its joint, N or N·m."""
+    share = settings.least_share * min(1.0, SURE_SIZE / abs(episode.size))
+    return float(max(share * residuals.scale[episode.dof], residuals.friction[episode.dof]))
 
 
 def largest_of_each_moment(episodes: Sequence[Episode]) -> list[Episode]:

@@ -54,8 +54,8 @@ class ModelErrors:
         first = change.shape[2] - JOINT_KINDS * model.nv + DRY_KIND * model.nv
         return ModelErrors(tuple(motions), needed, change, first + np.arange(model.nv))
 
-    def unexplained(self, quiet: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Torques of each log, (instants, nv), that no departure of the model explains.
+    def unexplained(self, quiet: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
+        """Torques of each log, (instants, nv), that no departure of the model explains, and dry friction, (nv,).
 
         Departures are fitted to the ``quiet`` instants, bool, (instants,) of each log. Where a joint stands still, what
         friction may hold is explained too.
@@ -70,7 +70,7 @@ class ModelErrors:
         friction = np.abs(DRY * departures[self.sticks])
         moving = np.abs(np.tanh(np.concatenate([motion.qvel for motion in self.motions]) / STILL))
         left = np.sign(left) * np.maximum(np.abs(left) - friction * (1 - moving), 0.0)
-        return np.split(left, np.cumsum([len(motion) for motion in self.motions])[:-1])
+        return np.split(left, np.cumsum([len(motion) for motion in self.motions])[:-1]), friction
 
 
 def fit(change: np.ndarray, lacking: np.ndarray) -> np.ndarray:

@@ -54,11 +54,15 @@ class Residuals:
 
     of_logs: tuple[Residual, ...]
     scale: np.ndarray
-    """Root mean square of the forces that the motions need, of each degree of freedom that is searched for pushes.
+    """Root mean square of the forces that the motions need, or that the motors gave where those are larger.
+
+    There is one for each degree of freedom that is searched for pushes.
 
     Where there is a free base, they are its own alone: what legs lack while feet slip or stick is no push. Its forces
     have one scale; its moments have that of forces at the robot's radius of gyration.
     """
+    friction: np.ndarray
+    """Dry friction of the same degrees of freedom, as the logs show it; it is never quite constant."""
 
 
 Pushed = Sequence[Sequence[tuple[float, float]]]
@@ -84,12 +88,13 @@ class ByInverseDynamics:
         """Forces that the model lacks, where the moments of known forces are not fitted."""
         motions = self.errors.motions
         quiet = [quiet_rows(of.time, moments) for of, moments in zip(motions, pushed, strict=True)]
-        scale = np.sqrt(np.mean(np.concatenate(list(self.errors.needed)) ** 2, axis=0))
+        needed, given = (np.concatenate(of) for of in (self.errors.needed, [of.torque for of in motions]))
+        scale = np.sqrt(np.maximum(np.mean(needed**2, axis=0), np.mean(given**2, axis=0)))
         rows = [np.concatenate([of.qpos, of.qvel, of.torque], axis=1) for of in motions]
-        left = self.errors.unexplained(quiet)
+        left, friction = self.errors.unexplained(quiet)
         # A stop of the model pushes back from its side.
         forces = [np.where(force * at < 0, 0.0, force) for force, at in zip(left, self.at_stop, strict=True)]
-        return Residuals(together([of.time for of in motions], forces, rows, quiet), scale)
+        return Residuals(together([of.time for of in motions], forces, rows, quiet), scale, friction)
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class ByReplay:
     def residuals(self, pushed: Pushed) -> Residuals:
         """Forces that the model lacks; moments of known forces are compared with nothing."""
         quiet = [quiet_rows(time, moments) for time, moments in zip(self.times, pushed, strict=True)]
-        return Residuals(together(self.times, self.forces, self.rows, quiet), self.scale)
+        return Residuals(together(self.times, self.forces, self.rows, quiet), self.scale, np.zeros_like(self.scale))
 
     @staticmethod
     def of(states: Sequence[States], robot: Robot, replayer: Replayer) -> "ByReplay":
