@@ -11,15 +11,16 @@ import pytest
 
 from leapgap.diagnosis.diagnose import Settings, diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.outside_forces.episodes import Episode, least_peak
+from leapgap.diagnosis.outside_forces.episodes import Episode, Repeats, episodes_at, least_peak
 from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
-from leapgap.diagnosis.outside_forces.residuals import Residuals, stops
+from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals, stops
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_foreign
+from leapgap.reports.diagnosis import diagnose_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from tests.diagnosis.pushed_robots import ARM, Push, arm_swing, quadruped_jump, write_arm
@@ -77,9 +78,10 @@ def test_what_every_log_shows_at_one_moment_of_a_motion_is_no_push(
     assert all(one.log == "swing_2" for one in found)
 
 
-def test_pushes_are_blamed_on_no_parameter(arm: Robot) -> None:
+def test_pushes_are_blamed_on_no_parameter(arm: Robot, tmp_path: Path) -> None:
     logs = [arm_swing(k, list(PUSHES)) for k in range(4)]
-    report = diagnose(logs, arm, SETTINGS).report
+    whole = diagnose_logs(logs, arm, SETTINGS)
+    report = whole.content
     assert report.verdict == "named", report.sentence
     assert report.answer == (("external_push",),)
     assert report.causes[0].effect == "external_push"
@@ -89,6 +91,10 @@ def test_pushes_are_blamed_on_no_parameter(arm: Robot) -> None:
     assert report.closure_of_answer.value > 0.95
     assert "at 1.50 s in swing_0, elbow, +1.4 N·m for 0.2" in report.sentence
     assert [one["at"] for one in report.to_json()["outside_forces"]] == ["elbow", "shoulder"]
+    assert "from outside: at 2.50 s in swing_2, shoulder, -1.3 N·m for 0.17 s, impulse -0.14 N·m·s (" in str(whole)
+    page = (whole.save(tmp_path) / "report.html").read_text()
+    assert "<h2>Forces from outside</h2>" in page
+    assert "Nothing about the robot: without the forces from outside" in page
 
 
 def test_damping_is_found_beside_pushes(arm: Robot) -> None:
@@ -207,3 +213,24 @@ def test_a_push_is_larger_than_a_share_of_the_torque_and_than_friction(
     residuals = Residuals((), np.array([9.0, 1.0]), np.array([9.0, friction]))
     one = Episode(0, 1, 0.0, 0.1, 0.05, 1.0, 0.1, 0.01, size)
     assert least_peak(one, residuals, OutsideForceSettings()) == pytest.approx(least)
+
+
+@pytest.mark.parametrize("seed", [1437, 2111, 3124])
+def test_a_moment_that_smoothing_turns_round_is_passed_over(seed: int) -> None:
+    """A force that is up over 60 ms and down over the 70 ms that its begin and end are looked for in has no centre."""
+    rng = np.random.default_rng(seed)
+    time = 0.02 * np.arange(35)
+    force = rng.standard_t(1.5, (35, 1)) * np.where(np.arange(35) > 24, 8, 1)[:, None]
+    one = Residual(time, force, np.zeros((35, 1)), np.ones(35, bool))
+    none = Repeats(np.zeros((35, 1)), np.zeros((35, 1)), np.zeros(35))
+    assert all(found.peak * found.size > 0 for found in episodes_at([one], [force], [none], 0, 4.0))
+
+
+@pytest.mark.parametrize("rows", [2, 20, 60])
+def test_short_and_slow_logs_have_no_force_from_outside(arm: Robot, rows: int) -> None:
+    """Few rows at 500, 25 and 6 Hz: nothing stands out, and nothing fails."""
+    logs = [arm_swing(k, []) for k in range(3)]
+    slow = [log.downsample(80) for log in logs]
+    assert not find([log.first_rows(rows) for log in logs], arm).forces
+    assert not find([log.first_rows(min(rows, 25)) for log in slow], arm).forces
+    assert not find([log.downsample(20).first_rows(100) for log in logs], arm).forces

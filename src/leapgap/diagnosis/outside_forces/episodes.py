@@ -235,8 +235,10 @@ def episodes_at(
     candidates, any_known = [], not all(of.quiet.all() for of in of_logs)
     for length_s in LENGTHS_S:
         means = [box_mean(force, rows_of(length_s, of)) for force, of in zip(own, of_logs, strict=True)]
-        means_of_quiet = [mean[of.quiet] for mean, of in zip(means, of_logs, strict=True)]
-        spread = quiet_spread(means_of_quiet, TAIL if any_known and length_s <= SHORT_S else MOST_QUIET)
+        of_quiet = [mean[of.quiet] for mean, of in zip(means, of_logs, strict=True)]
+        spread = quiet_spread(
+            of_quiet if any(map(len, of_quiet)) else means, TAIL if any_known and length_s <= SHORT_S else MOST_QUIET
+        )
         for log, mean in enumerate(means):
             spreads = np.hypot(spread, box_mean(repeats[log].spread[:, dof], rows_of(length_s, of_logs[log])))
             size = mean / spreads
@@ -251,7 +253,10 @@ def episodes_at(
         about = slice(max(0, row - reach), row + reach + 1)
         if taken[log][about].any():
             continue
-        rows = extent(own[log], about, np.sign(size), taken[log], rows_of(SMOOTH_S, of_logs[log]))
+        smooth = np.sign(size) * box_mean(own[log], rows_of(SMOOTH_S, of_logs[log]))
+        if smooth[about].max() <= 0:
+            continue
+        rows = extent(smooth, about, taken[log])
         taken[log][rows] = taken[log][about] = True
         found.append(episode(of_logs[log], own[log], log, dof, rows, size, spread, length_s))
     return found
@@ -267,14 +272,13 @@ def quiet_spread(means: Sequence[np.ndarray], share: float = MOST_QUIET) -> floa
     return max(float(np.quantile(np.abs(np.concatenate(list(means))), share)) / NORMAL_SIZE[share], 1e-9)
 
 
-def extent(force: np.ndarray, about: slice, sign: float, taken: np.ndarray, rows: int) -> slice:
-    """Rows of a moment: about its peak within ``about``, as far as the smoothed force keeps a tenth of it."""
-    smooth = sign * box_mean(force, rows)
+def extent(smooth: np.ndarray, about: slice, taken: np.ndarray) -> slice:
+    """Rows of a moment: about the peak of its smoothed force within ``about``, as far as a share of that is kept."""
     top = about.start + int(np.argmax(smooth[about]))
     ends = (smooth <= EDGE * smooth[top]) | taken
     before, after = np.flatnonzero(ends[:top]), np.flatnonzero(ends[top + 1 :])
     begin = int(before[-1]) + 1 if len(before) else 0
-    return slice(begin, top + 1 + int(after[0]) if len(after) else len(force))
+    return slice(begin, top + 1 + int(after[0]) if len(after) else len(smooth))
 
 
 def episode(

@@ -17,7 +17,7 @@ from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.state import States, motor_torques
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, TWIST_SLICE, VELOCITY_SLICE
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
 """Forces are computed at this interval, or at a longer one that needs no more inverse dynamics of all logs together."""
@@ -119,7 +119,7 @@ class ByReplay:
             log, length = of.log, max(1, of.log.info.rows(REPLAY_S))
             begins = list(range(0, len(log), length))
             starts, _ = smooth_starts(of.motion, begins, log, robot)
-            some = type(starts)(begins[:-1], starts.states[:-1])
+            some = Starts(begins[:-1], starts.states[:-1])
             (motions,) = replayer.replay_pieces([Rollout(log, measured=of.motion)], [some], length + 1)
             qpos, qvel = np.split(starts.states, [robot.model.nq], axis=1)
             ends = np.array([motion.qvel[-1] for motion in motions])

@@ -21,8 +21,8 @@ ROUNDS = 2
 """The moments of the first round are left out of what the second one fits and compares."""
 LEAST_LOGS = 2
 """So few logs can be compared with each other; a diagnosis needs as many, too."""
-SHORTEST_S = 0.3
-"""In a shorter log no moment stands out."""
+SHORTEST_S, LEAST_ROWS = 0.3, 50
+"""In a shorter log, or in one of fewer rows, no moment stands out."""
 MARGIN_S = 0.03
 """A force may act so much longer, before and after, than its moment shows."""
 MODEL_ERROR = 0.1
@@ -46,7 +46,7 @@ class OutsideForces:
 def find_outside_forces(judged: JudgedLogs, replayer: Replayer, settings: OutsideForceSettings) -> OutsideForces:
     """Find the forces from outside that act in some logs, and the logs without them."""
     logs, found = judged.logs, OutsideForces()
-    if len(logs) < LEAST_LOGS or min(float(log.time[-1] - log.time[0]) for log in logs) < SHORTEST_S:
+    if len(logs) < LEAST_LOGS or any(is_short(log) for log in logs):
         return found
     residuals = measure(judged.states, judged.robot, replayer)
     episodes: list[Episode] = []
@@ -59,6 +59,11 @@ def find_outside_forces(judged: JudgedLogs, replayer: Replayer, settings: Outsid
     if not settings.remove or len(parts) < LEAST_LOGS:
         return OutsideForces(forces)
     return OutsideForces(forces, tuple(parts), part_of)
+
+
+def is_short(log: Log) -> bool:
+    """Whether no moment could stand out in a log."""
+    return len(log) < LEAST_ROWS or float(log.time[-1] - log.time[0]) < SHORTEST_S
 
 
 def moments_of(episodes: Sequence[Episode], logs: int) -> Pushed:
