@@ -34,6 +34,8 @@ class RobotsSettings:
     metrics: str | None
     cases: dict[str, Any]
     """Name of a case → its ``RealCase``, read one by one so that a wrong key is told with its case."""
+    pushes: dict[str, dict[str, str]]
+    """Name of a case → joint → column of its tables with the torque that pushed it, hidden from the diagnosis."""
 
 
 def robots(config: DictConfig) -> None:
@@ -52,7 +54,8 @@ def robots(config: DictConfig) -> None:
             robot, logs = read_case(case, raw, *importer(case.import_logs))
             report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
             seconds = time.perf_counter() - begin
-            table[name] = outcome_of(case, report.content, seconds, published_pushes(case, raw))
+            pushes = published_pushes(raw / case.source, chosen.pushes.get(name, {}))
+            table[name] = outcome_of(case, report.content, seconds, pushes)
             report.save(folder / name)
             verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
             verdict = "not judged" if case.expected is None else verdict

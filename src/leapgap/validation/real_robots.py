@@ -42,8 +42,6 @@ class RealCase:
     shown beside others and is neither right nor false."""
     fix_base: bool
     """Whether the robot hangs: its floating base is held."""
-    pushes: dict[str, str] | None = None
-    """Joint → column of the raw tables with the torque that pushed it, N·m, which the diagnosis does not see."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +72,16 @@ def read_case(case: RealCase, raw: Path, layout: LogFormat, options: Any) -> tup
     return robot, list(read_foreign(layout, raw / case.source, robot, options).logs)
 
 
-def published_pushes(case: RealCase, raw: Path) -> list[PublishedPush]:
-    """All pushes of a case, by the tables of its owners; none where they published no column of them."""
+def published_pushes(tables: Path, columns: Mapping[str, str]) -> list[PublishedPush]:
+    """All pushes in a folder of tables of their owners.
+
+    ``columns``: joint → column with the torque that pushed it, N·m, which the diagnosis does not see.
+    """
     found = []
-    for path in sorted((raw / case.source).glob("*.csv")) if case.pushes else ():
+    for path in sorted(tables.glob("*.csv")) if columns else ():
         table = np.genfromtxt(path, delimiter=",", names=True)
         time = table["time"] - table["time"][0]
-        for joint, column in (case.pushes or {}).items():
+        for joint, column in columns.items():
             torque = table[column]
             edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(torque) > PUSHED, [False]]).astype(int)))
             for begin, end in list(pairwise(edges.tolist()))[::2]:
