@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +12,14 @@ import pytest
 
 from leapgap.diagnosis.diagnose import Settings, diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.outside_forces.episodes import Episode, Repeats, episodes_at, least_peak
+from leapgap.diagnosis.outside_forces.episodes import (
+    Episode,
+    Repeats,
+    episodes_at,
+    largest_of_each_moment,
+    least_peak,
+    swings,
+)
 from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals, stops
@@ -234,3 +242,24 @@ def test_short_and_slow_logs_have_no_force_from_outside(arm: Robot, rows: int) -
     assert not find([log.first_rows(rows) for log in logs], arm).forces
     assert not find([log.first_rows(min(rows, 25)) for log in slow], arm).forces
     assert not find([log.downsample(20).first_rows(100) for log in logs], arm).forces
+
+
+def moment(begin_s: float, end_s: float, impulse: float, size: float, dof: int = 0) -> Episode:
+    return Episode(0, dof, begin_s, end_s, (begin_s + end_s) / 2, impulse, impulse, 0.01, size)
+
+
+@pytest.mark.parametrize(("after", "swinging"), [(-0.9, True), (-0.5, False), (0.9, False), (0.0, False)])
+def test_a_force_that_swings_back_is_no_push(after: float, swinging: bool) -> None:
+    """1 N·m for 0.2 s, then a force for as long: back by most of it, as a wrong model does when a motion turns."""
+    time = 0.01 * np.arange(100)
+    force = np.where((time > 0.395) & (time < 0.605), 1.0, np.where((time > 0.605) & (time < 0.815), after, 0.0))
+    one = Residual(time, force[:, None], np.zeros((100, 1)), np.ones(100, bool))
+    assert swings(one, force, moment(0.395, 0.605, 0.21, 9.0)) is swinging
+    assert swings(one, -force, moment(0.395, 0.605, -0.21, -9.0)) is swinging
+
+
+def test_of_moments_at_one_time_the_one_that_stands_out_most_is_told() -> None:
+    """A push at the elbow is felt at the shoulder; a push later, or in another log, is another one."""
+    elbow, shoulder = moment(1.0, 1.2, 0.2, 30.0, 1), moment(1.15, 1.3, -0.05, -6.0)
+    later, other = moment(1.3, 1.4, 0.1, 5.0), replace(shoulder, log=1)
+    assert largest_of_each_moment([shoulder, elbow, later, other]) == [elbow, other, later]
