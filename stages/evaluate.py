@@ -3,6 +3,7 @@
 Examples:
 
     python -m stages.evaluate evaluate.logs=jumps evaluate.out=predictions
+    python -m stages.evaluate evaluate.own_clock_windows=own_windows evaluate.own_clock_models=own_models
 """
 
 from dataclasses import dataclass
@@ -12,9 +13,18 @@ from typing import Any
 from omegaconf import DictConfig
 
 from leapgap.atomic_io import read_json, write_json, write_text
-from leapgap.jumping.learning import evaluation, store, time_grid_comparison, window_extraction, windows
+from leapgap.errors import InputError
+from leapgap.jumping.learning import (
+    clock_comparison,
+    evaluation,
+    store,
+    time_grid_comparison,
+    window_extraction,
+    windows,
+)
 from leapgap.jumping.learning.evaluation import HeldOutPredictions
 from leapgap.jumping.learning.time_grid_comparison import RollOut
+from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.reports import learning as page
 from leapgap.logs import log as jump
 from leapgap.output_folder import whole_folder
@@ -34,6 +44,8 @@ class EvaluateSettings:
     windows: str
     fixed_models: str | None = None
     fixed_windows: str | None = None
+    own_clock_models: str | None = None
+    own_clock_windows: str | None = None
     metrics: str | None = None
     timing: str | None = None
     logs: str | None = None
@@ -47,20 +59,19 @@ def evaluate(config: DictConfig) -> dict[str, float] | None:
     """
     section = read_config(EvaluateSettings, config.evaluate, "evaluate")
     inputs = (section.models, section.windows, section.fixed_models, section.fixed_windows, section.logs)
-    out, models = output_folder(section.out, STAGE, (*inputs, config.robot.model)), Path(section.models)
+    own_clock = (section.own_clock_models, section.own_clock_windows)
+    out = output_folder(section.out, STAGE, (*inputs, *own_clock, config.robot.model))
+    models = Path(section.models)
     if section.logs is not None:
         evaluate_logs(Path(section.logs), models, load_robot(config), out)
         return None
     extracted = windows.read(Path(section.windows))
     metrics = Path(section.metrics) if section.metrics else out / METRICS
     if not len(extracted):
-        with whole_folder(out, STAGE) as folder:
-            write_json(folder / "note.json", {"note": "no logs: nothing was predicted"})
-            if not section.metrics:
-                write_json(folder / METRICS, {"jumps": 0})
-        print(f"no logs: {metrics} kept" if section.metrics and metrics.exists() else f"no logs: {metrics} says so")
-        if not metrics.exists():
-            write_json(metrics, {"jumps": 0})
+        note_no_logs(out, section, metrics)
+        return None
+    if any(own_clock):
+        evaluate_clocks(section, extracted, out)
         return None
     folds, sessions = (evaluation.predict_held_out(extracted, models, prefix) for prefix in ("fold", "session"))
     figures = evaluation.metrics(folds, sessions, extracted)
@@ -82,6 +93,42 @@ def evaluate(config: DictConfig) -> dict[str, float] | None:
     print(f"{len(extracted)} windows of {len(extracted.jumps)} jumps predicted -> {metrics}, {out}")
     errors = figures.get("cv_mse")
     return {name: float(value) for name, value in errors.items()} if isinstance(errors, dict) else None
+
+
+def note_no_logs(out: Path, section: EvaluateSettings, metrics: Path) -> None:
+    """Say that there are no logs; figures that are there already are kept."""
+    with whole_folder(out, STAGE) as folder:
+        write_json(folder / "note.json", {"note": "no logs: nothing was predicted"})
+        if not section.metrics:
+            write_json(folder / METRICS, {"jumps": 0})
+    print(f"no logs: {metrics} kept" if section.metrics and metrics.exists() else f"no logs: {metrics} says so")
+    if not metrics.exists():
+        write_json(metrics, {"jumps": 0})
+
+
+def evaluate_clocks(section: EvaluateSettings, claimed: Windows, out: Path) -> None:
+    """Compare models of windows by the claimed clock with those of the same windows by the logs' own clock."""
+    if section.own_clock_windows is None or section.own_clock_models is None:
+        missing = "own_clock_models" if section.own_clock_models is None else "own_clock_windows"
+        raise InputError(f"evaluate.{missing}", "null", "a folder, as the other one of the two", "set both, or neither")
+    folds = [
+        evaluation.predict_held_out(cut, Path(models), "fold")
+        for cut, models in (
+            (claimed, section.models),
+            (windows.read(Path(section.own_clock_windows)), section.own_clock_models),
+        )
+    ]
+    metrics = Path(section.metrics) if section.metrics else None
+    with whole_folder(out, STAGE) as folder:
+        if folds[0] is None or folds[1] is None:
+            figures: dict[str, Any] = {"jumps": len(claimed.jumps), "windows": len(claimed)}
+            write_json(folder / "note.json", {"note": "one jump: none could be held out"})
+        else:
+            found = clock_comparison.compare(folds[0], folds[1])
+            figures = clock_comparison.figures(found)
+            clock_comparison.write_error_by_step(found, folder / "error_by_step.csv")
+        write_json(metrics or folder / METRICS, figures)
+    print(f"{len(claimed)} windows of {len(claimed.jumps)} jumps predicted by both clocks -> {metrics or out}, {out}")
 
 
 def compare_time_grids(folds: HeldOutPredictions, section: EvaluateSettings) -> dict[str, RollOut] | None:

@@ -130,15 +130,15 @@ def at_most(number: int, cases: list[Seen]) -> list[Seen]:
 
 def without(settings: Diagnosing, effect: str) -> Diagnosing:
     """The diagnosis's settings without one hypothesis."""
-    names = settings.effects or list(effects.known())
+    names = settings.effects or list(effects.by_default())
     return replace(settings, effects=[name for name in names if name != effect])
 
 
 def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
     """Result of a diagnosis without the true effect.
 
-    It is honest where the verdict is ``unknown`` or the answer holds only causes that the first report called
-    confusable with the true effect, and the localisation is right.
+    It is honest where the verdict is ``unknown`` or ``partly``, or the answer holds only causes that the first report
+    called confusable with the true effect, and the localisation is right.
     """
     report = read_json(folder / case.name / "report.json")
     again = outcome(case.name, case.truth, report, None, case.first.sides)
@@ -149,7 +149,7 @@ def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
         for other in (cause["effect"], *cause["confusable_with"])
         if effect in (cause["effect"], *cause["confusable_with"])
     }
-    accepted = again.verdict in ("unknown", "none") or again.answered <= confusable
+    accepted = again.verdict in ("unknown", "partly", "none") or again.answered <= confusable
     return {
         "effect": effect,
         "half": case.first.half,

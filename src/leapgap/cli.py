@@ -313,6 +313,7 @@ def effect_rows(robot: Any) -> list[tuple[str, ...]]:
     for kind in effects.known().values():
         missing = None if robot is None else kind.lacks(robot)
         places = {"none": "the robot"}.get(kind.places, kind.places)
+        what = effects.describe(kind) + ("" if kind.by_default else " (looked for if named)")
         if robot is not None and missing is None:
             of_robot = {p.name: (f"{p.nominal:g}", f"{p.lower:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)}
         else:
@@ -320,7 +321,7 @@ def effect_rows(robot: Any) -> list[tuple[str, ...]]:
         for name, about in kind.declarations().items():
             nominal = "the model's own" if about.nominal is None else f"{about.nominal:g}"
             default = (nominal, f"needs {missing}" if missing else "see: leapgap effects ROBOT")
-            rows.append((kind.name, name, about.unit, *of_robot.get(name, default), places, effects.describe(kind)))
+            rows.append((kind.name, name, about.unit, *of_robot.get(name, default), places, what))
     return rows
 
 

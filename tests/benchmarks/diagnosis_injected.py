@@ -90,7 +90,7 @@ def effect_of_size(name: str, value: float, location: str = "all") -> Effect:
 def cases() -> list[Case]:
     """All cases of the benchmark; the seed of a case is its position."""
     found: list[tuple[str, tuple[Effect, ...]]] = []
-    for name, kind in effects.known().items():
+    for name, kind in effects.by_default().items():
         found.append(("moderate", (effect_of_size(name, kind.parameters(Robot.load())[0].moderate),)))
         found.append(("large", (effect_of_size(name, LARGE[name]),)))
     found += [("placed", (effect_of_size(name, value, location),)) for name, location, value in PLACED]

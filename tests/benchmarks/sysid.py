@@ -47,7 +47,7 @@ def peer(
     logs: Sequence[Log], robot: Robot, settings: Settings, iterations: int
 ) -> tuple[dict[str, list[float]], tuple[Effect, ...]]:
     """Every parameter at once: those whose interval leaves out nominal, as departures, and all effects."""
-    everything = [h for h in list_hypotheses(list(effects.known()), robot, None) if h.location == "all"]
+    everything = [h for h in list_hypotheses(list(effects.by_default()), robot, None) if h.location == "all"]
     replayer = Replayer(robot)
     judged = JudgedLogs.of(logs, robot)
     most = min(settings.most_pieces, settings.pieces_per_log * len(logs))

@@ -7,10 +7,12 @@ from leapgap.diagnosis.decision import (
     DecisionThresholds,
     answer_of,
     best_set_shares,
+    decide_partly,
     drop_contradicted_causes,
     probability,
     verdict_of,
 )
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.selection import MOST_SURPRISE, LinearGuess, Search, SearchSettings, broyden, covariance
@@ -86,6 +88,16 @@ def test_a_further_cause_that_worsens_whole_jumps_is_not_believed() -> None:
     assert cut.selected is one
     assert cut.rivals == (one,)
     assert drop_contradicted_causes(search_result(), [], DecisionThresholds()).selected.hypotheses == ()
+
+
+def test_causes_that_surely_close_some_of_the_gap_are_told_with_the_rest() -> None:
+    search = search_result(fit(("payload",), [1.0, 9, 1, 8]), fit(("leg_mass",), [9.0, 1, 9, 1]))
+    shares = best_set_shares(search, DRAWS)
+    partly = decide_partly(search, shares, Interval(0.66, 0.5, 0.8), DecisionThresholds())
+    assert (partly.verdict, partly.answer) == ("partly", (("payload", "leg_mass"),))
+    assert partly.steps == search.steps
+    for closes in (Interval(0.1, 0.05, 0.2), Interval(0.4, -0.1, 0.8)):
+        assert decide_partly(search, shares, closes, DecisionThresholds()).verdict == "unknown"
 
 
 def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:

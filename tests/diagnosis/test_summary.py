@@ -38,3 +38,13 @@ def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robo
     assert words.endswith("explains all of the gap on logs not fitted on: it shrinks from 1.40 to 0.11.")
     words = sentence(conclusion, belief, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
     assert "explains 85 % (95 %: 80 to 91) of the gap on logs not fitted on: it shrinks from" in words
+
+
+def test_ten_causes_make_no_sentence_of_ten(robot: Robot) -> None:
+    damping = Hypothesis(JointDamping, robot)
+    belief = Candidate((damping,) * 6, np.full(6, 0.4), np.eye(6), np.full((1, 6), 0.4))
+    conclusion = Conclusion("named", (("joint_damping",),) * 6, (belief,), (1.0,) * 6)
+    figures = HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91))
+    words = sentence(conclusion, belief, 1.40, figures, ["jump_0", "jump_1"])
+    assert words.count("viscous friction") == 3
+    assert " and 3 further causes explain 85 %" in words

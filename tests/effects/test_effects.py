@@ -30,8 +30,28 @@ TABLE = {
     "torque_speed_limit": (("voltage_v", "V", 33, 19, 16, 13),),
     "trunk_inertia": (("scale", "1", 1, 1.2, 1.5, 2),),
 }
+NAMED_ONLY = {
+    "computation_delay": (("share", "rows", 0, 0.25, 0.5, 1.5),),
+    "velocity_filter": (("time_constant_s", "s", 0, 0.0005, 0.001, 0.004),),
+    "dropped_commands": (("share", "1", 0, 0.2, 0.5, 0.8),),
+    "duty_limit": (("droop_s_rad", "s/rad", 0, 0.02, 0.05, 0.2),),
+    "frame_tilt": (("roll_rad", "rad", 0, 0.01, 0.03, 0.1), ("pitch_rad", "rad", 0, 0.01, 0.03, 0.1)),
+    "gravity_direction": (("roll_rad", "rad", 0, 0.02, 0.05, 0.2), ("pitch_rad", "rad", 0, 0.02, 0.05, 0.2)),
+    "joint_elasticity": (("compliance_rad_nm", "rad/(N·m)", 0, 0.0005, 0.002826, 0.01),),
+    "joint_play": (("play_rad", "rad", 0, 0.003, 0.01, 0.05),),
+    "link_com": (("outward_m", "m", 0, 0.005, 0.02641, 0.04),),
+    "link_inertia": (("scale", "1", 1, 1.2, 1.5, 3),),
+    "link_payload": (("mass_kg", "kg", 0, 0.1, 0.3039, 1.0),),
+    "loop_delay": (("delay_s", "s", 0, 0.001, 0.003, 0.008),),
+    "numerics": (("step_ratio", "1", 1, 0.5, 0.25, 0.1),),
+    "quadratic_damping": (("coefficient", "N·m·s²/rad²", 0, 0.01, 0.05, 0.3),),
+    "static_friction": (("torque_nm", "N·m", 0, 0.3, 1.0, 2.5),),
+    "torque_offset": (("torque_nm", "N·m", 0, 0.3, 1.005, 5.0),),
+}
+"""The same of effects that are looked for only when they are named."""
 """Parameter, unit, nominal value for the A1, small, moderate and large; as people rely on them from outside."""
-SIZES = {name: {own[0]: own[4] for own in effect_parameters} for name, effect_parameters in TABLE.items()}
+EVERY = TABLE | NAMED_ONLY
+SIZES = {name: {own[0]: own[4] for own in effect_parameters} for name, effect_parameters in EVERY.items()}
 AT_JOINTS = [name for name, kind in effects.known().items() if kind.places == "joints"]
 
 
@@ -48,12 +68,21 @@ def replay(robot: Robot, reference: Log):
 def test_effects_are_those_of_the_table_with_its_units_and_sizes(robot: Robot) -> None:
     said = {
         name: tuple((p.name, p.unit, p.nominal, p.moderate) for p in kind.parameters(robot))
-        for name, kind in effects.known().items()
+        for name, kind in effects.by_default().items()
     }
     assert said == {
         name: tuple((own, unit, nominal, moderate) for own, unit, nominal, _, moderate, _ in effect_parameters)
         for name, effect_parameters in TABLE.items()
     }
+
+
+def test_further_effects_are_looked_for_when_they_are_named(robot: Robot) -> None:
+    assert set(effects.known()) - set(effects.by_default()) == set(NAMED_ONLY)
+    assert not any(effects.known()[name].by_default for name in NAMED_ONLY)
+    for name, of in NAMED_ONLY.items():
+        for p, (own, unit, nominal, _, moderate, _) in zip(effects.known()[name].parameters(robot), of, strict=True):
+            assert (p.name, p.unit, p.nominal) == (own, unit, nominal)
+            assert p.moderate == pytest.approx(moderate, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", effects.known())
@@ -76,20 +105,26 @@ def test_an_effect_acts_at_its_location_only(name: str, robot: Robot, reference:
     at = robot.joints.index("RR_calf")
     own = {"dof": robot.joint_dofs[at], "actuator": robot.joint_actuators[at], "body": robot.joint_bodies[at]}
     fields = {
-        "dof": ("dof_damping", "dof_frictionloss", "dof_armature"),
+        "dof": ("dof_damping", "dof_dampingpoly", "dof_frictionloss", "dof_armature"),
         "actuator": ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange"),
-        "body": ("body_mass", "body_inertia"),
+        "body": ("body_mass", "body_inertia", "body_ipos"),
     }
     changed = {
         kind: {
             int(row)
             for field in fields[kind]
-            for row in np.argwhere(np.asarray(getattr(bare, field) != getattr(model, field)))[:, 0]
+            for own_values in [getattr(bare, field)]  # an effect may add actuators behind them
+            for row in np.argwhere(np.asarray(own_values != getattr(model, field)[: len(own_values)]))[:, 0]
         }
         for kind in own
     }
-    controls = replayer._controls(nominal, 900) != replayer._controls(acting, 900)
+    acting_controls = replayer._controls(acting, 900)[:, : bare.nu]
+    controls = replayer._controls(nominal, 900) != acting_controls
     changed["actuator"] |= set(np.flatnonzero(controls.any(axis=0)).tolist())
+    added = model.actuator_trnid[len(bare.actuator_trnid) :, 0]
+    changed["dof"] |= set(model.jnt_dofadr[added].tolist())
+    coupled = model.wrap_objid[: 2 * model.ntendon : 2]  # the joints that springs and play couple to rotors
+    changed["dof"] |= set(model.jnt_dofadr[coupled].tolist())
     assert all(changed[kind] <= {own[kind]} for kind in own)
     assert any(changed.values())
 
@@ -130,9 +165,9 @@ def test_what_is_no_effect_is_refused(name: str, values: dict, message: str) -> 
         effects.effect(name, **values)
 
 
-@pytest.mark.parametrize("name", TABLE)
+@pytest.mark.parametrize("name", EVERY)
 def test_bounds_hold_the_nominal_value_and_every_size(name: str, robot: Robot) -> None:
-    for p, (_, _, nominal, *sizes) in zip(effects.known()[name].parameters(robot), TABLE[name], strict=True):
+    for p, (_, _, nominal, *sizes) in zip(effects.known()[name].parameters(robot), EVERY[name], strict=True):
         assert p.lower <= nominal <= p.upper
         assert all(p.lower < size < p.upper for size in sizes)
 

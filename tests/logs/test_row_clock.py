@@ -135,3 +135,14 @@ def test_an_even_log_passes_and_an_uneven_one_is_told_in_words() -> None:
     (failed,) = [check for check in run_checks([of_messages()[0]], None, {}) if check.name == "row_clock"]
     assert not failed.passed
     assert "whole multiples of 1 ms" in failed.says and "0.35 of the one before" in failed.says
+
+
+def test_a_joint_that_stands_still_does_not_hold_the_clock() -> None:
+    """Its one sample is as old as the log, and says nothing of the time between rows."""
+    log, instants = of_messages()
+    still = {"joint_pos/wrist": np.full(len(log), 0.3), "joint_vel/wrist": np.zeros(len(log))}
+    clock = row_clock(replace(log, columns={**log.columns, **still}), (*JOINTS, "wrist"))
+    assert clock is not None and clock.step_s == STEP_S
+    assert np.abs(clock.instants - instants).max() < 6 * STEP_S
+    alone = row_clock(replace(log, columns={**log.columns, **still}), ("wrist",))
+    assert alone is None

@@ -50,9 +50,19 @@ ALL_KINDS = (
     effects.effect("state_latency", delay_s=0.01),
     effects.effect("sample_period", scale=1.05),
 )
+NAMED = (
+    effects.effect("loop_delay", delay_s=0.002),
+    effects.effect("dropped_commands", location="rear", share=0.4),
+    effects.effect("torque_offset", location="FR_calf", torque_nm=-1.0),
+    effects.effect("quadratic_damping", coefficient=0.02),
+    effects.effect("static_friction", location="RL", torque_nm=0.5),
+    effects.effect("link_payload", location="calf", mass_kg=0.1),
+    effects.effect("gravity_direction", pitch_rad=0.02),
+    effects.effect("frame_tilt", roll_rad=0.03),
+)
 
 
-@pytest.mark.parametrize("found", [(), ALL_KINDS], ids=["nominal", "with effects"])
+@pytest.mark.parametrize("found", [(), ALL_KINDS, NAMED], ids=["nominal", "with effects", "with named effects"])
 def test_closed_loop_of_known_commands_is_their_replay(
     robot: Robot, reference: Log, found: tuple[effects.Effect, ...]
 ) -> None:
@@ -72,6 +82,21 @@ def test_closed_loop_of_known_commands_is_their_replay(
     )
     assert set(open_loop.columns) <= set(run.log.columns)
     assert all(run.log[name] == pytest.approx(open_loop[name], abs=1e-9) for name in open_loop.columns)
+
+
+@pytest.mark.parametrize("name", ["joint_elasticity", "joint_play"])
+def test_a_motor_behind_a_gear_starts_in_a_loop_as_in_a_replay(robot: Robot, reference: Log, name: str) -> None:
+    """A loop knows the first command alone, so the rotor's first velocity is that of its joint."""
+    (about,) = effects.known()[name].parameters(robot)
+    found = (effects.effect(name, **{about.name: about.moderate}),)
+    ready = ready_for(reference.first_rows(40), robot, found)
+    run = run_closed_loop(
+        ready, Playback(ready.commanded, robot), Replayer(robot), found, Sensing(SILENT), np.random.default_rng(0)
+    )
+    (truth,) = Replayer(robot).true_motions([Rollout(ready.commanded, found, first_state=ready.start)])
+    (stiff,) = Replayer(robot).true_motions([Rollout(ready.commanded, first_state=ready.start)])
+    assert run.truth.qpos.shape == truth.qpos.shape
+    assert np.abs(run.truth.qpos[:40] - truth.qpos[:40]).max() < 0.2 * np.abs(stiff.qpos - truth.qpos)[:40].max()
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,11 @@ from leapgap.simulation.replay import Replayer, Rollout
 from tests.plain_simulation import Pd, by_motors, published, simulate
 from tests.simulation.test_replay import moving
 
-NOT_IN_A_MODEL = ("command_delay", "encoder_bias", "sample_period", "state_latency")
+NOT_IN_A_MODEL = (
+    *("command_delay", "computation_delay", "dropped_commands", "encoder_bias", "frame_tilt", "joint_elasticity"),
+    *("joint_play", "loop_delay", "numerics"),
+    *("sample_period", "state_latency", "static_friction", "torque_offset", "velocity_filter"),
+)
 ROWS = 250
 
 
@@ -47,6 +51,8 @@ def effect_at(robot: Robot, name: str, place: str | int) -> Effect:
     size = {p.name: p.moderate for p in kind.parameters(robot, location)}
     if name == "torque_speed_limit":
         size = {"voltage_v": 0.03 * kind.parameters(robot, location)[0].nominal}  # small motions need little
+    if name == "duty_limit":
+        size = {"droop_s_rad": 5.0}  # and are slow
     return kind(location=location, **size)
 
 

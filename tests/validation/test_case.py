@@ -109,7 +109,7 @@ def test_cases_cover_every_effect_and_families_are_split(
     assert len(cases) == 62
     for half in halves:
         own = [c for c in cases if c.half == half]
-        assert {c.effects[0].name for c in own if c.kind == "single"} == set(effects.known())
+        assert {c.effects[0].name for c in own if c.kind == "single"} == set(effects.by_default())
         assert {c.effects[0].name for c in own if c.kind == "nameless"} == set(halves[half].families)
         assert all(c.effects[0].name != c.effects[1].name for c in own if c.kind == "pair")
     assert [c.kind for c in cases] != sorted(c.kind for c in cases)

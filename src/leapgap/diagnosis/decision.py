@@ -1,4 +1,4 @@
-"""Decision of a diagnosis: the verdict named, ambiguous, unknown or none, with probabilities of causes."""
+"""Decision of a diagnosis: the verdict named, ambiguous, partly, unknown or none, with probabilities of causes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.robust_least_squares import losses
@@ -44,6 +44,9 @@ class DecisionThresholds:
     least_explained: float = 0.8
     enough_closure: float = 0.7
     least_closure: float = 0.35
+    partly_closure: float = 0.2
+    """Causes that are believed and explain too little are told as such (``partly``) where they close this share of the
+    headline gap on held-out logs, and surely some of it."""
     most_worsened: float = 0.02
     """A further cause that widens the headline gap on held-out logs by a larger share is rejected, whatever it gains in
     short replays."""
@@ -138,7 +141,24 @@ def decide(
     verdict = verdict_of(result, answer, gap, closes, thresholds)
     if verdict not in ("named", "ambiguous"):
         return Conclusion(verdict, ())
+    return conclude_as(verdict, answer, result, shares)
+
+
+def conclude_as(verdict: str, answer: Answer, result: SearchResult, shares: np.ndarray) -> Conclusion:
+    """Conclusion with the selected causes; arguments as in ``decide``."""
     return Conclusion(verdict, answer, result.steps, tuple(probability(names[0], result, shares) for names in answer))
+
+
+def decide_partly(
+    result: SearchResult, shares: np.ndarray, closes: Interval, thresholds: DecisionThresholds
+) -> Conclusion:
+    """Conclusion where the selected causes do not explain the logs: ``partly`` or ``unknown``.
+
+    ``closes`` is the share of the headline gap that they close on held-out logs.
+    """
+    if closes.value < thresholds.partly_closure or closes.low <= 0:
+        return Conclusion("unknown", ())
+    return conclude_as("partly", answer_of(result, shares, thresholds), result, shares)
 
 
 @dataclass(frozen=True)
@@ -197,6 +217,9 @@ def judge(
     if conclusion.verdict == "unknown" and is_first_cause_confirmed(result):
         causes = FullRollouts(heldout_gap, full, progress).search(result.before(1), hypotheses, thresholds.rival_share)
         conclusion = conclude_from(causes)
+    elif conclusion.verdict == "unknown" and result.selected.hypotheses and heldout_gap.has_gap:
+        (figures,) = heldout_gap.figures([result.selected])
+        conclusion = decide_partly(result, shares, figures.closure, thresholds)
     return Judgement(result, shares, conclusion)
 
 

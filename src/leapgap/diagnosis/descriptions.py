@@ -8,6 +8,7 @@ import numpy as np
 
 from leapgap.diagnosis.gap import HeldOutGap, Interval, final_position_errors, motion_squares
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.mixed_descriptions import Mix, best_mix
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 
@@ -17,7 +18,7 @@ class DescriptionFigures:
     """What another description of the robot makes of the gap."""
 
     robot: str
-    """Name of its file."""
+    """Name of its file; of a mix, which parts of it stand in the robot that was given."""
     gap: float
     closure: Interval
     """Beside the robot that was given; of logs by their own clock, with what that clock closes."""
@@ -30,19 +31,36 @@ class DescriptionFigures:
 
 
 def judge_descriptions(robots: Sequence[Robot], heldout_gap: HeldOutGap) -> list[DescriptionFigures]:
-    """Replay the logs by each robot; the one that closes most comes first."""
-    found = [judge_description(robot, heldout_gap) for robot in robots]
+    """Replay the logs by each robot, and by the given one with parts of it; what closes most comes first."""
+    found = []
+    for robot in robots:
+        whole = judge_description(robot, heldout_gap)
+        mix = best_mix(heldout_gap.judged.robot, robot, heldout_gap)
+        found.append(whole)
+        if mix is not None and heldout_gap.gap(mix.squares) < whole.gap:
+            found.append(judge_mix(mix, whole.robot, heldout_gap))
     return sorted(found, key=lambda one: one.gap)
+
+
+def judge_mix(mix: Mix, name: str, heldout_gap: HeldOutGap) -> DescriptionFigures:
+    """Figures of the given robot with parts of the description of this name."""
+    judged = heldout_gap.judged
+    motions = heldout_gap.replayer.motions(judged.whole_trials([(mix.effect,)] * len(judged.logs)))
+    said = f"{', '.join(mix.effect.parts)} of {name}"
+    return figures_of(said, mix.squares, final_position_errors(motions, judged), heldout_gap)
 
 
 def judge_description(robot: Robot, heldout_gap: HeldOutGap) -> DescriptionFigures:
     """Replay the logs by one robot, in the same rows and channels."""
     judged = described(robot, heldout_gap.judged)
     motions = heldout_gap.replayer.with_robot(robot).motions(judged.whole_trials())
-    squares = motion_squares(motions, judged)
-    off = final_position_errors(motions, judged)
-    landing = 100 * float(np.mean(np.abs(off))) if off else None
     name = robot.path.name if robot.path else robot.name
+    return figures_of(name, motion_squares(motions, judged), final_position_errors(motions, judged), heldout_gap)
+
+
+def figures_of(name: str, squares: np.ndarray, off: Sequence[float], heldout_gap: HeldOutGap) -> DescriptionFigures:
+    """Figures of a description from sums of squares (logs,) and errors at the end of the logs, m."""
+    landing = 100 * float(np.mean(np.abs(off))) if off else None
     return DescriptionFigures(name, heldout_gap.gap(squares), heldout_gap.closure(squares), landing)
 
 

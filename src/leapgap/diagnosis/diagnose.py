@@ -8,6 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.checks import clock_of, run_checks
+from leapgap.diagnosis.closure_by_source import closure_by_source
 from leapgap.diagnosis.decision import DecisionThresholds, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.evidence import gather
@@ -28,6 +29,7 @@ from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import causes_of, next_experiment, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect
+from leapgap.effects.model_field import ModelField, effect_class
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -54,7 +56,9 @@ class Settings:
     """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
     effects: list[str] = field(default_factory=list)
-    """Names of the hypotheses; empty: all known effects."""
+    """Names of the hypotheses; empty: the known effects that are looked for by default (``Effect.by_default``)."""
+    model_fields: list[ModelField] = field(default_factory=list)
+    """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -170,6 +174,7 @@ def diagnose(
     change the time it takes and nothing else.
     ``set_aside`` are names and reasons of logs that were left out before, for the report.
     """
+    own = (*own, *map(effect_class, settings.model_fields))
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
     rng = np.random.default_rng(settings.seed)
@@ -189,9 +194,10 @@ def diagnose(
     for force in outside.forces:
         progress(f"from outside: {force.says}")
     if clock is not None:
-        judged, kinds = clock.judged, [kind for kind in kinds if not kind.differs_per_log]
+        judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
         progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
+    kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
     hypotheses = list_hypotheses(kinds, robot, clock_of(checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], robot)
     most = settings.pieces(len(logs))
@@ -199,16 +205,20 @@ def diagnose(
         ShortRollouts.of(judged.states, replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
-    result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, settings.plan, progress)
+    # Logs by their own clock are judged by a joint fit; beside it, single causes are enough to see rivals.
+    plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
+    result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, plan, progress)
     heldout_gap = heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
+    by_source = None
     if clock is not None:
         joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)
         judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
+        by_source = closure_by_source(joint, judgement.selected)
         judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
@@ -234,6 +244,7 @@ def diagnose(
         answer=conclusion.answer,
         closure_of_answer=corrected.closure if conclusion.answer else None,
         closure_shared=shared,
+        closure_by_source=by_source,
         where=tuple(places),
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(checks),
@@ -264,8 +275,14 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     if unknown:
         expected = f"names among {', '.join(kinds)}"
         raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
-    names = [*settings.effects, *(kind.name for kind in own)] if settings.effects else kinds
+    names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
     return [kinds[name] for name in dict.fromkeys(names)]
+
+
+def kinds_beside_clock(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
+    """The effects to look for in logs by their own clock, which is no hypothesis then; others show beside a clock."""
+    further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
+    return [kind for kind in (*kinds, *further) if not kind.differs_per_log]
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:

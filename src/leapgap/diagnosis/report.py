@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from leapgap.diagnosis.checks import CheckResult
+from leapgap.diagnosis.closure_by_source import ClosureBySource
 from leapgap.diagnosis.descriptions import DescriptionFigures
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import Interval
@@ -99,6 +100,8 @@ class ReportContent:
     closure_of_answer: Interval | None
     closure_shared: Interval | None
     """Closure of the answer with one value shared by all logs, where its values differ by log."""
+    closure_by_source: ClosureBySource | None
+    """What evidence alone, fits alone and both close, where evidence tells numbers of the answer."""
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     checks: tuple[CheckResult, ...]
@@ -127,6 +130,11 @@ class ReportContent:
         ordered = sorted(self.gap_per_log, key=lambda name: self.gap_per_log[name]["nominal"])
         return ordered[len(ordered) // 2]
 
+    @property
+    def closures_by_source(self) -> dict[str, Interval]:
+        """Closures by ``evidence`` alone, ``fits`` alone and ``both``; empty where evidence tells nothing."""
+        return dict(vars(self.closure_by_source)) if self.closure_by_source else {}
+
     def landing_off_cm(self, of: str) -> float | None:
         """Mean absolute error of the trunk's x at touch-down, cm; ``of`` is ``nominal`` or ``corrected``."""
         off = [abs(both[of]) for both in self.landing_misplaced_m.values()]
@@ -151,6 +159,7 @@ class ReportContent:
                 "answer": [list(names) for names in self.answer],
                 "closure_of_answer": closure_to_json(closure) if closure else None,
                 "closure_shared": closure_to_json(self.closure_shared) if self.closure_shared else None,
+                "closure_by_source": {source: closure_to_json(one) for source, one in self.closures_by_source.items()},
                 "where": [asdict(place) for place in self.where],
                 "causes": [
                     {
@@ -189,6 +198,7 @@ class ReportContent:
                 "landing_misplaced_nominal_cm": self.landing_off_cm("nominal"),
                 "landing_misplaced_corrected_cm": self.landing_off_cm("corrected"),
                 "jumps": len(self.gap_per_log),
+                **{f"closure_{source}": one.value for source, one in self.closures_by_source.items()},
                 **{f"closure_described/{one.robot}": one.closure.value for one in self.descriptions},
             }
         )

@@ -112,7 +112,10 @@ class Sensitivities:
                 columns[:, :, i] = change / at_place(names[keys[i].effect], keys[i]).moderate[keys[i].number]
         fine = evidence.with_steps(FINE * evidence.replayer.largest_step_s)
         (stepped,) = fine.residuals([on_logs(evidence, *around)])
-        nuisances = [concatenate_logs(stepped) - origin]
+        acts_on_step = any(
+            h.kind.change_step is not Effect.change_step for h in (*names.values(), *(h for h, _ in around))
+        )
+        nuisances = [] if acts_on_step else [concatenate_logs(stepped) - origin]
         for name, share in tolerances.items():
             effect, _, parameter = name.partition(".")
             if effect not in names:
@@ -124,7 +127,8 @@ class Sensitivities:
                 if (key.effect, key.number) == (effect, which)
             ]
         nominal = origin if not around else concatenate_logs(evidence.residuals([evidence.on_every_log(())])[0])
-        return Sensitivities(evidence, rough, nominal, keys, columns, np.stack(nuisances, axis=2), members)
+        stacked = np.stack(nuisances, axis=2) if nuisances else np.zeros((*origin.shape, 0))
+        return Sensitivities(evidence, rough, nominal, keys, columns, stacked, members)
 
     @property
     def names(self) -> frozenset[str]:

@@ -244,9 +244,14 @@ class ShortRollouts:
                 found[k] = self.pieces[batch[k][0]].errors(of_trial, batch[k][2], self.state)
         return [found[k] for k in range(len(batch))]
 
-    def residuals(self, candidates: Sequence[Sequence[Effects]]) -> list[list[np.ndarray]]:
-        """Whitened errors ``[candidate][log]``, (pieces, values), of effects ``candidates[candidate][log]``."""
-        logs = range(len(self.pieces))
+    def residuals(
+        self, candidates: Sequence[Sequence[Effects]], logs: Sequence[int] | None = None
+    ) -> list[list[np.ndarray]]:
+        """Whitened errors ``[candidate][log]``, (pieces, values), of effects ``candidates[candidate][any log]``.
+
+        Of some ``logs``; None: of all.
+        """
+        logs = range(len(self.pieces)) if logs is None else logs
         trials = [(log, of[log], self.pieces[log].starts) for of in candidates for log in logs]
         errors = self.errors(trials)
         return [[self.whiten(log, next(errors)) for log in logs] for _ in candidates]

@@ -20,6 +20,8 @@ SIGMAS = 1.96
 OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
 """Distances of further experiments that may tell causes apart, and how near one counts as logged already."""
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
+MOST_SAID = 4
+"""The sentence names so many causes at most; all stand in the table below it."""
 NOTICEABLE = 0.05
 """Smallest share of the gap that is stated as a percentage."""
 
@@ -96,13 +98,15 @@ def sentence(
     if not answer:
         return (
             f"A gap of {brief(nominal)} remains that no known effect explains on logs it was not fitted on; the map "
-            "below says where it lies."
+            "of the report says where it lies."
         )
     parts = [
         f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, logs)})"
         + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(selected.hypotheses, selected.split(), answer, strict=True)
     ]
+    if len(parts) > MOST_SAID:
+        parts = [*parts[: MOST_SAID - 1], f"{len(parts) - MOST_SAID + 1} further causes"]
     if closes.value < NOTICEABLE:
         return (
             f"{listed(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "

@@ -27,6 +27,11 @@ def known() -> dict[str, type[Effect]]:
     return kinds
 
 
+def by_default() -> dict[str, type[Effect]]:
+    """The known effects that a diagnosis looks for when nothing is named, by name in alphabetical order."""
+    return {name: kind for name, kind in known().items() if kind.by_default}
+
+
 def registry(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
     """The known effects and a user's own classes."""
     return with_own(known(), own)

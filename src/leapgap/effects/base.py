@@ -74,7 +74,7 @@ PARAMETER = "parameter"
 
 @dataclass(frozen=True)
 class Commands:
-    """Commands that are sent to the joints: shape (rows, joints) each, joint order of the robot."""
+    """Commands that are sent to the joints in periods of equal length: (periods, joints), joint order of the robot."""
 
     torque: np.ndarray
     """Feed-forward, N·m."""
@@ -82,6 +82,8 @@ class Commands:
     """Set point of the joint PD, rad."""
     velocity: np.ndarray
     """Set point of the joint PD, rad/s."""
+    row: np.ndarray | None = None
+    """Row of the log in which each period lies, (periods,); None: each is a row of its own."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +100,20 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    by_default: ClassVar[bool] = True
+    """Whether a diagnosis looks for it when its settings name no effects; each effect looked for costs time."""
     differs_per_log: ClassVar[bool] = False
     """Whether its value may differ from log to log."""
     needs_base: ClassVar[bool] = False
     """Whether it exists only on a robot with a free base."""
     needs_motor: ClassVar[bool] = False
     """Whether it acts on motors alone, and so at no passive joint."""
+    in_controller: ClassVar[bool] = False
+    """Whether it acts in the joint PD, which a model of the robot alone does not hold."""
+    beside_clock: ClassVar[bool] = False
+    """Whether it is looked for in logs that are judged by a clock of their own, though not by default."""
+    has_rotors: ClassVar[bool] = False
+    """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
@@ -178,6 +188,10 @@ class Effect(ABC):
         """True lengths of the rows of a log from nominal ones, in true control periods, (rows,)."""
         return lengths
 
+    def change_step(self, ratio: float) -> float:
+        """True length of a step of the simulation over that of the replay, from the nominal ratio."""
+        return ratio
+
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """True motors and joint PD from the nominal ones."""
         return drive
@@ -186,7 +200,7 @@ class Effect(ABC):
         """Put the effect into a model that the caller owns; period and motors are set already."""
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
-        """Commands as they reach the joints, one row a control period of ``period_s`` true seconds."""
+        """Commands as they reach the joints in periods of ``period_s`` true seconds."""
         return commands
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:

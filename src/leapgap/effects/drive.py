@@ -13,6 +13,9 @@ import numpy as np
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 
+LEAST_INERTIA = 0.5
+"""Share of a joint's inertia that a late damping leaves it."""
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -24,16 +27,27 @@ class Drive:
     """Limit of |R τ + q̇|, V; infinite: no limit."""
     lag_s: np.ndarray
     """Time constant with which the delivered torque follows the commanded one; 0: at once."""
+    filter_s: np.ndarray
+    """Time constant of the filter of the joint velocity that the joint PD feeds back; 0: none."""
+    resistance: np.ndarray
+    """Of the windings, V/(N·m); NaN: that of the robot's motors."""
+    delay_s: np.ndarray
+    """Time from a measurement to the torque with which the joint PD answers it; 0: the PD runs at the joint."""
 
     @staticmethod
     def ideal(joints: int) -> "Drive":
         """Motors that deliver the commanded torque at once."""
-        return Drive(np.ones(joints), np.full(joints, np.inf), np.zeros(joints))
+        ones, none = np.ones(joints), np.zeros(joints)
+        return Drive(ones, np.full(joints, np.inf), none, none.copy(), np.full(joints, np.nan), none.copy())
 
     @property
     def electric(self) -> np.ndarray:
         """Which joints need MuJoCo's DC motor, bool, (joints,)."""
         return np.isfinite(self.voltage_v) | (self.lag_s > 0)
+
+    def resistances(self, robot: Robot) -> np.ndarray:
+        """Resistance of each joint's motor, V/(N·m), (joints,)."""
+        return np.where(np.isnan(self.resistance), resistance_of(robot), self.resistance)
 
     @property
     def control_gain(self) -> np.ndarray:
@@ -47,17 +61,51 @@ class Drive:
         if chosen.any():
             voltage = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)
             motors = robot.joint_actuators[chosen]
-            actuators.make_dc_motors(model, motors, resistance_of(robot), voltage[chosen], self.lag_s[chosen])
+            resistance = self.resistances(robot)[chosen]
+            actuators.make_dc_motors(model, motors, resistance, voltage[chosen], self.lag_s[chosen])
+        self._delay_pd(model, robot)
+        self.split_joint_pd(model, robot)
+
+    def split_joint_pd(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Let the dampers of joint PDs whose velocity is filtered act late."""
+        at = np.flatnonzero((self.filter_s > 0) & robot.driven)
+        if len(at):
+            dampers = np.array([model.actuator(actuators.filter_of(robot.joints[i])).id for i in at])
+            actuators.split_joint_pd(model, robot.joint_actuators[at], dampers, (self.filter_s + self.lag_s)[at])
+
+    def _delay_pd(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Let the joint PD act on the state of ``delay_s`` ago, q − d q̇ + d² q̈ / 2.
+
+        So kd becomes kd − kp d, and the inertia of the joint grows by kp d² / 2 − kd d, at most down to a half.
+        """
+        late = (self.delay_s > 0) & robot.driven
+        if not late.any():
+            return
+        motors, dofs, delay = robot.joint_actuators[late], robot.joint_dofs[late], self.delay_s[late]
+        kp, kd = actuators.gains_of(model, motors)
+        actuators.set_gains(model, motors, kp, kd - kp * delay)
+        added = kp * delay**2 / 2 - kd * delay
+        model.dof_armature[dofs] += np.maximum(added, (LEAST_INERTIA - 1) * model.dof_M0[dofs])
 
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
         """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
+        late = kd - kp * self.delay_s
         for chosen, put in ((~self.electric, actuators.set_joint_pd), (self.electric, actuators.set_dc_joint_pd)):
-            put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (kd * self.gain)[chosen])
+            put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (late * self.gain)[chosen])
+        self.split_joint_pd(model, robot)
 
 
 def resistance_of(robot: Robot) -> float:
     """Resistance of the motors, V/(N·m); 1 where it is not stated, which has no influence without a voltage limit."""
     return 1.0 if robot.motors is None else robot.motors.resistance
+
+
+def add_velocity_filter(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
+    """Give the joints at a location the actuators that a filter of the velocity in their joint PD needs."""
+    joints = [robot.joints[i] for i in robot.joints_at(location) if robot.driven[i]]
+    known = {actuator.name for actuator in spec.actuators}
+    missing = [joint for joint in joints if actuators.filter_of(joint) not in known]
+    actuators.add_filtered_dampers(spec, missing, resistance_of(robot))
 
 
 def add_lag(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:

@@ -46,6 +46,8 @@ COUNTS = 2.0
 """It also moves by more than so many counts of its encoder: between counts an encoder repeats itself."""
 REPEATS = 0.02
 """Share of repeated samples, while a joint moves, from which a log is one of messages."""
+UNEVEN = 0.2
+"""Rows are uneven whose lengths scatter by more than this share of their mean."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,12 @@ class RowClock:
         """How long each row but the last lasted, s, (rows − 1,)."""
         return np.diff(self.instants)
 
+    def unevenness(self, log: Log) -> float:
+        """Standard deviation of the lengths of rows beyond what the log's own time says, as a share of their mean."""
+        mean = self.instants[-1] / (len(log) - 1)
+        stated = np.diff(log.time) * (self.instants[-1] / log.time[-1])
+        return float(np.std(self.lengths - stated) / mean)
+
     @property
     def repeated(self) -> float:
         """Median share of repeated samples over the messages."""
@@ -172,7 +180,16 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
         return None
     if max(stream.repeats(log.info.sample_period_s) for stream in of_joints) < REPEATS:
         return clock_of_whole_rows(log, of_joints)
-    return clock_of_messages(log, streams)
+    telling = [stream for stream in streams if stream.fresh.mean() > MOVING]  # the others' samples only look old
+    return clock_of_messages(log, telling) if any(stream.name != BASE for stream in telling) else None
+
+
+def uneven_clocks(logs: Sequence[Log], joints: Sequence[str]) -> dict[str, RowClock]:
+    """Clocks, by the log's name, of the logs whose rows are uneven in a way that their time does not say."""
+    clocks = {log.name: row_clock(log, joints) for log in logs}
+    return {
+        log.name: clock for log in logs if (clock := clocks[log.name]) is not None and clock.unevenness(log) > UNEVEN
+    }
 
 
 def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:

@@ -64,7 +64,8 @@ class Plant:
         self.foot_of_geom = np.full(self.model.ngeom, -1)
         geoms = [self.model.geom(name).id for name in self.robot.foot_geom_names]
         self.foot_of_geom[geoms] = np.arange(len(geoms))
-        self.data.qpos[:], self.data.qvel[:] = np.split(ready.start, [self.model.nq])
+        start = replayer.whole_state(self.trial, self.model, ready.start, None)
+        self.data.qpos[:], self.data.qvel[:] = np.split(start, [self.model.nq])
         mujoco.mj_forward(self.model, self.data)  # contacts of the first tick
         self.gains: tuple[np.ndarray, np.ndarray] | None = None
         self.truth: list[tuple[np.ndarray, np.ndarray]] = [self.state]
@@ -77,7 +78,8 @@ class Plant:
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
         """True positions and velocities now."""
-        return self.data.qpos.copy(), self.data.qvel.copy()
+        own = self.robot.model
+        return self.data.qpos[: own.nq].copy(), self.data.qvel[: own.nv].copy()
 
     def measure(self) -> Motion:
         """The newest row as the robot's sensors report it, without noise, one row."""
@@ -112,10 +114,17 @@ class Plant:
         commands = self._arriving()
         control = commands.torque[-1] + command.kp * commands.position[-1] + command.kd * commands.velocity[-1]
         self.data.ctrl[self.robot.joint_actuators] = control * self.drive.control_gain
-        if len(self.truth) == 1 and self.model.na:  # motors with a lag start at what is asked of them first
-            self.data.act[:] = self.replayer.full_state(self.trial, self.model, self.data.ctrl[None])[-self.model.na :]
+        if len(self.truth) == 1:
+            self._start_motors()
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.truth.append(self.state)
+
+    def _start_motors(self) -> None:
+        """Let motors with a state of their own start at what is asked of them first."""
+        model, ends = self.model, np.cumsum([1, self.model.nq, self.model.nv])
+        if model.na or model.nq > self.robot.model.nq:
+            start = self.replayer.full_state(self.trial, model, self.data.ctrl[None])
+            _, self.data.qpos[:], self.data.qvel[:], self.data.act[:] = np.split(start, ends)
 
     def disturb(self, actions: Sequence[Disturbance], time_s: float) -> None:
         """Apply the disturbances that act at a time; the next ``send`` simulates them."""

@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect
-from leapgap.effects.drive import Drive, resistance_of
+from leapgap.effects.drive import Drive
 from leapgap.robot import actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
 
-OUTSIDE = ("change_period", "change_rows", "change_commands", "change_measured", "true_start")
+OUTSIDE = ("change_period", "change_rows", "change_step", "change_commands", "change_measured", "true_start")
 """Methods of an effect through which it acts outside the model."""
 ACTUATORS = ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange", "actuator_ctrlrange")
 """Fields of a model that motors are changed by, which effects do through their drive."""
@@ -47,8 +47,10 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
 
 
 def acts_outside(effect: Effect) -> bool:
-    """Whether an effect changes commands, measurements or the clock."""
-    return any(getattr(type(effect), method) is not getattr(Effect, method) for method in OUTSIDE)
+    """Whether an effect changes commands, the joint PD, measurements or the clock."""
+    return effect.in_controller or any(
+        getattr(type(effect), method) is not getattr(Effect, method) for method in OUTSIDE
+    )
 
 
 def changes_model(effect: Effect) -> bool:
@@ -69,6 +71,8 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
         if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
             effect.change_spec(changed, robot)
     model = changed.compile()
+    if any(effect.structure is not None for effect in inside) and model.nq != spec.copy().compile().nq:
+        return None  # a joint that the makers' model does not have
     makers = [getattr(model, name).copy() for name in ACTUATORS]
     for effect in inside:
         effect.change_model(model, robot)
@@ -87,7 +91,7 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
 
 def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
     """Put motors into the specification: a gain scales its actuators, a limit of voltage or a lag needs DC motors."""
-    resistance = resistance_of(robot)
+    resistance = drive.resistances(robot)
     voltage = np.where(np.isfinite(drive.voltage_v), drive.voltage_v, 0.0)
     for i, motor in enumerate(robot.actuators):
         if not motor.driven:
@@ -96,5 +100,5 @@ def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
         if gain != 1:
             actuators.scale_joint(spec, motor.joint, gain)
         if drive.electric[i]:
-            winding = actuators.Winding(resistance, float(voltage[i]), float(drive.lag_s[i]))
+            winding = actuators.Winding(float(resistance[i]), float(voltage[i]), float(drive.lag_s[i]))
             actuators.replace_by_dc_motor(spec, motor, gain, winding)

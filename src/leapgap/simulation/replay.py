@@ -23,7 +23,8 @@ from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors, sensor_addresses
-from leapgap.robot.motion import Motion
+from leapgap.robot.motion import QUATERNION_SLICE, Motion
+from leapgap.robot.rotors import carried_torque, rest_rotors
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -31,6 +32,8 @@ ROUNDING = 1.1
 """A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
 UNEVEN_FINER = 4
 """Rows of uneven length last a whole number of steps, which are so many times finer."""
+FINER = 0.255
+"""Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
 MODELS_KEPT = 256
 """Number of compiled models that are kept, one for each terrain and structure."""
 
@@ -59,15 +62,19 @@ class Rollout:
             period = effect.change_period(period)
         return period
 
+    @property
+    def step_ratio(self) -> float:
+        """Length of the steps of the simulation that the motion is one of, over that of the replayer's own."""
+        ratio = 1.0
+        for effect in self.effects:
+            ratio = effect.change_step(ratio)
+        return ratio
 
-def hold_controls(controls: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.ndarray:
-    """Each row's controls for its own number of steps, (trials, steps, actuators); short trials hold their last."""
-    longest = max(int(n.sum()) for n in counts)
-    steps = []
-    for control, number in zip(controls, counts, strict=True):
-        row = np.repeat(np.arange(len(number)), number)
-        steps.append(control[np.concatenate([row, np.full(longest - len(row), row[-1])])])
-    return np.stack(steps)
+
+def batch_controls(controls: Sequence[np.ndarray]) -> np.ndarray:
+    """Controls of trials, (steps, actuators) each, as (trials, steps, actuators); short trials hold their last."""
+    longest = max(len(control) for control in controls)
+    return np.stack([np.pad(c, ((0, longest - len(c)), (0, 0)), mode="edge") for c in controls])
 
 
 def joint_gains(log: Log, robot: Robot) -> np.ndarray:
@@ -113,6 +120,8 @@ class Replayer:
         self.robot, self.sensors = robot, tuple(sensors)
         own = ROUNDING * float(robot.model.opt.timestep)
         self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
+        self.own_step_s = self.largest_step_s
+        self.finer: Replayer | None = None
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.threads = threads or os.cpu_count() or 1
@@ -125,7 +134,7 @@ class Replayer:
         """A replayer of the same class with another largest step; both share compiled models."""
         other = copy.copy(self)
         other.largest_step_s = largest_step_s
-        other.data, other.own = {}, threading.local()
+        other.data, other.own, other.finer = {}, threading.local(), None
         return other
 
     def with_robot(self, robot: Robot) -> "Replayer":
@@ -141,6 +150,15 @@ class Replayer:
 
     def true_motions(self, trials: Sequence[Rollout], rows: int | None = None) -> list[Motion]:
         """True motions of the same replays, without the delay and bias of sensors."""
+        motions = self._by_own_steps(trials, rows)
+        chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
+        if chosen:
+            finer = self._finer()._by_own_steps([trials[i] for i in chosen], rows)
+            for i, fine in zip(chosen, finer, strict=True):
+                motions[i] = self._by_step_ratio(trials[i], motions[i], fine)
+        return motions
+
+    def _by_own_steps(self, trials: Sequence[Rollout], rows: int | None) -> list[Motion]:
         for trial in trials:
             self.check_joints(trial.log)
         kinds = [(min(len(t.log), rows or len(t.log)), self.substeps(t.log), t.structure) for t in trials]
@@ -163,6 +181,43 @@ class Replayer:
         Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
         the joint gains of its first row. Motions are as a log reports them.
         """
+        pieces = self._pieces_by_own_steps(trials, starts, rows)
+        chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
+        if chosen:
+            finer = self._finer()._pieces_by_own_steps([trials[i] for i in chosen], [starts[i] for i in chosen], rows)
+            for i, fine in zip(chosen, finer, strict=True):
+                own = zip(pieces[i], fine, strict=True)
+                pieces[i] = [self._by_step_ratio(trials[i], *of_piece) for of_piece in own]
+        return pieces
+
+    def _finer(self) -> "Replayer":
+        """The replayer of finer steps, kept between calls."""
+        if self.finer is None:
+            self.finer = self.with_steps(FINER * self.largest_step_s)
+        return self.finer
+
+    def _by_step_ratio(self, trial: Rollout, own: Motion, fine: Motion) -> Motion:
+        """The motion by steps of the trial's length, from those by own and by finer steps.
+
+        The error of a step of length h is taken as proportional to h, as Euler's method has it, between the two
+        replays and beyond them (Richardson's extrapolation).
+        """
+        steps = self.substeps(trial.log)
+        nominal = self.with_steps(self.own_step_s).substeps(trial.log)
+        share = (1 - trial.step_ratio) * steps / nominal / (1 - steps / self._finer().substeps(trial.log))
+
+        def between(coarse: np.ndarray, refined: np.ndarray) -> np.ndarray:
+            return np.asarray(coarse + share * (refined - coarse))
+
+        qpos = between(own.qpos, fine.qpos)
+        if self.robot.has_free_base:
+            qpos[:, QUATERNION_SLICE] /= np.linalg.norm(qpos[:, QUATERNION_SLICE], axis=1, keepdims=True)
+        sensors = None if own.sensors is None or fine.sensors is None else between(own.sensors, fine.sensors)
+        return Motion(qpos, between(own.qvel, fine.qvel), sensors)
+
+    def _pieces_by_own_steps(
+        self, trials: Sequence[Rollout], starts: Sequence["Starts"], rows: int
+    ) -> list[list[Motion]]:
         prepared = [self._restarts(trial, of, rows) for trial, of in zip(trials, starts, strict=True)]
         kinds = [(self.substeps(trial.log), trial.structure) for trial in trials]
         found: dict[int, list[Motion]] = {}
@@ -175,7 +230,7 @@ class Replayer:
                 found |= {i: [] for i in chosen}
                 continue
             data = self._own_data(trials[chosen[0]])
-            out, read = mujoco.rollout.rollout(models, data, np.stack(states), hold_controls(controls, counts))
+            out, read = mujoco.rollout.rollout(models, data, np.stack(states), batch_controls(controls))
             readings = [self._readings(*one) for one in zip(models, read, counts, strict=True)]
             pieces = zip(states, counts, out, readings, strict=True)
             for i in chosen:
@@ -185,18 +240,18 @@ class Replayer:
     def _restarts(
         self, trial: Rollout, starts: "Starts", rows: int
     ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-        """Model, full first state, controls and steps of the rows of each piece of one trial."""
+        """Model, full first state, controls in every step and steps of the rows of each piece of one trial."""
         self.check_joints(trial.log)
-        control = self._controls(trial, starts.rows[-1] + rows - 1 if len(starts.rows) else 0)
+        steps = self.row_steps(trial)[: starts.rows[-1] + rows - 1 if len(starts.rows) else 0]
+        control, step = self._step_controls(trial, steps), np.concatenate([[0], np.cumsum(steps)])
         gains = joint_gains(trial.log, self.robot)
         of_gains: dict[bytes, mujoco.MjModel] = {}
         models, states, controls, counts = [], [], [], []
-        steps = self.row_steps(trial)
         for row, state in zip(starts.rows, starts.states, strict=True):
             key = gains[row].tobytes()
             if key not in of_gains:
                 of_gains[key] = self.model(trial, row=row)
-            own = control[row : row + rows - 1]
+            own = control[step[row] : step[row + rows - 1]]
             true = self.true_state(trial.effects, state)
             models.append(of_gains[key])
             states.append(self.full_state(replace(trial, first_state=true), of_gains[key], own))
@@ -208,8 +263,13 @@ class Replayer:
         self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray, readings: np.ndarray | None
     ) -> Motion:
         """A piece, of its full first state and those after every step, as the trial's robot would log it."""
-        nq, piece = self.bare.nq, np.concatenate([state[None], out[np.cumsum(counts) - 1]])
-        return self.measure(trial, Motion(piece[:, 1 : 1 + nq], piece[:, 1 + nq : 1 + nq + self.bare.nv], readings))
+        piece = np.concatenate([state[None], out[np.cumsum(counts) - 1]])
+        return self.measure(trial, self._of_robot(trial, piece, readings))
+
+    def _of_robot(self, trial: Rollout, states: np.ndarray, readings: np.ndarray | None) -> Motion:
+        """The robot's own positions and velocities in full states (rows, …); what effects have added stands behind."""
+        first = 1 + self._compiled(trial).nq
+        return Motion(states[:, 1 : 1 + self.bare.nq], states[:, first : first + self.bare.nv], readings)
 
     def _readings(self, model: mujoco.MjModel, read: np.ndarray, counts: np.ndarray) -> np.ndarray | None:
         """Sensors in the last step before each row, (rows + 1, sensors), in the first step for the first row.
@@ -236,9 +296,10 @@ class Replayer:
         switches = sorted(
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
         )
-        controls = [self._controls(trial, rows) for trial in trials]
         data = self._data(trials[0])
         counts = [self.row_steps(trial)[: rows - 1] for trial in trials]
+        controls = [self._step_controls(trial, steps) for trial, steps in zip(trials, counts, strict=True)]
+        steps_before = [np.concatenate([[0], np.cumsum(steps)]) for steps in counts]
         history: list[list[np.ndarray]] = []
         readings: list[list[np.ndarray]] = [[] for _ in trials]
         for start, end in itertools.pairwise(switches):
@@ -247,7 +308,9 @@ class Replayer:
                 history = [
                     [self.full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
                 ]
-            control = hold_controls([c[start:end] for c in controls], [n[start:end] for n in counts])
+            control = batch_controls(
+                [c[step[start] : step[end]] for c, step in zip(controls, steps_before, strict=True)]
+            )
             out, read = mujoco.rollout.rollout(
                 models, data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
             )
@@ -255,29 +318,53 @@ class Replayer:
                 history[i].append(of_trial[np.cumsum(counts[i][start:end]) - 1])
                 own = self._readings(models[i], read[i], counts[i][start:end])
                 readings[i] += [] if own is None else [own[1 if readings[i] else 0 :]]
-        nq = self.bare.nq
         wholes = [np.concatenate(h) for h in history]
         measured = [np.concatenate(r) if r else None for r in readings]
-        return [
-            Motion(whole[:, 1 : 1 + nq], whole[:, 1 + nq : 1 + nq + self.bare.nv], own)
-            for whole, own in zip(wholes, measured, strict=True)
-        ]
+        return [self._of_robot(*of_trial) for of_trial in zip(trials, wholes, measured, strict=True)]
 
     def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
-        """MuJoCo's full state: time, positions, velocities, and the torque of motors that have a state.
+        """MuJoCo's full state: time, positions, velocities, and the states of motors that have one.
 
-        That torque is the one that the first command asks for.
+        The torque of a motor is the one that the first command asks for; friction with a memory is that of the motion.
         """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
-        gains = actuators.dc_joint_pd(model, self.robot.joint_actuators)
-        for joint, actuator in enumerate(self.robot.joint_actuators):
+        motors = [
+            *enumerate(self.robot.joint_actuators.tolist()),
+            *actuators.filtered_dampers(model, self.robot.joints),
+        ]
+        for joint, actuator in motors:
             if model.actuator_actnum[actuator]:
-                kp, kd = (gain[joint] for gain in gains)
+                kp, kd = (float(gain) for gain in actuators.dc_joint_pd(model, np.array(actuator)))
                 q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
                 asked = control[0, actuator] - kp * q - kd * v
-                activation[model.actuator_actadr[actuator]] = np.clip(asked, *model.actuator_forcerange[actuator])
-        return np.concatenate([[0.0], state, activation])
+                limits = (
+                    model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
+                )
+                activation[model.actuator_actadr[actuator]] = np.clip(asked, *limits)
+        if model.na:
+            bristles, deflection = actuators.bristles_in_motion(model, state[self.bare.nq :])
+            activation[bristles] = deflection
+        return np.concatenate([[0.0], self.whole_state(trial, model, state, control), activation])
+
+    def whole_state(
+        self, trial: Rollout, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray | None
+    ) -> np.ndarray:
+        """Positions and velocities of a model with what effects have added, from those of the robot (nq + nv,).
+
+        Rotors are where they carry the torque of the first rows of controls (rows, actuators), as stiff joints would;
+        None: where their joints are.
+        """
+        if model.nq == self.bare.nq:
+            return state
+        kp, kd = actuators.gains_of(model, self.robot.joint_actuators)
+        carried = np.zeros((2, len(self.robot.joints)))
+        if control is not None and any(effect.has_rotors for effect in trial.effects):
+            stiff = self.model(replace(trial, effects=tuple(e for e in trial.effects if not e.has_rotors)))
+            actuators.set_gains(stiff, self.robot.joint_actuators, kp, kd)
+            steps = max(1, round(trial.period_s / stiff.opt.timestep))
+            carried = carried_torque(stiff, self.robot, state, control, steps)
+        return np.concatenate(rest_rotors(model, self.robot, state, carried, kp))
 
     def _data(self, trial: Rollout) -> list[mujoco.MjData]:
         """Working memory of each thread, for the trial's structure."""
@@ -360,13 +447,32 @@ class Replayer:
         return np.maximum(np.diff(ends, prepend=0), 1)
 
     def _controls(self, trial: Rollout, rows: int) -> np.ndarray:
-        """Controls of the affine actuators, (rows, actuators): τ + kp q* + kd q̇*, by the gains of each row."""
+        """Controls of the affine actuators in the first rows of an even log, (rows, actuators)."""
+        return self.row_controls(trial, np.arange(rows), trial.period_s)
+
+    def _step_controls(self, trial: Rollout, steps: np.ndarray) -> np.ndarray:
+        """Controls in every step of the first rows, which last ``steps`` (rows,) each.
+
+        (steps, actuators). Commands reach the joints by rows of one length: those of the log where it is even, else
+        the steps of the simulation.
+        """
+        if trial.log.is_even:
+            return np.repeat(self._controls(trial, len(steps)), steps, axis=0)
+        row = np.repeat(np.arange(len(steps)), steps)
+        return self.row_controls(trial, row, trial.period_s / self.substeps(trial.log))
+
+    def row_controls(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
+        """Controls τ + kp q* + kd q̇* in periods of equal length, (periods, actuators), by the gains of each row.
+
+        ``row`` (periods,) is the row of the log whose command was sent in each.
+        """
         log, robot = trial.log, self.robot
-        commands = Commands(*(joint_commands(log, robot, c)[:rows] for c in ("cmd_tau", "cmd_pos", "cmd_vel")))
+        torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
+        commands = Commands(torque, position, velocity, row)
         for effect in trial.effects:
-            commands = effect.change_commands(commands, trial.period_s, robot)
-        kp, kd = (joint_commands(log, robot, gain)[:rows] for gain in ("cmd_kp", "cmd_kd"))
-        control = np.zeros((rows, self.bare.nu))
+            commands = replace(effect.change_commands(commands, period_s, robot), row=row)
+        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        control = np.zeros((len(row), self._compiled(trial).nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
         control[:, robot.joint_actuators] = asked * self.drive(trial).control_gain
         return control

@@ -106,7 +106,8 @@ class Generator(Replayer):
         model, control = self.model(trial), self._controls(trial, rows)
         data = mujoco.MjData(model)
         start = self.full_state(trial, model, control)
-        _, data.qpos[:nq], data.qvel[:nv], data.act[:] = np.split(start, [1, 1 + nq, 1 + nq + nv])
+        ends = np.cumsum([1, model.nq, model.nv])
+        _, data.qpos[:], data.qvel[:], data.act[:] = np.split(start, ends)
         processes = self._processes(trial, model)
         data.ctrl[:] = control[0]
         mujoco.mj_forward(model, data)

@@ -8,7 +8,10 @@ import numpy as np
 
 from leapgap import effects
 
-CLAIMS = ("named", "ambiguous")
+CLAIMS = ("named", "ambiguous", "partly")
+"""Verdicts that name causes."""
+LEAVES_A_REST = ("unknown", "partly")
+"""Verdicts that say that something has no name."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +87,7 @@ class CaseOutcome:
     def right(self) -> bool:
         """Whether the verdict is one that a perfect diagnosis may give."""
         if self.kind == "nameless":
-            return self.verdict == ("unknown" if self.detectable else "none") or (
-                not self.detectable and self.verdict == "unknown"
-            )
+            return self.verdict in LEAVES_A_REST or (not self.detectable and self.verdict == "none")
         if self.kind == "none":
             return self.verdict == "none"
         if not self.detectable:

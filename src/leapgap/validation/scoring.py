@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.validation.outcome import CLAIMS, CaseOutcome
+from leapgap.validation.outcome import CLAIMS, LEAVES_A_REST, CaseOutcome
 
 Scores = dict[str, Any]
 
@@ -44,7 +44,9 @@ SHARES = {
     "named_in_set": ScoreCondition(detectable_single, lambda o: o.true[0] in o.answered),
     "named_alone": ScoreCondition(detectable_single, lambda o: o.verdict == "named" and o.answered == set(o.true)),
     "wrongly_named": ScoreCondition(lambda o: True, lambda o: o.wrongly_named, desired=False),
-    "unknown_recall": ScoreCondition(lambda o: o.kind == "nameless" and o.detectable, lambda o: o.verdict == "unknown"),
+    "unknown_recall": ScoreCondition(
+        lambda o: o.kind == "nameless" and o.detectable, lambda o: o.verdict in LEAVES_A_REST
+    ),
     "none_correct": ScoreCondition(lambda o: o.kind == "none", lambda o: o.verdict == "none"),
     "where_right": ScoreCondition(lambda o: o.detectable, lambda o: o.where_right),
     "where_right_mirrored": ScoreCondition(lambda o: o.detectable, lambda o: o.where_mirrored),
@@ -176,7 +178,7 @@ def detection_limits(outcomes: Iterable[CaseOutcome]) -> dict[str, dict[str, Any
     by_effect: dict[str, list[tuple[float, bool]]] = {}
     for o in outcomes:
         if o.kind in ("single", "nameless"):
-            found = o.verdict == "unknown" if o.kind == "nameless" else o.true[0] in o.answered
+            found = o.verdict in LEAVES_A_REST if o.kind == "nameless" else o.true[0] in o.answered
             by_effect.setdefault(o.true[0], []).append((o.change_floors, found))
     return {name: limit_of(sorted(cases)) for name, cases in sorted(by_effect.items())}
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import BASE, RowClock, row_clock
+from leapgap.logs.row_clock import BASE, UNEVEN, RowClock, row_clock
 from leapgap.robot.model import Robot
 
 STALL_S, STALL_ROWS = 0.008, 5
@@ -18,7 +18,7 @@ class EvenRows(Check):
     """Rows of one length, each with samples of its own."""
 
     name = "row_clock"
-    threshold = 0.2
+    threshold = UNEVEN
     place: ClassVar[int] = 0
     needs_robot = False
     needs_all_rows = True
@@ -32,7 +32,7 @@ class EvenRows(Check):
         known = {name: clock for name, clock in clocks.items() if clock is not None}
         if not known:
             return None
-        spread = {name: unevenness(clock, log) for log in logs if (clock := known.get(name := log.name))}
+        spread = {name: clock.unevenness(log) for log in logs if (clock := known.get(name := log.name))}
         statistic = float(np.median(list(spread.values())))
         passed = statistic <= threshold
         says = f"rows last equally long (their lengths scatter by {100 * statistic:.0f} %)"
@@ -47,13 +47,6 @@ class EvenRows(Check):
             means,
             None if passed else known,
         )
-
-
-def unevenness(clock: RowClock, log: Log) -> float:
-    """Standard deviation of the lengths of rows beyond what the log's own time says, as a share of their mean."""
-    mean = clock.instants[-1] / (len(log) - 1)
-    stated = np.diff(log.time) * (clock.instants[-1] / log.time[-1])
-    return float(np.std(clock.lengths - stated) / mean)
 
 
 def in_words(clocks: Mapping[str, RowClock], statistic: float) -> str:

@@ -108,7 +108,7 @@ def jump_inputs(windows: Windows, jump: int, start: int) -> tuple[RolloutInputs,
         foot=windows.foot[w, s][None],
         contact=windows.contact[w, s][None],
         time_s=times[None, :-1],
-        step_s=np.diff(times)[None],
+        step_s=windows.step_s[w, s][None],
         start=np.array([start]),
     )
     return inputs, times, states

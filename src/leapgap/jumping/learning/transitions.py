@@ -44,12 +44,18 @@ class Transitions:
         )
 
 
-def extract_transitions(windows: Windows) -> Transitions:
-    """The steps of some windows: the first of each window, and all of a jump's last window."""
-    inputs = windows.inputs
+def steps_of(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Every step of the jumps once, as the numbers of a window and of a step in it, int, (n,) each."""
     last = np.zeros(len(windows.jumps), dtype=int)
     np.maximum.at(last, windows.jump, windows.start)
     w, k = np.nonzero((np.arange(windows.grid.steps) == 0) | (windows.start == last[windows.jump])[:, None])
+    return w, k
+
+
+def extract_transitions(windows: Windows) -> Transitions:
+    """The steps of some windows: the first of each window, and all of a jump's last window."""
+    inputs = windows.inputs
+    w, k = steps_of(windows)
     state = windows.state[w, k]
     return Transitions(
         Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0]),

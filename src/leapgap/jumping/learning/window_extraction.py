@@ -1,9 +1,12 @@
 """Cutting jump logs into windows: the state, the forces and the feet at the steps of a time grid.
 
 A window slides by one step (paper, training): H jumps of N steps give D = H (N − K + 1) windows of K steps.
+
+The steps begin at the rows that the schedule names, since a controller counts its own rows. How long they last is what
+the log claims, or what its own clock says (``leapgap.logs.row_clock``), with the samples at the instants of the rows.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -12,6 +15,7 @@ from leapgap.jumping.learning.windows import TimeGrid, Windows
 from leapgap.jumping.task import schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis, per_pair
+from leapgap.logs.row_clock import RowClock, with_clock
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
@@ -20,10 +24,17 @@ from leapgap.robot.topology import PAIRS
 STATE_COLUMNS = ("base_pos_x", "base_pos_z", *BASE_QUATERNION, "base_linvel_x", "base_linvel_z", "base_angvel_y")
 
 
-def cut(jumps: Sequence[Log], grid: TimeGrid, robot: Robot, force: str = "total") -> Windows:
+def cut(
+    jumps: Sequence[Log],
+    grid: TimeGrid,
+    robot: Robot,
+    force: str = "total",
+    clocks: Mapping[str, RowClock] | None = None,
+) -> Windows:
     """Cut jump logs, which share one contact schedule, into windows; none gives valid windows without any.
 
-    ``force``: which forces the windows carry, a key of ``FORCES``.
+    ``force``: which forces the windows carry, a key of ``FORCES``. ``clocks`` by the log's name: logs that are cut by a
+    clock of their own; the others by the time that they claim.
     """
     if force not in FORCES:
         raise InputError("chunk.force", force, f"one of {', '.join(FORCES)}", "correct conf/chunk")
@@ -36,7 +47,8 @@ def cut(jumps: Sequence[Log], grid: TimeGrid, robot: Robot, force: str = "total"
                 "keep jumps of different schedules in different folders",
             )
     schedule = schedule_of(jumps[0]) if jumps else None
-    pieces = [cut_jump(jump, grid, robot, FORCES[force]) for jump in jumps] or [no_windows(grid)]
+    own = clocks or {}
+    pieces = [cut_jump(jump, grid, robot, FORCES[force], own.get(jump.name)) for jump in jumps] or [no_windows(grid)]
     arrays = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     numbers = np.concatenate([np.full(len(piece["start"]), i) for i, piece in enumerate(pieces)])
     return Windows(grid, schedule, robot.name, robot.sha256, tuple(jump.name for jump in jumps), jump=numbers, **arrays)
@@ -52,12 +64,15 @@ def no_windows(grid: TimeGrid) -> dict[str, np.ndarray]:
         "force": np.zeros((0, k, 4)),
         "foot": np.zeros((0, k, 4)),
         "time_s": np.zeros((0, k + 1)),
+        "step_s": np.zeros((0, k)),
         "contact": np.zeros((0, k), bool),
     }
 
 
-def cut_jump(jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log], np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``."""
+def cut_jump(
+    jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log], np.ndarray], clock: RowClock | None = None
+) -> dict[str, np.ndarray]:
+    """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``; by the log's own ``clock``, if any."""
     schedule = schedule_of(jump)
     try:
         total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
@@ -71,7 +86,9 @@ def cut_jump(jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log],
             "shorten the window (chunk.steps), or make the steps shorter",
         )
     times = grid.sample_times(schedule)
-    rows = rows_at(jump, times)
+    rows, lengths = rows_at(jump, times), np.diff(times)
+    if clock is not None:
+        jump, rows, lengths = by_own_clock(jump, clock, rows)
     state = states(jump)[rows]
     force = np.where(np.arange(total)[:, None] < contact, forces_of(jump)[rows[:-1]], 0.0)
     foot = feet(jump, robot, rows[:-1])
@@ -86,8 +103,28 @@ def cut_jump(jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log],
         "force": force[step],
         "foot": foot[step],
         "time_s": times[sample],
+        "step_s": lengths[step],
         "contact": step < contact,
     }
+
+
+def by_own_clock(jump: Log, clock: RowClock, rows: np.ndarray) -> tuple[Log, np.ndarray, np.ndarray]:
+    """A log by its own clock, some of its rows there, and the time from each of them to the next, s.
+
+    ``InputError`` where a step has no length: nothing can be learned from it.
+    """
+    own, kept = with_clock(jump, clock)
+    there = (np.cumsum(kept) - kept)[rows]  # rows of one instant are one, at the place of the last of them
+    lengths = np.diff(own.time[there])
+    if (lengths <= 0).any():
+        step = int(np.flatnonzero(lengths <= 0)[0])
+        raise InputError(
+            f"{jump.name}, rows {rows[step]} to {rows[step + 1]}",
+            "no time that passed, by the log's own clock",
+            "steps of the grid that last",
+            "leave this log out, make the steps longer, or set chunk.clock=claimed",
+        )
+    return own, there, lengths
 
 
 def rows_at(jump: Log, times_s: np.ndarray) -> np.ndarray:

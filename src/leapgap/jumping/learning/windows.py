@@ -81,7 +81,7 @@ class RolloutInputs:
     contact: np.ndarray
     """Whether each step begins before take-off, bool, (W, K)."""
     time_s: np.ndarray
-    """Start of each step, since the start of the jump, (W, K)."""
+    """Scheduled start of each step, since the start of the jump, (W, K): the phase."""
     step_s: np.ndarray
     """Length of each step, (W, K)."""
     start: np.ndarray
@@ -122,12 +122,19 @@ class Windows:
     foot: np.ndarray
     """As in ``RolloutInputs``, (W, K, 4)."""
     time_s: np.ndarray
-    """Time of each sample since the start of the jump, (W, K + 1)."""
+    """Scheduled time of each sample since the start of the jump, (W, K + 1)."""
+    step_s: np.ndarray
+    """Length of each step, (W, K): as scheduled, or as long as it was by the log's own clock."""
     contact: np.ndarray
     """Whether each step begins before take-off, bool, (W, K)."""
 
     def __len__(self) -> int:
         return len(self.jump)
+
+    @property
+    def steps_as_scheduled(self) -> bool:
+        """Whether every step is as long as its schedule says, so that no log's own clock said otherwise."""
+        return np.array_equal(self.step_s, np.diff(self.time_s, axis=1))
 
     @property
     def inputs(self) -> RolloutInputs:
@@ -138,7 +145,7 @@ class Windows:
             foot=self.foot,
             contact=self.contact,
             time_s=self.time_s[:, :-1],
-            step_s=np.diff(self.time_s, axis=1),
+            step_s=self.step_s,
             start=self.start,
         )
 
@@ -208,24 +215,33 @@ class Purpose:
 def write(windows: Windows, folder: Path) -> None:
     """Write ``windows.npz`` and ``windows.json``; the same windows give the same bytes.
 
+    Lengths of steps are stored where they are not those of the schedule.
     ``InputError`` for windows with values that are not finite.
     """
     check(windows, "the windows")
     folder.mkdir(parents=True, exist_ok=True)
-    write_npz(folder / "windows.npz", {name: getattr(windows, name) for name in ARRAYS})
+    left_out = {"step_s"} if windows.steps_as_scheduled else set()
+    write_npz(folder / "windows.npz", {name: getattr(windows, name) for name in ARRAYS if name not in left_out})
     write_json(
         folder / "windows.json",
         {
             "format_version": FORMAT_VERSION,
             "windows": len(windows),
             "jumps": list(windows.jumps),
-            "note": "" if len(windows) else "no logs: nothing was cut",
+            "note": note(windows),
             "grid": asdict(windows.grid),
             "schedule": asdict(windows.schedule) if windows.schedule else None,
             "robot": windows.robot,
             "robot_sha256": windows.robot_sha256,
         },
     )
+
+
+def note(windows: Windows) -> str:
+    """What a reader of ``windows.json`` should know, empty where there is nothing."""
+    if not len(windows):
+        return "no logs: nothing was cut"
+    return "" if windows.steps_as_scheduled else "steps are as long as they were by the logs' own clock"
 
 
 def read(folder: Path) -> Windows:
@@ -240,6 +256,7 @@ def read(folder: Path) -> Windows:
         )
     arrays = read_npz(folder / "windows.npz")
     try:
+        arrays.setdefault("step_s", np.diff(arrays["time_s"], axis=-1))
         found = Windows(
             grid=TimeGrid(**about["grid"]),
             schedule=ContactSchedule(**about["schedule"]) if about["schedule"] else None,
@@ -277,7 +294,8 @@ def check(windows: Windows, where: object) -> None:
     numbers, counts = np.unique(windows.jump, return_counts=True)
     if not np.array_equal(numbers, np.arange(len(names))) or len(set(counts.tolist())) > 1:
         raise unfit(where, f"{len(names)} jumps, of which {len(numbers)} have {sorted(set(counts.tolist()))} windows")
-    if count and ((windows.start < 0).any() or (np.diff(windows.time_s, axis=1) <= 0).any()):
+    lengths = (np.diff(windows.time_s, axis=1), windows.step_s)
+    if count and ((windows.start < 0).any() or any((length <= 0).any() for length in lengths)):
         raise unfit(where, "steps that end before they begin")
 
 
@@ -289,5 +307,6 @@ def shapes_of(steps: int) -> dict[str, tuple[int, ...]]:
     """Shape of what each array holds of one window, by its name."""
     return {
         **{"jump": (), "start": (), "start_x": (), "time_s": (steps + 1,), "contact": (steps,)},
+        "step_s": (steps,),
         **{"state": (steps + 1, 6), "force": (steps, 4), "foot": (steps, 4)},
     }

@@ -1,0 +1,178 @@
+"""Likelihood of sets of effects, by replays of whole logs and of short pieces, with what evidence says beforehand."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs
+from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.diagnosis.full_rollouts import EVERY_S
+from leapgap.diagnosis.gap import HeldOutGap, scaled_error
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.short_rollouts import ShortRollouts
+
+DIFFERENCE = 0.1
+"""Step of finite differences, as a share of the scale of a number."""
+INDEPENDENT_S = 0.2
+"""Errors of whole replays at one instant say little more than those so long before."""
+PIECE_VALUES = 6
+"""A short piece counts as so many independent values."""
+USUAL = 1.0
+"""A usual χ² of a piece over its number of values: below it pieces count alike."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers of a set of effects: what is expected beforehand, and which are fitted."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    centre: np.ndarray
+    """What evidence says, else nominal, (numbers,)."""
+    spread: np.ndarray
+    """Standard deviation of what evidence says, else a moderate departure, (numbers,)."""
+    fitted: np.ndarray
+    """Whether each number is fitted, bool, (numbers,); what evidence says is held."""
+
+    @staticmethod
+    def of(hypotheses: tuple[Hypothesis, ...], told: Mapping[str, Evidence]) -> "Numbers":
+        """Numbers of some hypotheses; evidence by the parameter that it tells."""
+        centre, spread, fitted = [], [], []
+        for h in hypotheses:
+            for p, moderate in zip(h.parameters, np.abs(h.moderate), strict=True):
+                one = told.get(f"{h.name}.{p.name}")
+                centre.append(p.nominal if one is None else one.value)
+                spread.append(moderate if one is None else one.spread)
+                fitted.append(one is None)
+        return Numbers(hypotheses, np.array(centre), np.array(spread), np.array(fitted, bool))
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Scale of the fitted numbers, (fitted,)."""
+        return self.spread[self.fitted]
+
+    def departs(self, numbers: np.ndarray) -> np.ndarray:
+        """Fitted numbers as scaled departures from what is expected, (fitted,)."""
+        return ((numbers - self.centre) / self.spread)[self.fitted]
+
+    def moved(self, numbers: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Numbers after a scaled step of the fitted ones, within their ranges, (numbers,)."""
+        found = numbers.copy()
+        found[self.fitted] += by * self.scale
+        return clip_numbers(self.hypotheses, found)
+
+    def covariance(self, of_fitted: np.ndarray) -> np.ndarray:
+        """Covariance of all numbers from that of the fitted ones, scaled; that of the others is evidence's."""
+        found = np.diag(self.spread**2)
+        found[np.ix_(self.fitted, self.fitted)] = of_fitted * self.scale[:, None] * self.scale
+        return found
+
+    @property
+    def differences(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sizes of finite differences of all numbers, and lower and upper limits (2, numbers)."""
+        limits = np.array([np.concatenate([h.bounds[side] for h in self.hypotheses]) for side in (0, 1)])
+        return DIFFERENCE * np.abs(np.concatenate([h.moderate for h in self.hypotheses])), limits
+
+
+@dataclass(frozen=True)
+class LogErrors:
+    """Errors of one log at some numbers, or their derivatives by the scaled numbers in a further axis."""
+
+    whole: np.ndarray
+    """Scaled errors of its whole replay at the compared instants, (values,); empty where these do not count."""
+    pieces: np.ndarray
+    """Whitened errors of its short pieces, (pieces, values)."""
+
+
+@dataclass(frozen=True)
+class JointLikelihood:
+    """The likelihood, by replays of whole logs and of short pieces."""
+
+    heldout_gap: HeldOutGap
+    short: ShortRollouts
+
+    @property
+    def logs(self) -> range:
+        """Indices of the logs."""
+        return range(len(self.heldout_gap.folds))
+
+    def errors(
+        self, hypotheses: tuple[Hypothesis, ...], tried: Sequence[np.ndarray], whole: bool, logs: Sequence[int]
+    ) -> list[list[LogErrors]]:
+        """Errors ``[tried][log]`` of several vectors of numbers; those of whole replays only where ``whole``."""
+        sets = effects_on_logs(hypotheses, tried, self.heldout_gap.names)
+        of_whole = self.whole_errors(sets, logs) if whole else [[np.zeros(0)] * len(logs)] * len(sets)
+        of_pieces = self.short.residuals(sets, logs)
+        return [
+            [LogErrors(*of_log) for of_log in zip(*both, strict=True)] for both in zip(of_whole, of_pieces, strict=True)
+        ]
+
+    def whole_errors(self, sets: Sequence[Sequence[tuple]], logs: Sequence[int]) -> list[list[np.ndarray]]:
+        """Scaled errors ``[set][log]`` (values,) of whole replays of some logs, with effects ``[set][any log]``."""
+        judged = self.heldout_gap.judged
+        trials = [of_all[log] for of_all in map(judged.trials, sets) for log in logs]
+        motions = iter(self.heldout_gap.replayer.motions(trials))
+        return [[scaled_error(next(motions), judged, log)[:: self.every[log]].ravel() for log in logs] for _ in sets]
+
+    @cached_property
+    def every(self) -> list[int]:
+        """Number of rows between the compared rows of each log."""
+        return [log.info.rows(EVERY_S) for log in self.heldout_gap.judged.logs]
+
+    def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
+        """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
+        values = np.concatenate([of.whole for of in errors])
+        whole = independent(len(values)) / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
+        chi2 = np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
+        return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2).sum() + 0.5 * departs @ departs)
+
+    def normal(
+        self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold."""
+        values = np.concatenate([of.whole for of in errors])
+        of_whole = independent(len(values)) / max(float(values @ values), 1e-12)
+        curvature, slope = np.eye(len(departs)), departs.copy()
+        for own, of, by in zip(self.heldout_gap.folds, errors, slopes, strict=True):
+            if own == fold:
+                continue
+            weights = PIECE_VALUES / (USUAL + np.mean(of.pieces**2, axis=1)) / max(1, of.pieces.shape[1])
+            flat = by.pieces.reshape(-1, len(departs))
+            weighted = (by.pieces * weights[:, None, None]).reshape(-1, len(departs))
+            curvature += of_whole * by.whole.T @ by.whole + weighted.T @ flat
+            slope += of_whole * by.whole.T @ of.whole + weighted.T @ of.pieces.ravel()
+        return curvature, slope
+
+    def slopes(
+        self, about: Numbers, numbers: np.ndarray, errors: Sequence[LogErrors], whole: bool, logs: Sequence[int]
+    ) -> list[LogErrors]:
+        """Derivatives by the scaled numbers of some logs, whose ``errors`` at the numbers are known."""
+        size, (lower, upper) = about.differences
+        by = np.where(numbers + size <= upper, size, -np.minimum(size, numbers - lower))
+        by = np.where(by == 0, size, by)
+        moved = self.errors(about.hypotheses, list((numbers + np.diag(by))[about.fitted]), whole, logs)
+        share = (about.spread / by)[about.fitted]
+        return [
+            LogErrors(
+                difference([of[k].whole for of in moved], start.whole, share),
+                difference([of[k].pieces for of in moved], start.pieces, share),
+            )
+            for k, start in enumerate(errors)
+        ]
+
+
+def difference(moved: Sequence[np.ndarray], start: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Finite differences by several numbers, (…, numbers), scaled by ``share`` (numbers,)."""
+    found = [(one - start) * s for one, s in zip(moved, share, strict=True)]
+    return np.stack(found, axis=-1) if found else np.zeros((*start.shape, 0))
+
+
+def independent(values: int) -> float:
+    """Number of independent values of whole replays among so many compared ones."""
+    return values * EVERY_S / INDEPENDENT_S
+
+
+def damped_step(curvature: np.ndarray, slope: np.ndarray, damping: float) -> np.ndarray:
+    """Levenberg–Marquardt step in the scaled numbers, (numbers,), by the normal equations."""
+    return np.asarray(-np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope))

@@ -1,0 +1,39 @@
+"""Commands that get lost on the way, so that the joints keep the last one that arrived."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class DroppedCommands(Effect):
+    """Share of the commands that are lost, each by chance and on its own; the joint PD goes on with the last one.
+
+    Which ones were lost is not known, so the mean over all losses acts: with the share p, command u of row t is
+    (1 − p) Σ pᵏ u(t − k). That is late by p / (1 − p) rows on average, and smooth.
+    """
+
+    name = "dropped_commands"
+    by_default = False
+    places = "joints"
+    needs_motor = True
+
+    share: float = parameter(0.0, "1", 0.0, 0.95, 0.5)
+
+    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """Replace the commands of the joints by their mean over the losses."""
+        if self.is_nominal:
+            return commands
+        at = robot.joints_at(self.location)
+
+        def received(sent: np.ndarray) -> np.ndarray:
+            mean = sent.copy()
+            first = self.share * sent[:1, at]  # the first command has arrived
+            mean[:, at] = lfilter([1 - self.share], [1.0, -self.share], sent[:, at], axis=0, zi=first)[0]
+            return mean
+
+        return Commands(received(commands.torque), received(commands.position), received(commands.velocity))

@@ -1,0 +1,35 @@
+"""Gravity that does not point along the model's vertical: an arm on a leaning mount, a model with its base turned."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect, parameter
+from leapgap.effects.leaning import lean, rotated
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class GravityDirection(Effect):
+    """Gravity turned by a roll about the world's x axis, then a pitch about its y axis; its size stays.
+
+    For a robot on a floor it is the same as a floor and a measuring frame that both lean the other way.
+    """
+
+    name = "gravity_direction"
+    by_default = False
+
+    roll_rad: float = parameter(0.0, "rad", -0.5, 0.5, 0.05)
+    pitch_rad: float = parameter(0.0, "rad", -0.5, 0.5, 0.05)
+
+    @classmethod
+    def lacks(cls, robot: Robot) -> str | None:
+        """Without gravity there is no direction of it."""
+        return super().lacks(robot) or (None if np.any(robot.model.opt.gravity) else "gravity")
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Turn the gravity of the model."""
+        if self.is_nominal:
+            return
+        model.opt.gravity = rotated(model.opt.gravity[None], lean(self.roll_rad, self.pitch_rad))[0]

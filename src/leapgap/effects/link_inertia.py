@@ -1,0 +1,27 @@
+"""Links that turn harder or easier than the model's."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.effects.links import links_at
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class LinkInertia(Effect):
+    """Ratio of true to nominal rotational inertia of links about their centres of mass; masses and centres stay."""
+
+    name = "link_inertia"
+    by_default = False
+    places = "joints"
+
+    scale: float = parameter(1.0, "1", 0.1, 5.0, 1.5)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Scale the inertia of the links that the located joints move."""
+        if self.is_nominal:
+            return
+        model.body_inertia[links_at(robot, self.location)] *= self.scale
+        recompute_constants(model)

@@ -1,0 +1,43 @@
+"""A torque that a motor delivers beside the one it is told: a current sensor with an offset, a preloaded gear."""
+
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+
+from leapgap.effects.base import Commands, Effect, Parameter, parameter
+from leapgap.robot.model import Robot
+
+LARGEST, MODERATE = 0.3, 0.03
+"""Limit of the search and noticeable value, as shares of the largest torque of the motors."""
+
+
+@dataclass(frozen=True)
+class TorqueOffset(Effect):
+    """Constant torque added to what is commanded; the motor's limit and gain act on the sum."""
+
+    name = "torque_offset"
+    by_default = False
+    places = "joints"
+    needs_motor = True
+
+    torque_nm: float = parameter(0.0, "N·m", -10.0, 10.0, 1.0, limits=(-inf, inf))
+
+    @classmethod
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """Shares of the motors' largest torque, where the model states one."""
+        (declared,) = super().parameters(robot, location)
+        limits = robot.torque_limits[robot.joints_at(location)]
+        stated = limits[np.isfinite(limits)]
+        if not len(stated):
+            return (declared,)
+        most = float(stated.max())
+        return (replace(declared, lower=-LARGEST * most, upper=LARGEST * most, moderate=MODERATE * most),)
+
+    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """Add to the feed-forward torque of the joints."""
+        if self.is_nominal:
+            return commands
+        torque = commands.torque.copy()
+        torque[:, robot.joints_at(self.location)] += self.torque_nm
+        return replace(commands, torque=torque)

@@ -1,0 +1,109 @@
+"""All effects fitted together, and parts of other descriptions, on logs that plain MuJoCo simulated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.descriptions import judge_descriptions
+from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.logs.log import Log
+from leapgap.robot.model import DEFAULT_MODEL, Robot
+from leapgap.simulation.replay import Replayer
+from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
+from tests.plain_simulation import Pd, by_motors, simulate
+
+KINDS = ["joint_damping", "joint_friction", "armature", "torque_gain", "command_delay", "encoder_bias"]
+MOTIONS = [Pd(20, 0.5, 0.3), Pd(30, 0.8, 0.5), Pd(12, 0.3, 0.8, 2.0), Pd(25, 0.6, 0.4, 3.0)]
+
+
+def worn(model: mujoco.MjModel) -> None:
+    """What is hidden at both joints of the arm."""
+    model.dof_damping[:] += 0.25
+    model.dof_frictionloss[:] = 0.3
+    model.dof_armature[:] += 0.02
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def noisy_logs(path: Path, change, motions=MOTIONS, rows: int = 900, **more) -> list[Log]:
+    """A log of each motion, with sensor noise."""
+    rng, found = np.random.default_rng(3), []
+    for number, pd in enumerate(motions):
+        log = simulate(path, by_motors, pd, rows=rows, change=change, **more).log
+        noise = {"joint_pos": 2e-4, "joint_vel": 5e-3}
+        columns = {
+            name: values + noise.get(name.split("/")[0], 0.0) * rng.standard_normal(rows)
+            for name, values in log.columns.items()
+        }
+        found.append(replace(log, name=f"motion_{number}", columns=columns))
+    return found
+
+
+def heldout_gap(logs: list[Log], robot: Robot) -> HeldOutGap:
+    judged = JudgedLogs.of(logs, robot)
+    return HeldOutGap.of(judged, Replayer(robot, 1, 2), 4, 1, 100, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, HeldOutGap, ShortRollouts]:
+    path = tmp_path_factory.mktemp("arm") / "arm.xml"
+    path.write_text(two_link_arm(TORQUE_MOTOR))
+    robot = Robot.load(path)
+    gap = heldout_gap(noisy_logs(path, worn), robot)
+    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
+    return robot, gap, short.whiten_for(short.on_every_log(()))
+
+
+def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
+    robot, gap, short = arm
+    causes = JointFit(gap, short, ()).search(list_hypotheses(KINDS, robot, None))
+    fit = causes[-1].fit
+    found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
+    assert set(found) == {"joint_damping", "joint_friction", "armature"}
+    assert found["joint_damping"] == pytest.approx(0.25, rel=0.1)
+    assert found["joint_friction"] == pytest.approx(0.3, rel=0.1)
+    assert found["armature"] == pytest.approx(0.02, rel=0.1)
+    assert gap.closure_value(fit.heldout) > 0.9
+    closes = [gap.closure_value(squares) for squares in gap.squares([cause.fit for cause in causes])]
+    assert closes == sorted(closes)
+
+
+def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
+    """The armature as some evidence has it, half as large as it is: others are fitted around it."""
+    robot, gap, short = arm
+    told = Evidence("a test", "armature.inertia", 0.01, 0.0005, "kg·m²", {}, "said here")
+    plan = JointFitSettings(first_steps=2, all_steps=2, steps=2)
+    fit = JointFit(gap, short, (told,), plan).search(list_hypotheses(KINDS, robot, None))[-1].fit
+    at = fit.names.index("armature")
+    assert fit.split()[at] == pytest.approx([0.01])
+    assert (fit.fold_numbers[:, at] == 0.01).all()
+    assert np.sqrt(fit.covariance[at, at]) == pytest.approx(0.0005)
+
+
+def test_the_better_parts_of_another_description_are_found() -> None:
+    """An A1 in the air with our lengths, but with joints and masses as the maker's file of 2020 has them.
+
+    Its joint PD acts once a step, as the integrator of that file has it.
+    """
+    other = Robot.load(DEFAULT_MODEL.with_name("a1_2020.xml"))
+    makers = mujoco.MjModel.from_xml_path(str(other.path))
+
+    def joints_and_masses_of_2020(model: mujoco.MjModel) -> None:
+        for name in ("dof_damping", "dof_frictionloss", "dof_armature"):
+            getattr(model, name)[6:] = getattr(makers, name)[6:]
+        for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat"):
+            getattr(model, name)[:] = getattr(makers, name)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    motions = [Pd(60, 2.0, 0.1), Pd(60, 2.0, 0.2), Pd(80, 2.0, 0.15), Pd(50, 1.5, 0.1)]
+    logs = noisy_logs(DEFAULT_MODEL, joints_and_masses_of_2020, motions, rows=300, lift_m=5.0)
+    mix, whole = judge_descriptions([other], heldout_gap(logs, Robot.load()))
+    assert mix.robot == "masses, joints, simulation of a1_2020.xml"
+    assert mix.closure.value > 0.98 and mix.gap < 0.9 * whole.gap

@@ -1,0 +1,100 @@
+"""Late commands and filtered joint PDs against a disc that plain MuJoCo steps with a controller written out here."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap import effects
+from leapgap.logs.log import Log, LogInfo
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer, Rollout
+
+DISC = """<mujoco model="disc"><option timestep="0.001" integrator="{integrator}"/><worldbody><body>
+  <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/><joint name="j" axis="0 0 1" damping="0.02"/></body>
+  </worldbody><actuator><motor joint="j" ctrlrange="-8 8"/></actuator></mujoco>"""
+TICKS = np.array([1, 3, 1, 2, 12, 1, 1, 4, 2, 1] * 4)
+"""Milliseconds that each row lasts."""
+TORQUE, ANGLE, KP, KD = np.sin(np.arange(40.0)) * 3, np.cos(np.arange(40) / 7.0), 60.0, 1.5
+
+
+def disc(folder: Path, integrator: str = "Euler") -> Robot:
+    """The robot of one joint."""
+    (folder / "disc.xml").write_text(DISC.format(integrator=integrator))
+    return Robot.load(folder / "disc.xml")
+
+
+def uneven_log(kp: float = KP, kd: float = KD, slower: int = 1) -> Log:
+    """Forty rows of unequal length whose commands change in each."""
+    time = slower * np.concatenate([[0], np.cumsum(TICKS[:-1])]) / 1000
+    columns = {"joint_pos/j": np.full(40, 0.3), "joint_vel/j": np.zeros(40), "cmd_tau/j": TORQUE, "cmd_pos/j": ANGLE}
+    columns |= {"cmd_vel/j": 0 * TORQUE, "cmd_kp/j": np.full(40, kp), "cmd_kd/j": np.full(40, kd)}
+    return Log("uneven", {"time": time} | columns, LogInfo("disc", float(time[-1] / 39), source="made for a test"))
+
+
+def plain(robot: Robot, row_of_tick: np.ndarray, keep: float = 0.0, kp: float = KP, kd: float = KD) -> np.ndarray:
+    """Angle at the beginning of each row: a controller of 1 kHz that holds commands of ``row_of_tick`` (ticks,).
+
+    It damps the velocity v_f = ``keep`` v_f + (1 − ``keep``) q̇.
+    """
+    model = mujoco.MjModel.from_xml_path(str(robot.path))
+    data = mujoco.MjData(model)
+    data.qpos[0], filtered, angles = 0.3, 0.0, []
+    for row in row_of_tick:
+        angles.append(data.qpos[0])
+        filtered = keep * filtered + (1 - keep) * data.qvel[0]
+        data.ctrl[0] = np.clip(TORQUE[row] + kp * (ANGLE[row] - data.qpos[0]) - kd * filtered, -8, 8)
+        mujoco.mj_step(model, data)
+    return np.array(angles)[len(row_of_tick) // TICKS.sum() * np.concatenate([[0], np.cumsum(TICKS[:-1])])]
+
+
+def replay(robot: Robot, *found: effects.Effect, **of_log: float) -> np.ndarray:
+    """Angle in each row by the replay."""
+    (motion,) = Replayer(robot).motions([Rollout(uneven_log(**of_log), found)])
+    return motion.qpos[:, 0]
+
+
+SENT = np.repeat(np.arange(40), TICKS)
+"""Row whose command is sent in each millisecond."""
+
+
+def test_rows_hold_their_commands_for_as_long_as_they_last(tmp_path: Path) -> None:
+    robot = disc(tmp_path)
+    assert replay(robot) == pytest.approx(plain(robot, SENT), abs=1e-12)
+
+
+def test_a_delay_of_commands_is_a_time_whatever_the_rows_last(tmp_path: Path) -> None:
+    robot = disc(tmp_path)
+    late = np.concatenate([[0] * 5, SENT[:-5]])
+    found = replay(robot, effects.effect("command_delay", delay_s=0.005))
+    assert found == pytest.approx(plain(robot, late), abs=1e-9)
+    assert np.abs(found - plain(robot, SENT)).max() > 0.02
+
+
+def test_a_process_that_computes_before_it_sends_is_late_by_a_share_of_each_row(tmp_path: Path) -> None:
+    robot = disc(tmp_path)
+    whole = np.maximum(SENT - 1, 0)  # commands of the row before
+    assert replay(robot, effects.effect("computation_delay", share=1.0)) == pytest.approx(plain(robot, whole), abs=1e-9)
+    # Rows of twice the length, each of which holds the former command for its first half.
+    halves = np.concatenate([[max(row - 1, 0)] * n + [row] * n for row, n in enumerate(TICKS)])
+    found = replay(robot, effects.effect("computation_delay", share=0.5), slower=2)
+    assert found == pytest.approx(plain(robot, halves), abs=1e-9)
+    assert np.abs(found - plain(robot, np.repeat(whole, 2))).max() > 0.02
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+@pytest.mark.parametrize("keep", [0.35, 0.8])
+def test_a_joint_pd_with_a_filtered_velocity_is_that_of_a_drive(tmp_path: Path, integrator: str, keep: float) -> None:
+    """Also where the torque meets its limit, and in a model whose own joint PD would be implicit."""
+    robot = disc(tmp_path, integrator)
+    found = replay(robot, effects.effect("velocity_filter", time_constant_s=-0.001 / np.log(keep)))
+    assert found == pytest.approx(plain(robot, SENT, keep), abs=1e-9)
+    assert np.abs(found - replay(robot)).max() > 1e-4
+
+
+def test_the_limit_holds_for_the_sum_of_a_filtered_damper_and_the_rest(tmp_path: Path) -> None:
+    robot = disc(tmp_path)
+    strong = {"kp": 400.0, "kd": 6.0}
+    found = replay(robot, effects.effect("velocity_filter", time_constant_s=-0.001 / np.log(0.35)), **strong)
+    assert found == pytest.approx(plain(robot, SENT, 0.35, **strong), abs=1e-9)
