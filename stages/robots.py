@@ -19,7 +19,7 @@ from leapgap.logs.importers import log_format
 from leapgap.logs.importers.base import LogFormat
 from leapgap.output_folder import whole_folder
 from leapgap.reports.diagnosis import diagnose_logs
-from leapgap.validation.real_robots import RealCase, is_here, outcome_of, read_case
+from leapgap.validation.real_robots import RealCase, is_here, outcome_of, published_pushes, read_case
 from stages.common import CONF, output_folder, read_config, run_stage
 
 STAGE = "stages.robots"
@@ -34,6 +34,8 @@ class RobotsSettings:
     metrics: str | None
     cases: dict[str, Any]
     """Name of a case → its ``RealCase``, read one by one so that a wrong key is told with its case."""
+    pushes: dict[str, dict[str, str]]
+    """Name of a case → joint → column of its tables with the torque that pushed it, hidden from the diagnosis."""
 
 
 def robots(config: DictConfig) -> None:
@@ -51,7 +53,9 @@ def robots(config: DictConfig) -> None:
             begin = time.perf_counter()
             robot, logs = read_case(case, raw, *importer(case.import_logs))
             report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
-            table[name] = outcome_of(case, report.content, time.perf_counter() - begin)
+            seconds = time.perf_counter() - begin
+            pushes = published_pushes(raw / case.source, chosen.pushes.get(name, {}))
+            table[name] = outcome_of(case, report.content, seconds, pushes)
             report.save(folder / name)
             verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
             verdict = "not judged" if case.expected is None else verdict

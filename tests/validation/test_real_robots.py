@@ -6,11 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ParameterEstimate
-from leapgap.validation.real_robots import RealCase, is_expected, is_here, outcome_of
+from leapgap.validation.real_robots import (
+    PublishedPush,
+    RealCase,
+    compare_pushes,
+    is_expected,
+    is_here,
+    outcome_of,
+    published_pushes,
+)
 from tests.code import ROOT
 
 FRICTION = {"joint_friction": {"torque_nm": [-0.1, 0.9]}}
@@ -70,3 +80,55 @@ def test_without_any_data_the_stage_says_so_and_writes_no_metrics(tmp_path: Path
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("left out") == 6
     assert not (tmp_path / "metrics.json").exists()
+
+
+def pushes_of(folder: Path) -> list[PublishedPush]:
+    """Those of a table with two triangular pushes at a joint, +0.1 N·m·s about 0.5 s and −0.2 N·m·s about 1.5 s."""
+    time = np.arange(0, 2, 0.001)
+    torque = 1.0 * np.maximum(1 - np.abs(time - 0.5) / 0.1, 0) - 2.0 * np.maximum(1 - np.abs(time - 1.5) / 0.1, 0)
+    table = np.column_stack([time + 7.0, torque])
+    np.savetxt(folder / "one.csv", table, delimiter=",", header="time,tau_pert1", comments="")
+    return published_pushes(folder, {"shoulder": "tau_pert1"})
+
+
+def force(time_s: float, impulse: float, at: str = "shoulder") -> OutsideForce:
+    interval = (impulse - 0.01, impulse + 0.01)
+    return OutsideForce("one", at, "", time_s, time_s - 0.1, time_s + 0.1, 10 * impulse, impulse, interval, "N·m", 9.0)
+
+
+def test_published_pushes_are_read_with_their_time_and_impulse(tmp_path: Path) -> None:
+    first, second = pushes_of(tmp_path)
+    assert (first.log, first.joint) == ("one", "shoulder")
+    assert (first.time_s, first.impulse) == (pytest.approx(0.5, abs=1e-3), pytest.approx(0.1, rel=0.01))
+    assert (second.time_s, second.impulse) == (pytest.approx(1.5, abs=1e-3), pytest.approx(-0.2, rel=0.01))
+    assert not published_pushes(tmp_path, {})
+
+
+@pytest.mark.parametrize(
+    ("told", "found", "false", "share"),
+    [
+        ((force(0.52, 0.3), force(1.47, -0.18)), 2, 0, (0.1 + 0.18) / 0.3),
+        ((force(0.5, 0.1), force(1.44, -0.2)), 1, 1, 1 / 3),
+        ((force(0.5, -0.1), force(1.5, -0.2, "elbow")), 0, 2, 0.0),
+        ((), 0, 0, 0.0),
+    ],
+)
+def test_a_push_is_found_at_its_joint_time_and_sign(
+    tmp_path: Path, told: tuple[OutsideForce, ...], found: int, false: int, share: float
+) -> None:
+    compared = compare_pushes(pushes_of(tmp_path), told)
+    assert (compared["found"], compared["false"]) == (found, false)
+    assert compared["impulse_share"] == pytest.approx(share, rel=0.01)
+
+
+@pytest.mark.parametrize(("impulse", "right"), [(-0.18, True), (-0.1, False)])
+def test_pushes_are_right_where_most_of_their_impulse_is_told(tmp_path: Path, impulse: float, right: bool) -> None:
+    case = RealCase("acrobot", "acrobot", "robot.xml", "pushes", {"external_push": {}}, False)
+    named = cause("external_push")
+    content = SimpleNamespace(
+        causes=(named,), answer=(("external_push",),), closure_of_answer=None, verdict="named", gap_nominal=1.0
+    )
+    content.headline, content.gap_per_log = SimpleNamespace(horizon_s=None), {}
+    content.outside_forces = (force(0.5, 0.1), force(1.5, impulse))
+    row = outcome_of(case, content, 1.0, pushes_of(tmp_path))
+    assert (row["right"], row["false_name"]) == (right, False)

@@ -18,6 +18,9 @@ from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
+from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
+from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
 from leapgap.diagnosis.own_clock import own_clock
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
@@ -83,6 +86,8 @@ class Settings:
     """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
     joint: JointFitSettings = field(default_factory=JointFitSettings)
     """Settings of the fit of all effects together, used where logs have a clock of their own."""
+    outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
+    """Settings of the search for forces from outside; rows in which they act are left out."""
     rows_threshold: float = 0.2
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
@@ -176,10 +181,18 @@ def diagnose(
     slots = max((len(log.info.terrain) for log in logs), default=0)
     judged = JudgedLogs.of(logs, robot, settings.sizes)
     replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
-    heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
-    progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
     checks = run_checks(judged.logs, robot, settings.check_thresholds, logs)
     clock = own_clock(judged, checks, settings.sizes)
+    # By a clock of their own, rows are not known well enough to tell accelerations of a push.
+    outside = OutsideForces() if clock is not None else find_outside_forces(judged, replayer, settings.outside)
+    given = judged
+    if outside.logs:
+        judged = JudgedLogs.of(outside.logs, robot, settings.sizes)
+        checks = run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)
+    heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
+    progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
+    for force in outside.forces:
+        progress(f"from outside: {force.says}")
     if clock is not None:
         judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
@@ -246,7 +259,7 @@ def diagnose(
         set_aside=dict(set_aside),
     )
     return Diagnosis(
-        report,
+        with_outside_forces(report, outside, given, heldout_gap, corrected),
         tuple(states.log for states in judged.whole),
         nominal=dict(zip(names, heldout_gap.nominal_motions, strict=True)),
         corrected=dict(zip(names, replays, strict=True)),

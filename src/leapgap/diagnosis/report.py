@@ -11,6 +11,7 @@ from leapgap.diagnosis.descriptions import DescriptionFigures
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.localisation import Place
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.provenance import Provenance
 
 FORMAT_VERSION = 1
@@ -120,6 +121,8 @@ class ReportContent:
     provenance: Provenance
     set_aside: Mapping[str, str] = field(default_factory=dict)
     """Name → reason of each log that was left out: it could not be used, or departs from its fellows."""
+    outside_forces: tuple[OutsideForce, ...] = ()
+    """Forces and moments from outside, by log and time."""
 
     @property
     def median_log(self) -> str:
@@ -174,6 +177,7 @@ class ReportContent:
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
                 "set_aside": dict(self.set_aside),
+                "outside_forces": [one.to_json() for one in self.outside_forces],
                 "gap_per_log": self.gap_per_log,
                 "landing_misplaced_m": self.landing_misplaced_m,
                 "provenance": asdict(self.provenance),

@@ -24,16 +24,18 @@ def at_least_two(logs: Sequence[Log]) -> list[Log]:
 def cut(log: Log, parts: int) -> list[Log]:
     """Equal parts of a log, each with a time that begins at 0; named by the log and a number."""
     rows = len(log) // parts
-    found = []
-    for k in range(parts):
-        begin, end = k * rows, (k + 1) * rows if k < parts - 1 else len(log)
-        columns = {name: values[begin:end] for name, values in log.columns.items()}
-        start, stop = float(log.time[begin]), float(log.time[end - 1])
-        columns["time"] = columns["time"] - start
-        segments = tuple(within(segment, start, stop) for segment in log.info.stated_segments)
-        info = replace(log.info, stated_segments=tuple(one for one in segments if one.end_s > one.begin_s))
-        found.append(Log(f"{log.name}_{k + 1}", columns, info))
-    return found
+    ends = [*((k + 1) * rows for k in range(parts - 1)), len(log)]
+    return [rows_between(log, k * rows, end, f"{log.name}_{k + 1}") for k, end in enumerate(ends)]
+
+
+def rows_between(log: Log, begin: int, end: int, name: str) -> Log:
+    """Some rows of a log, by another name and with a time that begins at 0; ``end`` is the row after the last."""
+    columns = {column: values[begin:end] for column, values in log.columns.items()}
+    start, stop = float(log.time[begin]), float(log.time[end - 1])
+    columns["time"] = columns["time"] - start
+    segments = tuple(within(segment, start, stop) for segment in log.info.stated_segments)
+    info = replace(log.info, stated_segments=tuple(one for one in segments if one.end_s > one.begin_s))
+    return Log(name, columns, info)
 
 
 def within(segment: Segment, start_s: float, stop_s: float) -> Segment:

@@ -105,6 +105,7 @@ class Report:
             "gap {:.3g}, corrected {:.3g}, noise floor {:.3g}".format(*gaps) + f" ({len(self.logs)} logs)",
         ]
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
+        lines += [f"from outside: {one.in_words}" for one in content.outside_forces]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
         lines += [f"left out {name}: {reason}" for name, reason in content.set_aside.items()]
         if content.not_judged:

@@ -2,9 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ReportContent, round_floats
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
@@ -13,6 +17,12 @@ from leapgap.robot.model import Robot
 
 Expected = Mapping[str, Mapping[str, Sequence[float]]]
 """Effect → parameter → lowest and highest value that counts as right."""
+PUSHED = 0.01
+"""A published torque above this, N·m, is a push."""
+LATE_S = 0.05
+"""A push is found by a force from outside at its joint whose centre is within this time of its own."""
+LEAST_FOUND = 0.8
+"""Least share of the impulse of all published pushes that has to be told of those that are found."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,23 @@ class RealCase:
     """Whether the robot hangs: its floating base is held."""
 
 
+@dataclass(frozen=True)
+class PublishedPush:
+    """A push whose time and size its makers published."""
+
+    log: str
+    joint: str
+    time_s: float
+    """Its centre, by the time of the log."""
+    impulse: float
+    """N·m·s, signed."""
+
+    def is_told_by(self, force: OutsideForce) -> bool:
+        """Whether a force from outside is this push."""
+        here = (force.log, force.at) == (self.log, self.joint)
+        return here and abs(force.time_s - self.time_s) <= LATE_S and force.impulse * self.impulse > 0
+
+
 def is_here(case: RealCase, raw: Path) -> bool:
     """Whether the files of a case are there."""
     return (raw / case.source).exists() and (raw / case.robot).is_file()
@@ -45,12 +72,56 @@ def read_case(case: RealCase, raw: Path, layout: LogFormat, options: Any) -> tup
     return robot, list(read_foreign(layout, raw / case.source, robot, options).logs)
 
 
-def outcome_of(case: RealCase, report: ReportContent, seconds: float) -> dict[str, Any]:
-    """One row of the table: the answer beside the published one, and whether it is right by the case's rule."""
+def published_pushes(tables: Path, columns: Mapping[str, str]) -> list[PublishedPush]:
+    """All pushes in a folder of tables of their owners.
+
+    ``columns``: joint → column with the torque that pushed it, N·m, which the diagnosis does not see.
+    """
+    found = []
+    for path in sorted(tables.glob("*.csv")) if columns else ():
+        table = np.genfromtxt(path, delimiter=",", names=True)
+        time = table["time"] - table["time"][0]
+        for joint, column in columns.items():
+            torque = table[column]
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(torque) > PUSHED, [False]]).astype(int)))
+            for begin, end in list(pairwise(edges.tolist()))[::2]:
+                own, at = torque[begin:end], time[begin:end]
+                impulse = float(np.trapezoid(own, at))
+                found.append(PublishedPush(path.stem, joint, float(np.trapezoid(own * at, at)) / impulse, impulse))
+    return found
+
+
+def compare_pushes(pushes: Sequence[PublishedPush], told: Sequence[OutsideForce]) -> dict[str, Any]:
+    """How many pushes were found, how many forces were told that are none, and the share of the impulse that was told.
+
+    A force counts with no more than the impulse of its push.
+    """
+    pairs = [(push, next((force for force in told if push.is_told_by(force)), None)) for push in pushes]
+    found = [(push, force) for push, force in pairs if force is not None]
+    impulse = sum(min(abs(force.impulse), abs(push.impulse)) for push, force in found)
+    return {
+        "published": len(pushes),
+        "found": len(found),
+        "false": sum(not any(push.is_told_by(force) for push in pushes) for force in told),
+        "impulse_share": impulse / sum(abs(push.impulse) for push in pushes),
+        "latest_s": max((abs(force.time_s - push.time_s) for push, force in found), default=None),
+    }
+
+
+def outcome_of(
+    case: RealCase, report: ReportContent, seconds: float, pushes: Sequence[PublishedPush] = ()
+) -> dict[str, Any]:
+    """One row of the table: the answer beside the published one, and whether it is right by the case's rule.
+
+    Where pushes were published, ``LEAST_FOUND`` of their impulse must be told and nothing else may be called a push.
+    """
     named = named_causes(report)
     wrong = [] if case.expected is None else [one for one in named if not is_expected(one, case.expected)]
     closure = report.closure_of_answer
     right = bool(named) and not wrong if case.expected else not named
+    compared = compare_pushes(pushes, report.outside_forces) if pushes else None
+    if compared is not None:
+        right = right and compared["impulse_share"] >= LEAST_FOUND and not compared["false"]
     return round_floats(
         {
             "verdict": report.verdict,
@@ -68,6 +139,7 @@ def outcome_of(case: RealCase, report: ReportContent, seconds: float) -> dict[st
             "false_name": bool(wrong),
             "logs": len(report.gap_per_log),
             "seconds": round(seconds, 1),
+            **({} if compared is None else {"pushes": compared}),
         }
     )
 

@@ -1,0 +1,48 @@
+"""A force from outside that acted at some time on a joint or on the base of a robot."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+EXTERNAL_PUSH = "external_push"
+"""Name of forces from outside as a cause. No parameter of the robot stands for them, so that it is no effect."""
+
+
+@dataclass(frozen=True)
+class OutsideForce:
+    """One force or moment from outside, as a log shows it."""
+
+    log: str
+    at: str
+    """Name of the joint, or of the body of the free base."""
+    axis: str
+    """Of a base ``x``, ``y`` or ``z``: of the world for a force, of the base for a moment. Empty for a joint."""
+    time_s: float
+    """Its centre, by the time of the log."""
+    begin_s: float
+    end_s: float
+    peak: float
+    """Signed, N for forces and joints that slide, N·m for moments and joints that turn."""
+    impulse: float
+    """Signed, N·s or N·m·s."""
+    impulse_ci95: tuple[float, float]
+    unit: str
+    """Of the peak: ``N`` or ``N·m``."""
+    size: float
+    """Mean force where it stands out most, in standard deviations of what the model leaves elsewhere."""
+
+    @property
+    def says(self) -> str:
+        """``at 1.71 s in swing_2, elbow, +0.6 N·m for 0.2 s``."""
+        along = f" {'along' if self.unit == 'N' else 'about'} {self.axis}" if self.axis else ""
+        lasts_s = f"{self.end_s - self.begin_s:.2g}"
+        return f"at {self.time_s:.2f} s in {self.log}, {self.at}, {self.peak:+.2g} {self.unit}{along} for {lasts_s} s"
+
+    @property
+    def in_words(self) -> str:
+        """What it says, with its impulse and the interval of that."""
+        low, high = self.impulse_ci95
+        return f"{self.says}, impulse {self.impulse:+.2g} {self.unit}·s ({low:.2g} to {high:.2g})"
+
+    def to_json(self) -> dict[str, Any]:
+        """Its entry of ``report.json``."""
+        return {**asdict(self), "impulse_ci95": list(self.impulse_ci95), "says": self.says}

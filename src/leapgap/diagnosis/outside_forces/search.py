@@ -1,0 +1,132 @@
+"""The search for forces from outside, and the logs without the moments in which they act."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from leapgap.diagnosis.judged_logs import JudgedLogs, is_jump
+from leapgap.diagnosis.outside_forces.episodes import Episode, episodes_of
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
+from leapgap.diagnosis.outside_forces.residuals import Pushed, measure
+from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.logs.cutting import rows_between
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import TWIST_SLICE, VELOCITY_SLICE
+from leapgap.simulation.replay import Replayer
+
+ROUNDS = 2
+"""The moments of the first round are left out of what the second one fits and compares."""
+LEAST_LOGS = 2
+"""So few logs can be compared with each other; a diagnosis needs as many, too."""
+SHORTEST_S, LEAST_ROWS = 0.3, 50
+"""In a shorter log, or in one of fewer rows, no moment stands out."""
+MARGIN_S = 0.03
+"""A force may act so much longer, before and after, than its moment shows."""
+MODEL_ERROR = 0.1
+"""Standard deviation of an impulse because masses and contacts of the model are wrong, as a share of it."""
+SIGMAS = 1.96
+"""Half width of a 95 % interval in standard deviations."""
+
+
+@dataclass(frozen=True)
+class OutsideForces:
+    """Forces from outside that act in some logs."""
+
+    forces: tuple[OutsideForce, ...] = ()
+    """By log and time."""
+    logs: tuple[Log, ...] = ()
+    """The logs without the moments in which they act; empty where nothing is left out."""
+    part_of: Mapping[str, str] = field(default_factory=dict)
+    """Name of each of these → name of the log that it is a part of."""
+
+
+def find_outside_forces(judged: JudgedLogs, replayer: Replayer, settings: OutsideForceSettings) -> OutsideForces:
+    """Find the forces from outside that act in some logs, and the logs without them."""
+    logs, found = judged.logs, OutsideForces()
+    if len(logs) < LEAST_LOGS or any(is_short(log) for log in logs):
+        return found
+    residuals = measure(judged.states, judged.robot, replayer)
+    episodes: list[Episode] = []
+    for _ in range(ROUNDS):
+        episodes = episodes_of(residuals.residuals(moments_of(episodes, len(logs))), settings)
+        if not episodes:
+            return found
+    forces = tuple(force_of(one, logs[one.log], judged.robot) for one in episodes)
+    parts, part_of = quiet_parts([states.log for states in judged.whole], forces, settings)
+    if not settings.remove or len(parts) < LEAST_LOGS:
+        return OutsideForces(forces)
+    return OutsideForces(forces, tuple(parts), part_of)
+
+
+def is_short(log: Log) -> bool:
+    """Whether no moment could stand out in a log."""
+    return len(log) < LEAST_ROWS or float(log.time[-1] - log.time[0]) < SHORTEST_S
+
+
+def moments_of(episodes: Sequence[Episode], logs: int) -> Pushed:
+    """Begin and end of the moments of each log."""
+    return [[(one.begin_s, one.end_s) for one in episodes if one.log == log] for log in range(logs)]
+
+
+def force_of(episode: Episode, log: Log, robot: Robot) -> OutsideForce:
+    """A moment as a force from outside."""
+    half = SIGMAS * float(np.hypot(episode.deviation, MODEL_ERROR * episode.impulse))
+    at, axis, unit = place_of(episode.dof, robot)
+    return OutsideForce(
+        log=log.name,
+        at=at,
+        axis=axis,
+        time_s=episode.time_s,
+        begin_s=episode.begin_s,
+        end_s=episode.end_s,
+        peak=episode.peak,
+        impulse=episode.impulse,
+        impulse_ci95=(episode.impulse - half, episode.impulse + half),
+        unit=unit,
+        size=episode.size,
+    )
+
+
+def place_of(dof: int, robot: Robot) -> tuple[str, str, str]:
+    """Joint or body, axis and unit of a force at a degree of freedom."""
+    if robot.has_free_base and dof < TWIST_SLICE.stop:
+        turns = dof >= VELOCITY_SLICE.stop
+        return robot.model.body(robot.base_body).name, "xyz"[dof % 3], "N·m" if turns else "N"
+    (joint,) = np.flatnonzero(robot.joint_dofs == dof)
+    slides = robot.model.jnt_type[robot.model.dof_jntid[dof]] == mujoco.mjtJoint.mjJNT_SLIDE
+    return robot.joints[int(joint)], "", "N" if slides else "N·m"
+
+
+def quiet_parts(
+    logs: Sequence[Log], forces: Sequence[OutsideForce], settings: OutsideForceSettings
+) -> tuple[list[Log], dict[str, str]]:
+    """The rows of logs in which nothing acts from outside, and the log that each of them is a part of.
+
+    A jump keeps its rows before the first force, since whole jumps are judged from their begin; other logs are cut into
+    the parts between two forces.
+    """
+    parts: list[Log] = []
+    part_of: dict[str, str] = {}
+    for log in logs:
+        own = [one for one in forces if one.log == log.name]
+        for part in [log] if not own else parts_without(log, own, settings.least_part_s):
+            parts.append(part)
+            part_of[part.name] = log.name
+    return parts, part_of
+
+
+def parts_without(log: Log, forces: Sequence[OutsideForce], least_s: float) -> list[Log]:
+    """Parts of a log between its forces, which are in order; the shorter ones are left out."""
+    edges = [log.time[0], *(t for one in forces for t in (one.begin_s - MARGIN_S, one.end_s + MARGIN_S)), log.time[-1]]
+    begins, ends = np.searchsorted(log.time, edges[0::2]), np.searchsorted(log.time, edges[1::2], "right")
+    whole = [
+        (int(begin), int(end))
+        for begin, end in zip(begins, ends, strict=True)
+        if end - begin >= 2 and log.time[end - 1] - log.time[begin] >= least_s
+    ]
+    if is_jump(log):
+        return [log.first_rows(end) for begin, end in whole if begin == 0]
+    return [rows_between(log, begin, end, f"{log.name}_from_{log.time[begin]:.2f}_s") for begin, end in whole]
