@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.checks import run_checks
-from leapgap.logs.log import Log, LogInfo
+from leapgap.errors import InputError
+from leapgap.logs.log import Log, LogInfo, check_read
 from leapgap.logs.row_clock import row_clock, with_clock
 from tests.plain_arm import EXAMPLE, JOINTS, KD, KP
 
@@ -135,3 +136,15 @@ def test_an_even_log_passes_and_an_uneven_one_is_told_in_words() -> None:
     (failed,) = [check for check in run_checks([of_messages()[0]], None, {}) if check.name == "row_clock"]
     assert not failed.passed
     assert "whole multiples of 1 ms" in failed.says and "0.35 of the one before" in failed.says
+
+def test_a_log_of_a_loop_that_hangs_for_12_ms_is_read_as_one_of_lost_rows_is_not() -> None:
+    """The motion goes on through a stall as its velocities say; what is lost in longer gaps nothing says."""
+    rows = np.concatenate([np.arange(700), np.arange(712, 1400)])
+    position, velocity, torque = motion(1.4)
+    fast = 6.0  # as a jump moves its joints
+    log = as_log(CLAIMED_S * np.arange(len(rows)), fast * position[rows], fast * velocity[rows], torque[rows])
+    check_read(log, log.name)
+    lost = np.concatenate([np.arange(600), np.arange(800, 1400)])
+    log = as_log(CLAIMED_S * np.arange(len(lost)), fast * position[lost], fast * velocity[lost], torque[lost])
+    with pytest.raises(InputError, match="rows were lost here"):
+        check_read(log, log.name)
