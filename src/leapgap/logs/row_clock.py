@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from leapgap.logs.log import Log
+from leapgap.logs.row_smoother import Samples, SmoothedLengths, smooth_lengths
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 
 BASE = "base"
@@ -44,6 +45,11 @@ MOVING = 0.1
 """Share of the rows in which a channel has to move to have a say in a clock."""
 COUNTS = 2.0
 """It also moves by more than so many counts of its encoder: between counts an encoder repeats itself."""
+QUIET = 0.625
+"""The noise of the quietest windows over that of all; the smoother takes the latter."""
+STALL, STALLS, SURE = 2.5, 2, 4.0
+"""A row that lasts longer than others by so many mean rows by both halves of the channels, each so many standard
+deviations sure, is a stall; from so many on a log is uneven."""
 REPEATS = 0.02
 """Share of repeated samples, while a joint moves, from which a log is one of messages."""
 
@@ -69,12 +75,7 @@ class Stream:
     @cached_property
     def noise(self) -> np.ndarray:
         """Standard deviation of the positions' noise or rounding, (channels,)."""
-        second = np.diff(self.position[self.fresh], n=2, axis=0) / np.sqrt(6)
-        if len(second) < 2:
-            return np.full(self.position.shape[1], 1e-9)
-        windows = np.array_split(second, max(1, len(second) // NOISE_WINDOW))
-        spread = np.array([np.sqrt((window**2).mean(axis=0)) for window in windows])
-        return np.maximum(np.quantile(spread, QUIETEST, axis=0), 1e-9)
+        return quiet_noise(self.position[self.fresh])
 
     def moves(self, period_s: float) -> np.ndarray:
         """Whether its velocity moves a channel visibly within a row, for all rows but the last, bool, (rows − 1,)."""
@@ -100,6 +101,16 @@ class Stream:
         """Share of the rows that repeat the sample of the row before, of those in which a channel moves."""
         moves = self.moves(period_s)
         return float((~self.fresh[1:])[moves].mean()) if moves.any() else 0.0
+
+
+def quiet_noise(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of the noise of values (samples, channels), in the windows in which it is least, (channels,)."""
+    second = np.diff(values, n=2, axis=0) / np.sqrt(6)
+    if len(second) < 2:
+        return np.full(values.shape[1], 1e-9)
+    windows = np.array_split(second, max(1, len(second) // NOISE_WINDOW))
+    spread = np.array([np.sqrt((window**2).mean(axis=0)) for window in windows])
+    return np.maximum(np.quantile(spread, QUIETEST, axis=0), 1e-9)
 
 
 def streams_of(log: Log, joints: Sequence[str]) -> list[Stream]:
@@ -172,7 +183,11 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
         return None
     if max(stream.repeats(log.info.sample_period_s) for stream in of_joints) < REPEATS:
         return clock_of_whole_rows(log, of_joints)
-    return clock_of_messages(log, streams)
+    clock = clock_of_messages(log, streams)
+    if clock.step_s is not None:
+        return clock
+    every, fresh = merge(of_joints), np.stack([one.fresh for one in of_joints for _ in range(one.position.shape[1])], 1)
+    return noisy_clock(log, streams, every, fresh) or clock
 
 
 def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
@@ -193,14 +208,57 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
     sharp = precision >= np.median(precision)
     most = FARTHEST * float(np.mean(scale * around))
     off = [np.clip((lengths - scale * around)[sharp], -most, most) for lengths, _ in halves]
+    if hangs(halves, scale * around):
+        return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
     agreed = float(np.mean(off[0] * off[1]))
     excess = agreed if agreed > AGREE * float(np.sqrt(np.mean(off[0] ** 2) * np.mean(off[1] ** 2))) else 0.0
-    keep = excess * precision / (excess * precision + 1)
-    shrunk = np.maximum(scale * around + keep * (both - scale * around), 0.0)
-    instants = np.concatenate([[0.0], np.cumsum(shrunk)])
+    if excess > 0:
+        return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
+    even = scale * around
+    instants = np.concatenate([[0.0], np.cumsum(np.maximum(even, 0.0))])
     names = [name for stream in streams for name in stream.columns]
-    spread = np.sqrt(keep / np.maximum(precision, 1e-300))
-    return RowClock(instants, dict.fromkeys(names, instants), spread, None, {}, {})
+    return RowClock(instants, dict.fromkeys(names, instants), np.zeros(len(even)), None, {}, {})
+
+
+def hangs(halves: Sequence[tuple[np.ndarray, np.ndarray]], usual: np.ndarray) -> bool:
+    """Whether rows are stalls by both halves of the channels: their lengths and 1 over the variances, (rows − 1,)."""
+    longer = [lengths - usual for lengths, _ in halves]
+    sure = [more * np.sqrt(precision) > SURE for more, (_, precision) in zip(longer, halves, strict=True)]
+    stalls = np.logical_and.reduce([*sure, *(more > STALL * usual.mean() for more in longer)])
+    return int(stalls.sum()) >= STALLS
+
+
+def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.ndarray) -> RowClock | None:
+    """The clock of a log whose instants noise blurs, by a smoother over all joints.
+
+    A sample is taken in the row that first shows it. ``every`` are the channels of all joints and ``fresh``, (rows,
+    channels), the rows that show new samples of them. None where fewer than two channels move.
+    """
+    moving = [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(mean_step(log)) > MOVING]
+    if len(moving) < 2:
+        return None
+    lengths = smoothed_lengths(every.channel(moving), fresh[:, moving], np.diff(log.time))
+    instants = np.concatenate([[0.0], np.cumsum(lengths.mean)])
+    shown = {stream.name: instants[np.flatnonzero(stream.fresh)][np.cumsum(stream.fresh) - 1] for stream in streams}
+    period = log.info.sample_period_s
+    repeats = {one.name: repeated for one in streams if (repeated := one.repeats(period)) >= REPEATS}
+    return RowClock(
+        instants,
+        {name: shown[stream.name] for stream in streams for name in stream.columns},
+        lengths.spread,
+        None,
+        repeats,
+        {},
+    )
+
+
+def smoothed_lengths(every: Stream, fresh: np.ndarray, claimed: np.ndarray) -> SmoothedLengths:
+    """Lengths of rows by a smoother; ``fresh`` as in ``noisy_clock``, ``claimed`` lengths, s, (rows − 1,)."""
+    noise, velocity_noise = (
+        np.array([quiet_noise(values[new, None])[0] for values, new in zip(table.T, fresh.T, strict=True)]) / QUIET
+        for table in (every.position, every.velocity)
+    )
+    return smooth_lengths(Samples(every.position, every.velocity, fresh, noise, velocity_noise), claimed)
 
 
 def mean_step(log: Log) -> float:
