@@ -137,6 +137,7 @@ def test_an_even_log_passes_and_an_uneven_one_is_told_in_words() -> None:
     assert not failed.passed
     assert "whole multiples of 1 ms" in failed.says and "0.35 of the one before" in failed.says
 
+
 def test_a_log_of_a_loop_that_hangs_for_12_ms_is_read_as_one_of_lost_rows_is_not() -> None:
     """The motion goes on through a stall as its velocities say; what is lost in longer gaps nothing says."""
     rows = np.concatenate([np.arange(700), np.arange(712, 1400)])

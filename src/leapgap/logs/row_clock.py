@@ -104,7 +104,7 @@ class Stream:
 
 
 def quiet_noise(values: np.ndarray) -> np.ndarray:
-    """Standard deviation of the noise of values (samples, channels), in the windows in which it is least, (channels,)."""
+    """Noise of values (samples, channels) in the windows in which it is least, standard deviation, (channels,)."""
     second = np.diff(values, n=2, axis=0) / np.sqrt(6)
     if len(second) < 2:
         return np.full(values.shape[1], 1e-9)
@@ -191,33 +191,40 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
 
 
 def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
-    """The clock of a log whose rows are sampled at once: the length of each row by least squares over the joints.
+    """The clock of a log whose rows are sampled at once: rows of one length, unless the joints agree that they are not.
 
-    Two halves of the channels tell the lengths apart; what both say is no chance. Lengths are drawn towards their mean
-    as far as the rest of their scatter asks for it, so that rows in which little moves last as long as others. None
-    where fewer than two channels move.
+    Two halves of the channels tell the lengths apart; what both say is no chance, and a smoother over all of them then
+    finds the lengths. None where fewer than two channels move.
     """
     every = merge(streams)
-    moving = [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(mean_step(log)) > MOVING]
+    moving = moving_channels(log, every)
     if len(moving) < 2:
         return None
-    around, (first, second) = np.diff(log.time), (every.channel(moving[k::2]) for k in (0, 1))
-    scale = mean_scale(every.channel(moving), around)
-    halves = [lengths_by(half, scale * around) for half in (first, second)]
-    both, precision = lengths_by(every.channel(moving), scale * around)
-    sharp = precision >= np.median(precision)
-    most = FARTHEST * float(np.mean(scale * around))
-    off = [np.clip((lengths - scale * around)[sharp], -most, most) for lengths, _ in halves]
-    if hangs(halves, scale * around):
+    claimed = np.diff(log.time)
+    expected = mean_scale(every.channel(moving), claimed) * claimed
+    halves = [lengths_by(every.channel(moving[k::2]), expected) for k in (0, 1)]
+    _, precision = lengths_by(every.channel(moving), expected)
+    if hangs(halves, expected) or scatter_alike(halves, expected, precision >= np.median(precision)):
         return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
-    agreed = float(np.mean(off[0] * off[1]))
-    excess = agreed if agreed > AGREE * float(np.sqrt(np.mean(off[0] ** 2) * np.mean(off[1] ** 2))) else 0.0
-    if excess > 0:
-        return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
-    even = scale * around
-    instants = np.concatenate([[0.0], np.cumsum(np.maximum(even, 0.0))])
+    instants = np.concatenate([[0.0], np.cumsum(np.maximum(expected, 0.0))])
     names = [name for stream in streams for name in stream.columns]
-    return RowClock(instants, dict.fromkeys(names, instants), np.zeros(len(even)), None, {}, {})
+    return RowClock(instants, dict.fromkeys(names, instants), np.zeros(len(expected)), None, {}, {})
+
+
+def moving_channels(log: Log, every: Stream) -> list[int]:
+    """Channels that move in enough rows to have a say in a clock."""
+    period = mean_step(log)
+    return [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(period) > MOVING]
+
+
+def scatter_alike(halves: Sequence[tuple[np.ndarray, np.ndarray]], expected: np.ndarray, sharp: np.ndarray) -> bool:
+    """Whether two halves of the channels agree on the departures of lengths, in the rows that they tell sharply.
+
+    ``halves``: lengths and 1 over their variances, (rows − 1,) each; ``sharp``: bool, (rows − 1,).
+    """
+    most = FARTHEST * float(np.mean(expected))
+    first, second = (np.clip((lengths - expected)[sharp], -most, most) for lengths, _ in halves)
+    return float(np.mean(first * second)) > AGREE * float(np.sqrt(np.mean(first**2) * np.mean(second**2)))
 
 
 def hangs(halves: Sequence[tuple[np.ndarray, np.ndarray]], usual: np.ndarray) -> bool:
@@ -234,7 +241,7 @@ def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.nd
     A sample is taken in the row that first shows it. ``every`` are the channels of all joints and ``fresh``, (rows,
     channels), the rows that show new samples of them. None where fewer than two channels move.
     """
-    moving = [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(mean_step(log)) > MOVING]
+    moving = moving_channels(log, every)
     if len(moving) < 2:
         return None
     lengths = smoothed_lengths(every.channel(moving), fresh[:, moving], np.diff(log.time))

@@ -6,12 +6,14 @@ neighbour loses; the smoother knows that, so that noise does not add up over the
 distribution around their mean whose width is found from the log: narrow for an even loop, with far tails for stalls.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 BLOCK, OVERLAP = 400, 25
 """Rows that are smoothed together, and those at each end of them that are smoothed twice."""
+TOGETHER = 64
+"""Blocks that are smoothed side by side, which bounds the memory."""
 ROUNDS = 8
 """Passes over the log, each with the width of lengths that the one before gives."""
 FREEDOM = 3.0
@@ -73,7 +75,7 @@ def smooth_lengths(samples: Samples, claimed: np.ndarray) -> SmoothedLengths:
         scale += float((weight * off * claimed).sum() / (weight * claimed**2).sum())
         width = max(float(np.sqrt((weight * square).mean())), NARROWEST * mean)
     # Stalls have no counterpart: where samples would not show one, a row lasts as long as the mean, not the usual one.
-    told = (1 / found.spread**2 - 1 / before**2) * float(square.mean())
+    told = (1 / np.maximum(found.spread, 1e-12) ** 2 - 1 / before**2) * float(square.mean())
     known = told / (1 + told)
     longer = float(off[known >= np.quantile(known, BEST_KNOWN)].mean())
     return SmoothedLengths(np.maximum(usual + off + (1 - known) * longer, 0.0), found.spread)
@@ -119,14 +121,14 @@ class Blocks:
 
     def smooth(self, expected: np.ndarray, width: np.ndarray) -> SmoothedLengths:
         """Lengths of rows, each with its expectation and standard deviation beforehand, s, (rows − 1,) both."""
-        inside = self.rows[:, :-1]
-        around, before = expected[inside], width[inside] ** 2
-        gains = self.filter(around, before)
-        pull, sure = self.look_back(*gains)
-        mean = around + before * pull
-        spread = np.sqrt(np.maximum(before - before**2 * sure, 0.0))
         every = np.empty((2, len(expected)))
-        every[:, inside[self.own]] = mean[self.own], spread[self.own]
+        for first in range(0, len(self.rows), TOGETHER):
+            some = Blocks(*(getattr(self, field.name)[first : first + TOGETHER] for field in fields(self)))
+            inside = some.rows[:, :-1]
+            around, before = expected[inside], width[inside] ** 2
+            pull, sure = some.look_back(*some.filter(around, before))
+            mean, spread = around + before * pull, np.sqrt(np.maximum(before - before**2 * sure, 0.0))
+            every[:, inside[some.own]] = mean[some.own], spread[some.own]
         return SmoothedLengths(every[0], every[1])
 
     def filter(self, around: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

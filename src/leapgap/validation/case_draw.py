@@ -88,9 +88,7 @@ def draw_cases(
     return cases + [later[i] for i in order]
 
 
-def draw_ordinary_cases(
-    halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot
-) -> list[Case]:
+def draw_ordinary_cases(halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot) -> list[Case]:
     """The cases of the four ordinary kinds of all halves in shuffled order."""
     cases = []
     for name, half in sorted(halves.items()):

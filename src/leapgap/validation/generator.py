@@ -216,10 +216,10 @@ def generate_jump(
     noisy = errors.add_to(motion, robot)
     if timing is None:
         return GeneratedJump(log_of(plan.name, jump, noisy, robot), log_of(plan.name, jump, motion, robot))
-    rows = uneven_rows(timing)
+    rows, commanded = uneven_rows(timing), written_log(jump, timing)
     shown = [rows.change_measured(own[timing.written], jump.info.sample_period_s, robot) for own in (noisy, motion)]
-    commanded = written_log(jump, timing)
-    return GeneratedJump(*(log_of(plan.name, commanded, own, robot) for own in shown), rows)
+    log, clean = (log_of(plan.name, commanded, own, robot) for own in shown)
+    return GeneratedJump(log, clean, rows)
 
 
 def held_rows(before: int, timing: Timing) -> UnevenRows:

@@ -45,9 +45,7 @@ USUAL = Physics("usual", INTEGRATOR.mjINT_EULER, (0.88, 0.955, 0.0012))
 OTHERS: Mapping[str, Physics] = {
     physics.name: physics
     for physics in (
-        Physics(
-            "pyramidal", INTEGRATOR.mjINT_IMPLICIT, (0.9, 0.95, 0.001), 0.0005, CONE.mjCONE_PYRAMIDAL, 10.0
-        ),
+        Physics("pyramidal", INTEGRATOR.mjINT_IMPLICIT, (0.9, 0.95, 0.001), 0.0005, CONE.mjCONE_PYRAMIDAL, 10.0),
         Physics("discrete", INTEGRATOR.mjINT_DISCRETE, (0.85, 0.97, 0.002), 0.0002, CONE.mjCONE_ELLIPTIC, 20.0),
         Physics(
             "stiff",

@@ -238,8 +238,7 @@ class LateMessages(ClockFamily):
 
 
 FAMILIES: Mapping[str, type[ClockFamily]] = {
-    kind.name: kind
-    for kind in (LateWriter, LostRows, Stalls, StaleSamples, Drift, OtherPeriod, LateMessages)
+    kind.name: kind for kind in (LateWriter, LostRows, Stalls, StaleSamples, Drift, OtherPeriod, LateMessages)
 }
 """All families by name."""
 

@@ -36,7 +36,9 @@ class EvenRows(Check):
         if not known:
             return None
         spread = {
-            name: max(unevenness(clock, log), staleness(clock)) for log in logs if (clock := known.get(name := log.name))
+            name: max(unevenness(clock, log), staleness(clock))
+            for log in logs
+            if (clock := known.get(name := log.name))
         }
         statistic = float(np.median(list(spread.values())))
         passed = statistic <= threshold
@@ -73,7 +75,9 @@ def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> 
     every = list(clocks.values())
     said = [f"rows of these logs are not evenly spaced: their lengths scatter by {100 * statistic:.0f} %"]
     if stale >= statistic:
-        said = [f"rows of these logs do not show what was measured in them: ages scatter by {100 * stale:.0f} % of a row"]
+        said = [
+            f"rows of these logs do not show what was measured in them: ages scatter by {100 * stale:.0f} % of a row"
+        ]
     repeated = [clock.repeated for clock in every]
     if np.median(repeated) > 0:
         said.append(f"{100 * float(np.median(repeated)):.0f} % of the samples repeat the row before")
