@@ -50,6 +50,8 @@ QUIET = 0.625
 STALL, STALLS, SURE = 2.5, 2, 4.0
 """A row that lasts longer than others by so many mean rows by both halves of the channels, each so many standard
 deviations sure, is a stall; from so many on a log is uneven."""
+EVEN = 0.06
+"""Rows whose lengths scatter by a smaller share of their mean are even: noise alone lets them scatter by 0.03."""
 REPEATS = 0.02
 """Share of repeated samples, while a joint moves, from which a log is one of messages."""
 
@@ -244,7 +246,10 @@ def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.nd
     moving = moving_channels(log, every)
     if len(moving) < 2:
         return None
-    lengths = smoothed_lengths(every.channel(moving), fresh[:, moving], np.diff(log.time))
+    claimed = np.diff(log.time)
+    lengths = smoothed_lengths(every.channel(moving), fresh[:, moving], claimed)
+    if float(np.std(lengths.mean - claimed)) < EVEN * float(lengths.mean.mean()):
+        lengths = SmoothedLengths(claimed * lengths.mean.sum() / claimed.sum(), np.zeros(len(claimed)))
     instants = np.concatenate([[0.0], np.cumsum(lengths.mean)])
     shown = {stream.name: instants[np.flatnonzero(stream.fresh)][np.cumsum(stream.fresh) - 1] for stream in streams}
     period = log.info.sample_period_s
