@@ -74,12 +74,12 @@ class Settings:
     """Relative error of a departure from nominal because the simulation differs from the robot."""
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
-    even_threshold: float = 0.03
+    even_threshold: float = 0.012
     whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
     """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
     joint: JointFitSettings = field(default_factory=JointFitSettings)
     """Settings of the fit of all effects together, used where logs have a clock of their own."""
-    rows_threshold: float = 0.2
+    rows_threshold: float = 0.15
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
     noise_draws: int = 3

@@ -41,6 +41,8 @@ MOVES = 3.0
 AGREE, FARTHEST = 0.5, 3.0
 """Correlation of what two halves of the channels say of the lengths of rows, from which these are uneven; departures
 count up to so many mean rows. Impacts and noise correlate by less than 0.2, uneven rows by more than 0.9."""
+SHARPEST, LEAST_SCATTER = 0.2, 0.12
+"""Share of the rows in which the halves also have to agree on a scatter of so many mean rows; even rows reach 0.05."""
 MOVING = 0.1
 """Share of the rows in which a channel has to move to have a say in a clock."""
 COUNTS = 2.0
@@ -206,7 +208,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
     expected = mean_scale(every.channel(moving), claimed) * claimed
     halves = [lengths_by(every.channel(moving[k::2]), expected) for k in (0, 1)]
     _, precision = lengths_by(every.channel(moving), expected)
-    if hangs(halves, expected) or scatter_alike(halves, expected, precision >= np.median(precision)):
+    if hangs(halves, expected) or scatter_alike(halves, expected, precision):
         return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
     instants = np.concatenate([[0.0], np.cumsum(np.maximum(expected, 0.0))])
     names = [name for stream in streams for name in stream.columns]
@@ -219,14 +221,21 @@ def moving_channels(log: Log, every: Stream) -> list[int]:
     return [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(period) > MOVING]
 
 
-def scatter_alike(halves: Sequence[tuple[np.ndarray, np.ndarray]], expected: np.ndarray, sharp: np.ndarray) -> bool:
+def scatter_alike(halves: Sequence[tuple[np.ndarray, np.ndarray]], expected: np.ndarray, precision: np.ndarray) -> bool:
     """Whether two halves of the channels agree on the departures of lengths, in the rows that they tell sharply.
 
-    ``halves``: lengths and 1 over their variances, (rows − 1,) each; ``sharp``: bool, (rows − 1,).
+    That is the better half of the rows. In the best fifth less noise hides rows of which few are longer; there the
+    departures also have to be large. ``halves``: lengths and 1 over their variances, (rows − 1,) each; ``precision`` of
+    all channels, likewise.
     """
     most = FARTHEST * float(np.mean(expected))
-    first, second = (np.clip((lengths - expected)[sharp], -most, most) for lengths, _ in halves)
-    return float(np.mean(first * second)) > AGREE * float(np.sqrt(np.mean(first**2) * np.mean(second**2)))
+    for share, least in ((0.5, 0.0), (SHARPEST, LEAST_SCATTER * float(np.mean(expected)))):
+        sharp = precision >= np.quantile(precision, 1 - share)
+        first, second = (np.clip((lengths - expected)[sharp], -most, most) for lengths, _ in halves)
+        agreed = float(np.mean(first * second))
+        if agreed > least**2 and agreed > AGREE * float(np.sqrt(np.mean(first**2) * np.mean(second**2))):
+            return True
+    return False
 
 
 def hangs(halves: Sequence[tuple[np.ndarray, np.ndarray]], usual: np.ndarray) -> bool:

@@ -18,7 +18,7 @@ class EvenRows(Check):
     """Rows of one length, each with samples of its own."""
 
     name = "row_clock"
-    threshold = 0.2
+    threshold = 0.15
     place: ClassVar[int] = 0
     needs_robot = False
     needs_all_rows = True
