@@ -14,7 +14,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Rollout
 from leapgap.validation.case import CaseSetup, WithheldCase, further_jumps, withhold
-from leapgap.validation.case_draw import Case, FurtherSizes, Half, draw_cases
+from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance
 from leapgap.validation.physics import OTHERS, physics_of
 from leapgap.validation.uneven_rows import (
@@ -189,23 +189,24 @@ def section() -> dict:
         return OmegaConf.to_container(compose("config").withhold)  # type: ignore[return-value]
 
 
-def halves_of(uneven: int, third: int, too_high: int) -> dict[str, Half]:
-    more = {"clocks": list(FAMILIES), "physics": list(OTHERS)}
-    return {"reported": Half(7, 3, 1, 1, 1, ["wind"], uneven=uneven, third=third, too_high=too_high, **more)}
+HALVES = {"reported": Half(7, 3, 1, 1, 1, ["wind"])}
+
+
+def draw(section: dict, robot: Robot, *numbers: int, shares: dict | None = None) -> list[Case]:
+    """Cases with so many of uneven rows, of a third physics and of too high models."""
+    further = Further({"reported": FurtherCounts(*numbers)}, section["clocks"], shares or section["too_high"])
+    return draw_cases(HALVES, section["sizes"], section["signed"], robot, further)
 
 
 def test_further_kinds_leave_the_ordinary_cases_of_a_seed_as_they_are(section: dict, robot: Robot) -> None:
-    further = FurtherSizes(section["clocks"], section["too_high"])
-    plain = draw_cases(halves_of(0, 0, 0), section["sizes"], section["signed"], robot)
-    cases = draw_cases(halves_of(14, 6, 6), section["sizes"], section["signed"], robot, further)
+    plain = draw_cases(HALVES, section["sizes"], section["signed"], robot)
+    cases = draw(section, robot, 14, 6, 6)
     assert cases[: len(plain)] == plain and len(cases) == len(plain) + 26
-    fewer = draw_cases(halves_of(7, 0, 0), section["sizes"], section["signed"], robot, further)
-    assert all(case in cases for case in fewer)
+    assert all(case in cases for case in draw(section, robot, 7, 0, 0))
 
 
 def test_further_kinds_cover_families_physics_and_effects(section: dict, robot: Robot) -> None:
-    further = FurtherSizes(section["clocks"], section["too_high"])
-    cases = draw_cases(halves_of(14, 6, 6), section["sizes"], section["signed"], robot, further)
+    cases = draw(section, robot, 14, 6, 6)
     uneven = [case for case in cases if case.kind == "uneven"]
     assert sorted(case.clock.name for case in uneven if not case.effects) == sorted(FAMILIES)
     assert sorted(case.clock.name for case in uneven if case.effects) == sorted(FAMILIES)
@@ -218,10 +219,10 @@ def test_further_kinds_cover_families_physics_and_effects(section: dict, robot: 
 
 
 def test_a_robot_of_a_too_high_model_has_the_share_that_was_drawn(section: dict, robot: Robot) -> None:
-    further = FurtherSizes({}, {"armature": {"inertia": [0.25, 0.25]}, "joint_friction": {"torque_nm": [0.0, 0.0]}})
-    cases = draw_cases(halves_of(0, 0, 4), section["sizes"], section["signed"], robot, further)
+    shares = {"armature": {"inertia": [0.25, 0.25]}, "joint_friction": {"torque_nm": [0.0, 0.0]}}
     dofs = robot.joint_dofs
-    for (effect,) in (case.effects for case in cases if case.kind == "too_high"):
+    for case in draw(section, robot, 0, 0, 4, shares=shares)[len(draw(section, robot, 0, 0, 0)) :]:
+        (effect,) = case.effects
         model = Generator(robot).model(Rollout(standing(robot), (effect,)))
         table = {"armature": "dof_armature", "joint_friction": "dof_frictionloss"}[effect.name]
         ratio = getattr(model, table)[dofs] / getattr(robot.model, table)[dofs]

@@ -1,7 +1,7 @@
 """The cases of the blind check: kind, effects, sizes and locations, drawn by seed and shuffled."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.validation.off_table import family
-from leapgap.validation.physics import USUAL, Physics, physics_of
+from leapgap.validation.physics import OTHERS, USUAL, Physics
 from leapgap.validation.uneven_rows import ClockFamily, clock_family
 
 KINDS = ("single", "pair", "nameless", "none")
@@ -31,13 +31,6 @@ class Half:
     none: int
     families: list[str]
     """Names of the off-table effects that are used in turn."""
-    uneven: int = 0
-    clocks: list[str] = field(default_factory=list)
-    """Names of the clock families that are used in turn (``validation.uneven_rows``)."""
-    third: int = 0
-    physics: list[str] = field(default_factory=list)
-    """Names of the physics of the third kind that are used in turn (``validation.physics``)."""
-    too_high: int = 0
 
 
 @dataclass(frozen=True)
@@ -59,17 +52,28 @@ Sizes = Mapping[str, Mapping[str, Sequence[float]]]
 
 
 @dataclass(frozen=True)
-class FurtherSizes:
-    """Sizes of what is drawn for the further kinds."""
+class FurtherCounts:
+    """How many cases of each further kind a half has."""
 
-    clocks: Sizes = field(default_factory=dict)
-    """Clock family → size → [least, most]; its logarithm is drawn evenly."""
-    too_high: Sizes = field(default_factory=dict)
+    uneven: int
+    third: int
+    too_high: int
+
+
+@dataclass(frozen=True)
+class Further:
+    """What is drawn for the further kinds."""
+
+    counts: Mapping[str, FurtherCounts]
+    """Half → numbers of cases; none of a half that is not there."""
+    clocks: Sizes
+    """Clock family → size → [least, most], its logarithm drawn evenly; families are used in turn, in this order."""
+    too_high: Sizes
     """Effect → parameter → [least, most] share of the model's own value that the robot has, drawn evenly."""
 
 
 def draw_cases(
-    halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot, further: FurtherSizes | None = None
+    halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot, further: Further | None = None
 ) -> list[Case]:
     """All cases of all halves; ``signed`` effects depart to either side of nominal.
 
@@ -79,11 +83,14 @@ def draw_cases(
     cases = draw_ordinary_cases(halves, sizes, signed, robot)
     later: list[Case] = []
     for name, half in sorted(halves.items()):
+        if further is None or name not in further.counts:
+            continue
+        counts = further.counts[name]
         sources = [np.random.default_rng([half.seed, 1 + k]) for k in range(len(FURTHER_KINDS))]
         samplers = [EffectSampler(sizes, signed, robot, rng) for rng in sources]
-        later += uneven_cases(name, half, samplers[0], further or FurtherSizes())
-        later += third_cases(name, half, samplers[1])
-        later += too_high_cases(name, half, samplers[2], further or FurtherSizes())
+        later += uneven_cases(name, counts.uneven, samplers[0], further.clocks)
+        later += third_cases(name, counts.third, samplers[1])
+        later += too_high_cases(name, counts.too_high, samplers[2], further.too_high)
     order = np.random.default_rng([*(half.seed for half in halves.values()), 1]).permutation(len(later))
     return cases + [later[i] for i in order]
 
@@ -107,46 +114,38 @@ def draw_ordinary_cases(halves: Mapping[str, Half], sizes: Sizes, signed: Sequen
     return [cases[i] for i in order]
 
 
-def uneven_cases(name: str, half: Half, sampler: "EffectSampler", further: FurtherSizes) -> list[Case]:
+def uneven_cases(half: str, count: int, sampler: "EffectSampler", clocks: Sizes) -> list[Case]:
     """Cases of uneven rows, the families in turn; in every other case an effect of the table acts besides."""
-    names = steady_effects(sampler)
-    cases = []
-    for i in range(half.uneven):
-        kind = in_turn(half.clocks, i, f"withhold.halves.{name}.clocks")
-        clock = sampler.sample_clock(kind, further.clocks)
-        own = (sampler.sample(names[i % len(names)], 0.5),) if alternates(i, len(half.clocks)) else ()
-        cases.append(Case(name, "uneven", own, int(sampler.rng.integers(2**31)), clock))
+    names, families, cases = steady_effects(sampler), list(clocks), []
+    if count and not families:
+        raise InputError("withhold.clocks", "no families", "one or more", "list some")
+    for i in range(count):
+        clock = sampler.sample_clock(families[i % len(families)], clocks)
+        own = (sampler.sample(names[i % len(names)], 0.5),) if alternates(i, len(families)) else ()
+        cases.append(Case(half, "uneven", own, int(sampler.rng.integers(2**31)), clock))
     return cases
 
 
-def third_cases(name: str, half: Half, sampler: "EffectSampler") -> list[Case]:
-    """Cases of a third physics, each kind of it in turn; in every other case one effect of the table acts."""
-    names = steady_effects(sampler)
-    cases = []
-    for i in range(half.third):
-        physics = physics_of(in_turn(half.physics, i, f"withhold.halves.{name}.physics"))
+def third_cases(half: str, count: int, sampler: "EffectSampler") -> list[Case]:
+    """Cases of a third physics, each of them in turn; in every other case one effect of the table acts."""
+    names, every, cases = steady_effects(sampler), list(OTHERS.values()), []
+    for i in range(count):
+        physics = every[i % len(every)]
         free = [effect for effect in names if effect not in physics.accepted]
-        own = () if alternates(i, len(half.physics)) else (sampler.sample(free[i % len(free)]),)
-        cases.append(Case(name, "third", own, int(sampler.rng.integers(2**31)), None, physics))
+        own = () if alternates(i, len(every)) else (sampler.sample(free[i % len(free)]),)
+        cases.append(Case(half, "third", own, int(sampler.rng.integers(2**31)), None, physics))
     return cases
 
 
-def too_high_cases(name: str, half: Half, sampler: "EffectSampler", further: FurtherSizes) -> list[Case]:
+def too_high_cases(half: str, count: int, sampler: "EffectSampler", too_high: Sizes) -> list[Case]:
     """Cases of robots with less friction, damping or armature than the model, each effect in turn."""
-    names = sorted(further.too_high)
-    cases = []
-    for i in range(half.too_high):
-        effect = in_turn(names, i, "withhold.too_high")
-        own = (sampler.sample_reduction(effect, further.too_high),)
-        cases.append(Case(name, "too_high", own, int(sampler.rng.integers(2**31))))
+    names, cases = sorted(too_high), []
+    if count and not names:
+        raise InputError("withhold.too_high", "no effects", "one or more", "list some")
+    for i in range(count):
+        own = (sampler.sample_reduction(names[i % len(names)], too_high),)
+        cases.append(Case(half, "too_high", own, int(sampler.rng.integers(2**31))))
     return cases
-
-
-def in_turn(names: Sequence[str], number: int, where: str) -> str:
-    """The name whose turn it is; an ``InputError`` where there is none."""
-    if not names:
-        raise InputError(where, "no names", "one or more", "list some")
-    return names[number % len(names)]
 
 
 def alternates(number: int, turns: int) -> bool:
