@@ -52,6 +52,8 @@ QUIET = 0.625
 STALL, STALLS, SURE = 2.5, 2, 4.0
 """A row that lasts longer than others by so many mean rows by both halves of the channels, each so many standard
 deviations sure, is a stall; from so many on a log is uneven."""
+MOST_FIT = 0.8
+"""Share of the motions between samples that even rows have to explain within ``OUTLIER`` standard deviations."""
 EVEN = 0.06
 """Rows whose lengths scatter by a smaller share of their mean are even: noise alone lets them scatter by 0.03."""
 REPEATS = 0.02
@@ -188,7 +190,7 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
     if max(stream.repeats(log.info.sample_period_s) for stream in of_joints) < REPEATS:
         return clock_of_whole_rows(log, of_joints)
     clock = clock_of_messages(log, streams)
-    if clock.step_s is not None:
+    if clock.step_s is not None and not even_rows_fit(log, of_joints):
         return clock
     every, fresh = merge(of_joints), np.stack([one.fresh for one in of_joints for _ in range(one.position.shape[1])], 1)
     return noisy_clock(log, streams, every, fresh) or clock
@@ -244,6 +246,24 @@ def hangs(halves: Sequence[tuple[np.ndarray, np.ndarray]], usual: np.ndarray) ->
     sure = [more * np.sqrt(precision) > SURE for more, (_, precision) in zip(longer, halves, strict=True)]
     stalls = np.logical_and.reduce([*sure, *(more > STALL * usual.mean() for more in longer)])
     return int(stalls.sum()) >= STALLS
+
+
+def even_rows_fit(log: Log, streams: Sequence[Stream]) -> bool:
+    """Whether rows of one length explain how far the joints moved between new samples, where they moved visibly.
+
+    Such rows are whole multiples of many steps, and messages that are late do not make them uneven.
+    """
+    period, missed = mean_row(log, streams), [np.zeros(0)]
+    for stream in streams:
+        at = np.flatnonzero(stream.fresh)
+        position, velocity, noise = stream.position[at], stream.velocity[at], stream.noise / QUIET
+        lasted = period * np.diff(at)[:, None]
+        expected, bend = (velocity[1:] + velocity[:-1]) / 2 * lasted, np.diff(velocity, axis=0) * lasted
+        spread = np.hypot(np.sqrt(2) * noise, CURVATURE * bend)
+        off = np.abs(np.diff(position, axis=0) - expected) / spread
+        missed.append(off[np.abs(expected) > MOVES * spread])
+    of_all = np.concatenate(missed)
+    return len(of_all) >= NOISE_WINDOW and float(np.quantile(of_all, MOST_FIT)) < OUTLIER
 
 
 def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.ndarray) -> RowClock | None:

@@ -6,7 +6,7 @@ neighbour loses; the smoother knows that, so that noise does not add up over the
 distribution around their mean whose width is found from the log: narrow for an even loop, with far tails for stalls.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -24,6 +24,8 @@ NARROWEST = 0.01
 """Least width of lengths, as a share of their mean."""
 FIRST_WIDTH = 0.3
 """Width with which the first pass begins."""
+DELAY_ROWS, LONGEST_DELAY = 20, 3.0
+"""Rows over which changes of velocity are held against motion, and the longest delay of velocities, in mean rows."""
 CURVATURE = 0.1
 """Error of a mean of two velocities, as a share of their difference."""
 START = 0.05
@@ -49,6 +51,10 @@ class Samples:
     velocity_noise: np.ndarray
     """Standard deviation of the noise of velocities, (channels,)."""
 
+    def with_delay(self, delay_s: float) -> "Samples":
+        """The same motion with velocities of the instants of its positions, which were so much older."""
+        return replace(self, position=self.position - delay_s * self.velocity)
+
 
 @dataclass(frozen=True)
 class SmoothedLengths:
@@ -64,13 +70,14 @@ def smooth_lengths(samples: Samples, claimed: np.ndarray) -> SmoothedLengths:
     """Lengths of all rows but the last around the ``claimed`` ones, s, (rows − 1,), times one factor."""
     mean = float(claimed.mean())
     scale, width = 1.0, FIRST_WIDTH * mean
-    weight, lasted = np.ones(len(claimed)), claimed
+    weight, lasted, delay = np.ones(len(claimed)), claimed, velocity_delay(samples, claimed)
     for _ in range(ROUNDS):
         before = width / np.sqrt(weight)
-        found = Blocks.of(samples, lasted).smooth(scale * claimed, before)
+        found = Blocks.of(samples.with_delay(delay), lasted).smooth(scale * claimed, before)
         off = found.mean - scale * claimed
         square = off**2 + found.spread**2
         weight = (FREEDOM + 1) / (FREEDOM + square / width**2)
+        delay = velocity_delay(samples, found.mean)
         lasted, usual = np.maximum(found.mean, claimed), scale * claimed
         scale += float((weight * off * claimed).sum() / (weight * claimed**2).sum())
         width = max(float(np.sqrt((weight * square).mean())), NARROWEST * mean)
@@ -79,6 +86,24 @@ def smooth_lengths(samples: Samples, claimed: np.ndarray) -> SmoothedLengths:
     known = told / (1 + told)
     longer = float(off[known >= np.quantile(known, BEST_KNOWN)].mean())
     return SmoothedLengths(np.maximum(usual + off + (1 - known) * longer, 0.0), found.spread)
+
+
+def velocity_delay(samples: Samples, lengths: np.ndarray) -> float:
+    """How much older the velocities of all channels are than their positions, s; below zero where they are younger.
+
+    Simulations advance positions by the velocities after a step, or before it. What the sums of velocities over rows of
+    these lengths, s, (rows − 1,), leave of the motion is then a share of the change of velocity.
+    """
+    velocity = at_every_row(samples.velocity, samples.fresh)
+    speed = (velocity[1:] + velocity[:-1]) / 2
+    left = samples.position[1:] - np.cumsum(speed * lengths[:, None], axis=0)
+    span = max(1, min(DELAY_ROWS, len(left) // 4))
+    new = samples.fresh[1:]
+    weight = (new[span:] & new[:-span]) / np.maximum(samples.noise, LEAST_NOISE) ** 2
+    left, change = left[span:] - left[:-span], velocity[1 + span :] - velocity[1:-span]
+    square = float((weight * change**2).sum())
+    most = LONGEST_DELAY * float(lengths.mean())
+    return float(np.clip((weight * change * left).sum() / square, -most, most)) if square > 0 else 0.0
 
 
 @dataclass(frozen=True)
