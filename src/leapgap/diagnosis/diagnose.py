@@ -17,7 +17,7 @@ from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
-from leapgap.diagnosis.own_clock import own_clock
+from leapgap.diagnosis.own_clock import own_clock, with_clock_first
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
@@ -192,7 +192,7 @@ def diagnose(
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
-    judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
+    judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     if clock is not None:
         joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)
         judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.checks import CheckResult, row_clocks_of
-from leapgap.diagnosis.decision import Conclusion
+from leapgap.diagnosis.decision import Conclusion, Judgement
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -92,3 +92,53 @@ def own_clock(judged: JudgedLogs, checks: Sequence[CheckResult], sizes: Mapping[
     weights = tuple(before / after for before, after in zip(judged.rows, rows, strict=True))
     own = replace(own, channels=judged.channels, mapped=judged.mapped, row_weights=weights)
     return OwnClock(own, result.clocks or {}, judged.robot)
+
+
+def with_clock_first(judgement: Judgement) -> Judgement:
+    """The judgement with the clock as its first cause, where a check of the logs confirms one that it names.
+
+    Another cause may explain more of short replays, but the clock is told by the logs alone. The judgement is returned
+    as it is where the search did not fit the clock without the causes before it.
+    """
+    conclusion = judgement.conclusion
+    every = conclusion.steps[-1].hypotheses if conclusion.steps else ()
+    at = next((k for k, hypothesis in enumerate(every) if hypothesis.per_log is not None), 0)
+    if at == 0:
+        return judgement
+    order = [at, *(k for k in range(len(every)) if k != at)]
+    steps = [
+        fit_of(judgement.result, [every[k] for k in order[: number + 1]]) if number < at else conclusion.steps[number]
+        for number in range(len(every))
+    ]
+    if any(step is None for step in steps):
+        return judgement
+    first = every[at]
+    answer = tuple(conclusion.answer[k] for k in order)
+    probabilities = tuple(conclusion.probabilities[k] for k in order)
+    reordered = tuple(beginning_with(first, step) for step in steps if step is not None)
+    return replace(judgement, conclusion=Conclusion(conclusion.verdict, answer, reordered, probabilities))
+
+
+def fit_of(result: SearchResult, hypotheses: Sequence[Hypothesis]) -> Candidate | None:
+    """The fit of just these hypotheses, in any order, from a search; None where it tried no such set."""
+    wanted = list(hypotheses)
+    same = (
+        fit
+        for fit in result.rounds[len(wanted) - 1]
+        if all(one in fit.hypotheses for one in wanted) and len(fit.hypotheses) == len(wanted)
+    )
+    return next(same, None)
+
+
+def beginning_with(first: Hypothesis, fit: Candidate) -> Candidate:
+    """The same candidate with one of its hypotheses before the others."""
+    at = fit.hypotheses.index(first)
+    order = [at, *(k for k in range(len(fit.hypotheses)) if k != at)]
+    places = fit.split(np.arange(len(fit.numbers)))
+    numbers = np.concatenate([places[k] for k in order])
+    return Candidate(
+        tuple(fit.hypotheses[k] for k in order),
+        fit.numbers[numbers],
+        fit.covariance[np.ix_(numbers, numbers)],
+        fit.fold_numbers[:, numbers],
+    )
