@@ -107,9 +107,12 @@ def test_a_clock_that_the_logs_tell_comes_first_whatever_explains_more(tmp_path)
     assert np.diag(judged.selected.covariance).tolist() == [2.0, 1.0, 3.0]
     assert judged.selected.fold_numbers[1].tolist() == pytest.approx([1.4, 0.8, 1.3])
     assert judged.selected.effects_on("a", None)[0].scale == pytest.approx(1.225)
-    # Nothing is put before the others where no search fitted it alone, or where no log confirms it.
+    # A search that did not fit the clock alone: its number is that beside the other cause.
     never = replace(result, rounds=((rounds[0][0],), *rounds[1:]))
-    assert with_clock_first(replace(found, result=never)).conclusion is found.conclusion
+    first = with_clock_first(replace(found, result=never)).conclusion.steps[0]
+    assert first.names == ("sample_period",) and first.numbers.tolist() == [0.9]
+    assert conclusion.steps[0].numbers.tolist() == [1.0]
+    # A clock that no log confirms stays where it is.
     unsure = replace(clock, per_log=None)
     other = replace(found.conclusion, steps=(rounds[0][0], fit([0.3, 1.2], damping, unsure)))
     assert with_clock_first(replace(found, conclusion=other)).conclusion is other

@@ -97,8 +97,8 @@ def own_clock(judged: JudgedLogs, checks: Sequence[CheckResult], sizes: Mapping[
 def with_clock_first(judgement: Judgement) -> Judgement:
     """The judgement with the clock as its first cause, where a check of the logs confirms one that it names.
 
-    Another cause may explain more of short replays, but the clock is told by the logs alone. The judgement is returned
-    as it is where the search did not fit the clock without the causes before it.
+    Another cause may explain more of short replays, but the clock is told by the logs alone. Where the search did not
+    fit the clock without the causes before it, their numbers are those of the fit with them.
     """
     conclusion = judgement.conclusion
     every = conclusion.steps[-1].hypotheses if conclusion.steps else ()
@@ -106,17 +106,14 @@ def with_clock_first(judgement: Judgement) -> Judgement:
     if at == 0:
         return judgement
     order = [at, *(k for k in range(len(every)) if k != at)]
-    steps = [
-        fit_of(judgement.result, [every[k] for k in order[: number + 1]]) if number < at else conclusion.steps[number]
-        for number in range(len(every))
-    ]
-    if any(step is None for step in steps):
-        return judgement
-    first = every[at]
+    steps = list(conclusion.steps)
+    for number in range(at):
+        wanted = [every[k] for k in order[: number + 1]]
+        steps[number] = fit_of(judgement.result, wanted) or part_of(conclusion.steps[at], wanted)
     answer = tuple(conclusion.answer[k] for k in order)
     probabilities = tuple(conclusion.probabilities[k] for k in order)
-    reordered = tuple(beginning_with(first, step) for step in steps if step is not None)
-    return replace(judgement, conclusion=Conclusion(conclusion.verdict, answer, reordered, probabilities))
+    in_order = (part_of(step, [every[k] for k in order[: number + 1]]) for number, step in enumerate(steps))
+    return replace(judgement, conclusion=Conclusion(conclusion.verdict, answer, tuple(in_order), probabilities))
 
 
 def fit_of(result: SearchResult, hypotheses: Sequence[Hypothesis]) -> Candidate | None:
@@ -130,15 +127,10 @@ def fit_of(result: SearchResult, hypotheses: Sequence[Hypothesis]) -> Candidate 
     return next(same, None)
 
 
-def beginning_with(first: Hypothesis, fit: Candidate) -> Candidate:
-    """The same candidate with one of its hypotheses before the others."""
-    at = fit.hypotheses.index(first)
-    order = [at, *(k for k in range(len(fit.hypotheses)) if k != at)]
+def part_of(fit: Candidate, hypotheses: Sequence[Hypothesis]) -> Candidate:
+    """A candidate with some of the hypotheses of another, in this order, and their numbers there."""
     places = fit.split(np.arange(len(fit.numbers)))
-    numbers = np.concatenate([places[k] for k in order])
+    numbers = np.concatenate([places[fit.hypotheses.index(one)] for one in hypotheses])
     return Candidate(
-        tuple(fit.hypotheses[k] for k in order),
-        fit.numbers[numbers],
-        fit.covariance[np.ix_(numbers, numbers)],
-        fit.fold_numbers[:, numbers],
+        tuple(hypotheses), fit.numbers[numbers], fit.covariance[np.ix_(numbers, numbers)], fit.fold_numbers[:, numbers]
     )
