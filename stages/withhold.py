@@ -21,7 +21,7 @@ from leapgap.logs.log import Log
 from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
-from leapgap.validation.case_draw import Case, Half, draw_cases
+from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
 from leapgap.validation.seal import SEALS, seal
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
@@ -45,6 +45,9 @@ class WithholdSettings:
     halves: dict[str, Any]
     sizes: dict[str, dict[str, list[float]]]
     signed: list[str]
+    further: dict[str, Any]
+    clocks: dict[str, dict[str, list[float]]]
+    too_high: dict[str, dict[str, list[float]]]
 
 
 def withhold_all(config: DictConfig) -> None:
@@ -59,7 +62,11 @@ def withhold_all(config: DictConfig) -> None:
     truth_out = output_folder(settings.truth, STAGE, (*inputs, logs_out), name="truth")
     robot = load_robot(config)
     references = references_of(settings, robot)
-    cases = draw_cases(halves, settings.sizes, settings.signed, robot)
+    counts = {
+        name: read_config(FurtherCounts, section.further[name], f"withhold.further.{name}") for name in section.further
+    }
+    further = Further(counts, settings.clocks, settings.too_high)
+    cases = draw_cases(halves, settings.sizes, settings.signed, robot, further)
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
     with whole_folder(truth_out, STAGE) as truths, whole_folder(logs_out, STAGE) as logs:
         job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)

@@ -10,6 +10,7 @@ import leapgap as lg
 from leapgap.diagnosis.checks import clock_of, run_checks
 from leapgap.diagnosis.checks.base import CheckResult
 from leapgap.diagnosis.checks.clocks import clock_scale, local_clock, local_clocks
+from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.conftest import standing
@@ -80,3 +81,23 @@ def test_a_clock_of_noise_alone_is_still_a_number() -> None:
     noise = np.random.default_rng(0).standard_normal((2, 300, 3))
     assert np.isfinite(clock_scale(noise[0], noise[1], 0.001) or np.nan)
     assert np.isfinite(local_clock(noise[0], noise[1], 0.001, 20)).all()
+
+
+def test_a_clock_that_drifts_by_three_per_cent_is_told(robot: Robot) -> None:
+    """The local clock of an even log scatters by 0.2 %; the threshold is well above that and not far above."""
+    moving = swinging(robot, rows=1500)
+    length = 1 + 0.03 * np.sin(2 * np.pi * np.arange(1500) / 1500)
+    phase = 2 * np.pi * 3 * 0.001 * np.concatenate([[0.0], np.cumsum(length[:-1])])
+    noise = np.random.default_rng(1)
+    columns = dict(moving.columns)
+    for joint in robot.joints:
+        columns[f"joint_pos/{joint}"] = 0.3 * np.sin(phase) + 6e-4 * noise.standard_normal(1500)
+        columns[f"joint_vel/{joint}"] = 0.3 * 2 * np.pi * 3 * np.cos(phase) + 0.06 * noise.standard_normal(1500)
+    (found,) = [one for one in run_checks([replace(moving, columns=columns)], robot, {}) if one.name == "even_clock"]
+    assert not found.passed and found.statistic == pytest.approx(0.03 / np.sqrt(2), rel=0.1)
+
+
+def test_a_clock_three_quarters_of_the_claimed_one_is_within_what_is_searched(robot: Robot) -> None:
+    (clock,) = list_hypotheses(["sample_period"], robot, {"slow": (0.75,), "fast": (1.75,)})
+    for log, scale in (("slow", 0.75), ("fast", 1.75)):
+        assert clock.values(log, np.ones(1)) == {"scale": pytest.approx(scale)}

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.checks import run_checks
-from leapgap.logs.log import Log, LogInfo
+from leapgap.diagnosis.checks.base import CheckResult
+from leapgap.errors import InputError
+from leapgap.logs.log import Log, LogInfo, check_read
 from leapgap.logs.row_clock import row_clock, with_clock
+from leapgap.logs.row_smoother import START, Blocks, Samples
 from tests.plain_arm import EXAMPLE, JOINTS, KD, KP
 
 STEP_S = 0.001
@@ -146,3 +149,135 @@ def test_a_joint_that_stands_still_does_not_hold_the_clock() -> None:
     assert np.abs(clock.instants - instants).max() < 6 * STEP_S
     alone = row_clock(replace(log, columns={**log.columns, **still}), ("wrist",))
     assert alone is None
+
+
+def test_a_log_of_a_loop_that_hangs_for_12_ms_is_read_as_one_of_lost_rows_is_not() -> None:
+    """The motion goes on through a stall as its velocities say; what is lost in longer gaps nothing says."""
+    rows = np.concatenate([np.arange(700), np.arange(712, 1400)])
+    position, velocity, torque = motion(1.4)
+    fast = 6.0  # as a jump moves its joints
+    log = as_log(CLAIMED_S * np.arange(len(rows)), fast * position[rows], fast * velocity[rows], torque[rows])
+    check_read(log, log.name)
+    lost = np.concatenate([np.arange(600), np.arange(800, 1400)])
+    log = as_log(CLAIMED_S * np.arange(len(lost)), fast * position[lost], fast * velocity[lost], torque[lost])
+    with pytest.raises(InputError, match="rows were lost here"):
+        check_read(log, log.name)
+
+
+FAST = 3.0
+"""Factor on the motion of the arm, so that its joints move as fast as those of a jump; time stays."""
+
+
+def noisy(position: np.ndarray, velocity: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """The motion, sped up, with the noise of sensors: 0.3 mrad and 18 mrad/s."""
+    return (
+        FAST * position + 3e-4 * rng.standard_normal(position.shape),
+        FAST * velocity + 0.018 * rng.standard_normal(velocity.shape),
+    )
+
+
+def of_steps(steps: np.ndarray, seed: int) -> Log:
+    """A noisy log whose rows last so many steps each and claim to last one."""
+    at = np.concatenate([[0], np.cumsum(steps)])
+    position, velocity, torque = (values[at] for values in motion((at[-1] + 2) * STEP_S))
+    rng = np.random.default_rng(seed)
+    return as_log(CLAIMED_S * np.arange(len(at)), *noisy(position, velocity, rng), torque)
+
+
+def row_check(log: Log) -> CheckResult:
+    """The check of the rows."""
+    (found,) = [check for check in run_checks([log], None, {}) if check.name == "row_clock"]
+    return found
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_few_stalls_are_found_with_their_lengths_and_no_other_row_moves(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    steps = np.ones(1499, dtype=int)
+    steps[rng.choice(1499, 8, replace=False)] = rng.integers(4, 13, 8)
+    log = of_steps(steps, seed)
+    clock = row_clock(log, JOINTS)
+    assert clock is not None
+    off = np.abs(clock.lengths - steps * STEP_S)
+    assert off[steps > 1].max() < 0.5 * STEP_S and off[steps == 1].max() < 0.2 * STEP_S
+    check = row_check(log)
+    assert not check.passed and "stalls of 8 ms or more" in check.says
+
+
+def test_a_few_lost_rows_are_found_where_the_joints_move_most() -> None:
+    steps = np.random.default_rng(0).geometric(0.93, 1499)
+    log = of_steps(steps, 0)
+    clock = row_clock(log, JOINTS)
+    assert clock is not None and clock.step_s is None
+    assert np.corrcoef(clock.lengths, steps)[0, 1] > 0.9
+    assert clock.instants[-1] == pytest.approx(steps.sum() * STEP_S, rel=0.01)
+    assert not row_check(log).passed
+
+
+def test_late_messages_of_even_rows_are_put_at_the_rows_that_they_are_of() -> None:
+    rng = np.random.default_rng(4)
+    position, velocity, torque = motion(1.5)
+    stale = rng.random(position.shape) < 0.25
+    stale[0] = False
+    shown = np.maximum.accumulate(np.where(stale, 0, np.arange(1500)[:, None]), axis=0)
+    at = np.take_along_axis
+    seen = (at(values, shown, axis=0) for values in noisy(position, velocity, rng))
+    log = as_log(CLAIMED_S * np.arange(1500), *seen, torque)
+    clock = row_clock(log, JOINTS)
+    assert clock is not None
+    assert np.allclose(clock.lengths, STEP_S, rtol=0.01)
+    for joint, rows in zip(JOINTS, shown.T, strict=True):
+        assert np.allclose(clock.sampled[f"joint_pos/{joint}"], rows * clock.lengths[0])
+    check = row_check(log)
+    assert not check.passed and "do not show what was measured in them" in check.says
+    own, kept = with_clock(log, clock)
+    assert kept.all()
+    error = [np.abs(of[f"joint_pos/{JOINTS[0]}"] - FAST * position[:, 0]) for of in (log, own)]
+    assert error[0].max() > 0.02 and error[1].max() < 0.005  # stale samples of a joint that moves at 30 rad/s
+
+
+def test_noise_does_not_add_up_over_the_rows_of_an_uneven_log() -> None:
+    """What noise adds to one row it takes from the next: the instants stay right, not only the lengths."""
+    steps = row_steps(1500, np.random.default_rng(1))
+    clock = row_clock(of_steps(steps, 1), JOINTS)
+    assert clock is not None
+    off = clock.instants - np.concatenate([[0.0], np.cumsum(steps)]) * STEP_S
+    assert np.abs(off).max() < 8 * STEP_S and np.std(clock.lengths - steps * STEP_S) < 0.3 * STEP_S
+
+
+def test_a_smoother_over_blocks_agrees_with_one_dense_gaussian() -> None:
+    """Forward and backward passes against the posterior of all unknowns at once, some samples missing."""
+    rng, rows = np.random.default_rng(0), 12
+    velocity = np.stack([np.linspace(14, 13, rows), np.linspace(-8, -8.4, rows)], axis=1)
+    claimed, width = np.full(rows - 1, STEP_S), np.full(rows - 1, 3e-4)
+    moved = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * claimed[:, None], axis=0)
+    position = np.concatenate([np.zeros((1, 2)), moved]) + 5e-4 * rng.standard_normal((rows, 2))
+    fresh = np.ones((rows, 2), dtype=bool)
+    fresh[5], fresh[8, 0] = False, False
+    blocks = Blocks.of(Samples(position, velocity, fresh, np.full(2, 5e-4), np.full(2, 0.02)), claimed)
+    found = blocks.smooth(claimed, width)
+    speed, wander = blocks.speed[0], blocks.wander[0]
+    # Unknown: two first positions, the lengths, and what each channel moves beside its speed in each row.
+    unknown = 2 + 3 * (rows - 1)
+    at = np.zeros((rows, 2, unknown))
+    for row in range(rows):
+        for channel in range(2):
+            at[row, channel, channel] = 1
+            at[row, channel, 2 : 2 + row] = speed[:row, channel]
+            at[row, channel, 1 + rows + channel : 1 + rows + 2 * row : 2] = 1
+    before = np.diag(np.concatenate([np.full(2, START**2), width**2, wander.ravel()]))
+    mean = np.concatenate([position[0], claimed, np.zeros(2 * (rows - 1))])
+    seen = at[fresh]
+    gain = before @ seen.T @ np.linalg.inv(seen @ before @ seen.T + 25e-8 * np.eye(len(seen)))
+    after, spread = mean + gain @ (position[fresh] - seen @ mean), np.sqrt(np.diag(before - gain @ seen @ before))
+    assert np.allclose(found.mean, after[2 : 1 + rows], atol=1e-8)
+    assert np.allclose(found.spread, spread[2 : 1 + rows], atol=1e-8)
+
+
+def test_a_long_log_is_smoothed_in_blocks_as_a_short_one_is() -> None:
+    steps = row_steps(1500, np.random.default_rng(1))
+    log = of_steps(steps, 1)
+    whole, first = row_clock(log, JOINTS), row_clock(log.first_rows(500), JOINTS)
+    assert whole is not None and first is not None
+    inside = slice(50, 450)
+    assert np.corrcoef(whole.lengths[inside], first.lengths[inside])[0, 1] > 0.99

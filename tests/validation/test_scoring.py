@@ -162,3 +162,62 @@ def test_missed_effects_are_singles_not_named_first_and_pairs_not_wholly_named(o
     assert scoring.is_missed(half)
     assert scoring.counted_against(half) == ["pairs_both_named"]
     assert not scoring.is_missed(small)
+
+
+def uneven(family: str, *names: str, changes: tuple[float, ...] = (1.0, 0.4)) -> dict[str, Any]:
+    """The truth of a case of uneven rows, with effects beside them."""
+    every = truth("uneven", "sample_period", *names)
+    return every | {"clock": {"family": family, "sizes": {}}, "changes": list(changes[: 1 + len(names)])}
+
+
+def third(physics: str, *names: str, accepted: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The truth of a case of a third physics."""
+    return truth("third", *names, change=0.4 if names else 0.0) | {"physics": physics, "accepted": list(accepted)}
+
+
+@pytest.fixture
+def further() -> list[CaseOutcome]:
+    clock = ["sample_period"]
+    made = [
+        (uneven("stalls"), report("named", [clock])),
+        (uneven("stalls", "joint_damping"), report("partly", [clock])),  # the clock, and not the damping
+        (uneven("drift", "joint_damping"), report("named", [["joint_damping"], clock])),  # not first
+        (uneven("drift", "joint_damping", changes=(1.0, 0.05)), report("ambiguous", [clock, ["payload", "wind"]])),
+        (third("stiff", accepted=("foot_compliance",)), report("named", [["foot_compliance"]])),
+        (third("pyramidal"), report("named", [["payload"]])),
+        (third("stiff", "torque_gain"), report("named", [["torque_gain"]])),
+        (truth("too_high", "joint_friction"), report("named", [["joint_friction"]])),
+        (truth("too_high", "armature", change=0.05), report("named", [["payload"]])),
+    ]
+    return [outcome(f"case_{i}", t, r, None) for i, (t, r) in enumerate(made)]
+
+
+def test_further_kinds_have_scores_of_their_own(outcomes: list[CaseOutcome], further: list[CaseOutcome]) -> None:
+    alone, both = (scoring.scores(of, 50, 10, np.random.default_rng(1)) for of in (outcomes, [*outcomes, *further]))
+    of_kinds = ("uneven_", "third_", "too_high_")
+    assert {k: v for k, v in both.items() if not k.startswith(of_kinds)} == {
+        k: v for k, v in alone.items() if not k.startswith(of_kinds)
+    }
+    assert alone["uneven_cases"] == 0 and alone["uneven_clock_first"] is None
+    assert both["uneven_cases"] == 4 and both["uneven_clock_first"] == pytest.approx(3 / 4)
+    assert both["uneven_clock_first_by_family"] == {"drift": 0.5, "stalls": 1.0}
+    assert both["uneven_effect_named"] == pytest.approx(1 / 2)  # of the two that are detectable
+    assert both["uneven_wrongly_named"] == pytest.approx(1 / 4)
+    assert both["third_cases"] == 3 and both["third_detectable"] == 1
+    assert both["third_none_correct"] == pytest.approx(1 / 2) and both["third_named_first"] == 1
+    assert both["third_wrongly_named"] == pytest.approx(1 / 3)
+    assert both["third_right_by_physics"] == {"pyramidal": 0.0, "stiff": 1.0}
+    assert both["too_high_named_first"] == 1 and both["too_high_wrongly_named"] == pytest.approx(1 / 2)
+
+
+def test_what_is_right_for_further_kinds(further: list[CaseOutcome]) -> None:
+    assert [o.right for o in further] == [True, False, False, False, True, False, True, True, False]
+    assert [scoring.counted_against(o) for o in further[:4]] == [
+        [],
+        ["uneven_effect_named"],
+        ["uneven_clock_first"],
+        ["uneven_wrongly_named"],
+    ]
+    table = scoring.confusion(further)
+    assert table["uneven: sample_period + joint_damping"] == {"sample_period": 2, "joint_damping": 1}
+    assert table["third: none"] == {"foot_compliance": 1, "payload": 1}

@@ -21,7 +21,7 @@ from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
-from leapgap.diagnosis.own_clock import own_clock
+from leapgap.diagnosis.own_clock import own_clock, with_clock_first
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
@@ -81,14 +81,14 @@ class Settings:
     """Relative error of a departure from nominal because the simulation differs from the robot."""
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
-    even_threshold: float = 0.03
+    even_threshold: float = 0.012
     whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
     """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
     joint: JointFitSettings = field(default_factory=JointFitSettings)
     """Settings of the fit of all effects together, used where logs have a clock of their own."""
     outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
     """Settings of the search for forces from outside; rows in which they act are left out."""
-    rows_threshold: float = 0.2
+    rows_threshold: float = 0.15
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
     noise_draws: int = 3
@@ -213,7 +213,7 @@ def diagnose(
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
-    judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
+    judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     by_source = None
     if clock is not None:
         joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)

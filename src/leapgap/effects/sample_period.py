@@ -17,7 +17,7 @@ class SamplePeriod(Effect):
     name = "sample_period"
     differs_per_log = True
 
-    scale: float = parameter(1.0, "1", 0.8, 1.3, 1.07)
+    scale: float = parameter(1.0, "1", 0.5, 1.9, 1.07)
     profile: tuple[float, ...] = ()
     """True length of a row over ``scale``, at rows evenly spaced from the log's first to its last; empty: 1."""
 

@@ -30,6 +30,8 @@ ROUGH, WIDE = 1.0, 0.1
 """Mean squared step of a column over its variance, 2 for rows in random order; spread, rad, where it counts."""
 JUMP, JUMP_RATIO, JUMPING_SHARE = 0.05, 10.0, 0.5
 """Lost rows: a step beyond what the velocities say, rad, its ratio to the 99th percentile, share of the joints."""
+LONGEST_STALL_S = 0.03
+"""Longest time, s, for which the velocities on both sides say how joints go on while nothing is logged."""
 LONGEST_SPIKE = 3
 """Rows within which an excursion that returns is a spike, and no leap."""
 LONGEST_STEP = 3.0
@@ -124,7 +126,10 @@ def check_steps(
     names: Sequence[str],
     where: object,
 ) -> None:
-    """Half of the moving columns must not leap in one row beyond what their velocities say."""
+    """Half of the moving columns must not leap in one row beyond what their velocities say.
+
+    A loop that hangs and claims one period is no such leap: all columns go on by their velocities for the same time.
+    """
     if moving.sum() < 2:
         return
     drift = position[:, moving] - integrated[:, moving]
@@ -137,6 +142,10 @@ def check_steps(
     steps = np.diff(time)
     beyond[steps > LONGEST_STEP * np.median(steps)] = 0.0  # across a gap that the time states, no velocity is known
     usual = np.percentile(beyond, 99, axis=0)
+    stalled = np.flatnonzero((beyond > JUMP).mean(axis=1) >= JUMPING_SHARE)
+    beyond[stalled] = np.minimum(
+        beyond[stalled], beyond_stall(drift, integrated[:, moving], steps, np.asarray(stalled))
+    )
     leaps = ((beyond > JUMP) & (beyond > JUMP_RATIO * usual)).mean(axis=1)
     row = int(np.argmax(leaps))
     if leaps[row] >= JUMPING_SHARE:
@@ -148,6 +157,19 @@ def check_steps(
             "rows that follow each other",
             "rows were lost here: cut the log, or give it its own time stamps",
         )
+
+
+def beyond_stall(drift: np.ndarray, integrated: np.ndarray, steps: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """What is left of leaps after these rows if the row was longer than claimed, by the time that suits all columns.
+
+    ``drift`` and ``integrated``: (rows, columns); ``steps``: claimed lengths of rows, s. No row was longer by more than
+    ``LONGEST_STALL_S``.
+    """
+    leap = drift[rows + 1] - drift[rows]
+    velocity = (integrated[rows + 1] - integrated[rows]) / steps[rows, None]
+    square = np.maximum((velocity**2).sum(axis=1), np.finfo(float).tiny)
+    longer = np.clip((velocity * leap).sum(axis=1) / square, 0.0, LONGEST_STALL_S)
+    return np.asarray(np.abs(leap - longer[:, None] * velocity))
 
 
 def typical(ratio: float) -> str:

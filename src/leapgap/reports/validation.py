@@ -26,6 +26,11 @@ BARS = {
     "next_experiment_resolves": ("ambiguous cases that the next experiment resolves", 0.70, ">="),
     "further_jumps_find": ("missed effects that are found with further jumps", None, ""),
     "struck_honest_mirrored": ("right answer with the true effect ablated", None, ""),
+    "uneven_clock_first": ("the clock named first, of logs with uneven rows", 0.90, ">="),
+    "uneven_effect_named": ("the detectable effect beside uneven rows named too", None, ""),
+    "third_none_correct": ("`none`, in a third physics", None, ""),
+    "third_named_first": ("named first, of detectable single effects in a third physics", None, ""),
+    "too_high_named_first": ("named first, of detectable too high friction, damping or armature", None, ""),
     "brier": ("Brier score of the first cause's probability", None, ""),
     "calibration_error": ("calibration error", None, ""),
 }

@@ -24,12 +24,26 @@ from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case_draw import Case
-from leapgap.validation.generator import Effects, GeneratedJump, Generator, Nuisance, NuisanceSizes, generate_jumps
+from leapgap.validation.generator import (
+    Effects,
+    GeneratedJump,
+    Generator,
+    Nuisance,
+    NuisanceSizes,
+    generate_jumps,
+    planned_rows,
+)
 from leapgap.validation.off_table import family
+from leapgap.validation.outcome import CLOCK
+from leapgap.validation.physics import USUAL, physics_of
 from leapgap.validation.true_localisation import true_localisation
+from leapgap.validation.uneven_rows import UnevenRows, clock_family, draw_timings
 
 DETECTABLE_FLOORS = 2.0
 """An effect is detectable where it changes the headline figure of the motion by this many noise floors."""
+
+CLOCK_SEED = 2
+"""Distinguishes the generator of the rows from others of the same case."""
 
 NOISE = SensorNoise(
     base_pos_m=0.0012,
@@ -74,7 +88,7 @@ class WithheldCase:
 def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSetup) -> WithheldCase:
     """Generate the jumps of a case and measure how much its effects change them."""
     rng = np.random.default_rng(case.seed)
-    nuisance = Nuisance(seed=int(rng.integers(2**31)), sizes=setup.nuisances)
+    nuisance = Nuisance(seed=int(rng.integers(2**31)), sizes=setup.nuisances, physics=case.physics)
     salt = rng.bytes(16).hex()
     count = setup.jumps + setup.proof_jumps
     chosen = rng.permutation(count) % len(references)
@@ -85,20 +99,61 @@ def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSet
         MotionPlan(f"jump_{i}" if i < setup.jumps else f"proof_{i - setup.jumps}", references[c], round(float(h), 4))
         for i, (c, h) in enumerate(zip(chosen, heights, strict=True))
     ]
-    generator = Generator(robot, terrain_slots=1, step_s=setup.step_s)
+    generator = Generator(robot, terrain_slots=1, step_s=case.physics.step_s or setup.step_s)
     own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in case.effects)) for s in scatter]
-    generated = generate_jumps(plans, own, generator, setup.noise, setup.course, noise_rng)
+    rows = [planned_rows(plan, setup.course) for plan in plans]
+    timings = draw_timings(case.clock, rows, robot, np.random.default_rng([case.seed, CLOCK_SEED]))
+    generated = generate_jumps(plans, own, generator, setup.noise, setup.course, noise_rng, timings)
     diagnosed = generated[: setup.jumps]
+    own = [(e[0], *clock_of(jump), *e[1:]) for e, jump in zip(own, generated, strict=True)]
     truth: dict[str, Any] = {
         "salt": salt,
         "half": case.half,
         "kind": case.kind,
         "seed": case.seed,
-        "effects": [effect_to_json(e) for e in case.effects],
-        "per_log": {plan.name: [e.values for e in of_log[1:]] for plan, of_log in zip(plans, own, strict=True)},
+        "effects": [*clock_to_json(case, diagnosed), *(effect_to_json(e) for e in case.effects)],
+        "per_log": {plan.name: [values_of(e) for e in of_log[1:]] for plan, of_log in zip(plans, own, strict=True)},
+        **further_truth(case),
         **detectability(case, diagnosed, own, generator, robot, setup, floor_rng),
     }
     return WithheldCase(tuple(g.log for g in diagnosed), tuple(g.log for g in generated[setup.jumps :]), truth)
+
+
+def clock_of(jump: GeneratedJump) -> Effects:
+    """How the rows of a jump are not what they claim, as an effect; none where they are."""
+    return () if jump.rows is None else (jump.rows,)
+
+
+def values_of(effect: Effect) -> dict[str, float]:
+    """Parameters of an effect on one log; of uneven rows their mean length, in claimed periods."""
+    return {"scale": mean_length(effect)} if isinstance(effect, UnevenRows) else effect.values
+
+
+def mean_length(rows: UnevenRows) -> float:
+    """True over claimed mean length of a row, the last one left out."""
+    return 1.0 if rows.lengths is None else float(rows.lengths[:-1].mean())
+
+
+def clock_to_json(case: Case, jumps: Sequence[GeneratedJump]) -> list[dict[str, Any]]:
+    """Entry of the truth about the rows of a case, under the name that a diagnosis has for it; none if they are even.
+
+    ``scale`` is the median over the jumps.
+    """
+    lengths = [mean_length(jump.rows) for jump in jumps if jump.rows is not None]
+    if case.clock is None:
+        return []
+    return [{"name": CLOCK, "location": "all", "parameters": {"scale": float(np.median(lengths))}}]
+
+
+def further_truth(case: Case) -> dict[str, Any]:
+    """Entries of the truth that ordinary cases have not: the clock family with its sizes, and the physics."""
+    entries: dict[str, Any] = {}
+    if case.clock is not None:
+        entries["clock"] = {"family": case.clock.name, "sizes": case.clock.sizes}
+    if case.physics != USUAL:
+        entries["physics"] = case.physics.name
+        entries["accepted"] = list(case.physics.accepted)
+    return entries
 
 
 def scatter_effect(effect: Effect, scatter: float, robot: Robot) -> Effect:
@@ -144,11 +199,12 @@ def detectability(
         "noise_floor": floor,
         "gap_nominal": difference(logs, nominal, judged),
     }
-    if not case.effects:
+    if len(own[0]) == 1:
         return figures | {"change": 0.0, "detectable": False, "changes": [], "where": []}
     clean = [g.clean for g in generated]
     changes = []
-    for left_out in (None, *range(len(case.effects))) if len(case.effects) > 1 else (None,):
+    acting = len(own[0]) - 1
+    for left_out in (None, *range(acting)) if acting > 1 else (None,):
         kept = [
             (e[0], *(x for i, x in enumerate(e[1:]) if left_out is not None and i != left_out))
             for e in own[: len(generated)]
@@ -201,14 +257,19 @@ def further_jumps(
     setup: CaseSetup,
 ) -> list[Log]:
     """Generate further jumps of a case's robot, with its effects and nuisances: one jump for each reference."""
-    nuisance = Nuisance(seed=int(np.random.default_rng(truth["seed"]).integers(2**31)), sizes=setup.nuisances)
+    seed, physics = truth["seed"], physics_of(truth.get("physics", USUAL.name))
+    nuisance = Nuisance(seed=int(np.random.default_rng(seed).integers(2**31)), sizes=setup.nuisances, physics=physics)
     rng = np.random.default_rng([truth["seed"], 1])
-    acting = [effect_from_json(entry) for entry in truth["effects"]]
+    clock = truth.get("clock")
+    family_of_rows = clock and clock_family(clock["family"], clock["sizes"])
+    acting = [effect_from_json(entry) for entry in truth["effects"][1 if clock else 0 :]]
     heights = rng.uniform(*block_height_m, len(references))
     plans = [
         MotionPlan(f"next_{i}", r, round(float(h), 4)) for i, (r, h) in enumerate(zip(references, heights, strict=True))
     ]
     scatter = 1 + setup.period_scatter * rng.standard_normal(len(plans))
     own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in acting)) for s in scatter]
-    generator = Generator(robot, terrain_slots=1, step_s=setup.step_s)
-    return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng)]
+    generator = Generator(robot, terrain_slots=1, step_s=physics.step_s or setup.step_s)
+    rows = [planned_rows(plan, setup.course) for plan in plans]
+    timings = draw_timings(family_of_rows, rows, robot, np.random.default_rng([seed, 1, CLOCK_SEED]))
+    return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng, timings)]

@@ -10,9 +10,14 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.validation.off_table import family
+from leapgap.validation.physics import OTHERS, USUAL, Physics
+from leapgap.validation.uneven_rows import ClockFamily, clock_family
 
 KINDS = ("single", "pair", "nameless", "none")
 """One effect of the table, two of them, one off-table effect, or no effect."""
+FURTHER_KINDS = ("uneven", "third", "too_high")
+"""Rows that are not what they claim, with an effect of the table or without; an effect or none in a third physics; a
+model whose joint friction, damping or armature is larger than the robot's."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +42,61 @@ class Case:
     effects: tuple[Effect, ...]
     seed: int
     """Seed of targets, blocks, nuisances and sensor noise, which are thus independent of the effects."""
+    clock: ClockFamily | None = None
+    """How rows come to be what they do not claim; None: they are what they claim."""
+    physics: Physics = USUAL
 
 
 Sizes = Mapping[str, Mapping[str, Sequence[float]]]
 """Effect → parameter → [least, most] departure from nominal, in the parameter's unit; negative means downwards."""
 
 
-def draw_cases(halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot) -> list[Case]:
-    """All cases of all halves in shuffled order; ``signed`` effects depart to either side of nominal."""
+@dataclass(frozen=True)
+class FurtherCounts:
+    """How many cases of each further kind a half has."""
+
+    uneven: int
+    third: int
+    too_high: int
+
+
+@dataclass(frozen=True)
+class Further:
+    """What is drawn for the further kinds."""
+
+    counts: Mapping[str, FurtherCounts]
+    """Half → numbers of cases; none of a half that is not there."""
+    clocks: Sizes
+    """Clock family → size → [least, most], its logarithm drawn evenly; families are used in turn, in this order."""
+    too_high: Sizes
+    """Effect → parameter → [least, most] share of the model's own value that the robot has, drawn evenly."""
+
+
+def draw_cases(
+    halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot, further: Further | None = None
+) -> list[Case]:
+    """All cases of all halves; ``signed`` effects depart to either side of nominal.
+
+    The four ordinary kinds come first in shuffled order, then the further kinds, shuffled too. Every further kind is
+    drawn by a generator of its own, so that the ordinary cases of a seed stay what they are.
+    """
+    cases = draw_ordinary_cases(halves, sizes, signed, robot)
+    later: list[Case] = []
+    for name, half in sorted(halves.items()):
+        if further is None or name not in further.counts:
+            continue
+        counts = further.counts[name]
+        sources = [np.random.default_rng([half.seed, 1 + k]) for k in range(len(FURTHER_KINDS))]
+        samplers = [EffectSampler(sizes, signed, robot, rng) for rng in sources]
+        later += uneven_cases(name, counts.uneven, samplers[0], further.clocks)
+        later += third_cases(name, counts.third, samplers[1])
+        later += too_high_cases(name, counts.too_high, samplers[2], further.too_high)
+    order = np.random.default_rng([*(half.seed for half in halves.values()), 1]).permutation(len(later))
+    return cases + [later[i] for i in order]
+
+
+def draw_ordinary_cases(halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot) -> list[Case]:
+    """The cases of the four ordinary kinds of all halves in shuffled order."""
     cases = []
     for name, half in sorted(halves.items()):
         rng = np.random.default_rng(half.seed)
@@ -60,6 +112,52 @@ def draw_cases(halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], 
         cases += [Case(name, kind, own, int(rng.integers(2**31))) for kind, own in drawn]
     order = np.random.default_rng([half.seed for half in halves.values()]).permutation(len(cases))
     return [cases[i] for i in order]
+
+
+def uneven_cases(half: str, count: int, sampler: "EffectSampler", clocks: Sizes) -> list[Case]:
+    """Cases of uneven rows, the families in turn; in every other case an effect of the table acts besides."""
+    names, families, cases = steady_effects(sampler), list(clocks), []
+    if count and not families:
+        raise InputError("withhold.clocks", "no families", "one or more", "list some")
+    for i in range(count):
+        clock = sampler.sample_clock(families[i % len(families)], clocks)
+        own = (sampler.sample(names[i % len(names)], 0.5),) if alternates(i, len(families)) else ()
+        cases.append(Case(half, "uneven", own, int(sampler.rng.integers(2**31)), clock))
+    return cases
+
+
+def third_cases(half: str, count: int, sampler: "EffectSampler") -> list[Case]:
+    """Cases of a third physics, each of them in turn; in every other case one effect of the table acts."""
+    names, every, cases = steady_effects(sampler), list(OTHERS.values()), []
+    for i in range(count):
+        physics = every[i % len(every)]
+        free = [effect for effect in names if effect not in physics.accepted]
+        own = () if alternates(i, len(every)) else (sampler.sample(free[i % len(free)]),)
+        cases.append(Case(half, "third", own, int(sampler.rng.integers(2**31)), None, physics))
+    return cases
+
+
+def too_high_cases(half: str, count: int, sampler: "EffectSampler", too_high: Sizes) -> list[Case]:
+    """Cases of robots with less friction, damping or armature than the model, each effect in turn."""
+    names, cases = sorted(too_high), []
+    if count and not names:
+        raise InputError("withhold.too_high", "no effects", "one or more", "list some")
+    for i in range(count):
+        own = (sampler.sample_reduction(names[i % len(names)], too_high),)
+        cases.append(Case(half, "too_high", own, int(sampler.rng.integers(2**31))))
+    return cases
+
+
+def alternates(number: int, turns: int) -> bool:
+    """True for every other number, and in every other round of so many turns for the numbers between."""
+    return (number % turns + number // turns) % 2 == 0
+
+
+def steady_effects(sampler: "EffectSampler") -> list[str]:
+    """Effects of the table that do not differ from log to log, in random order."""
+    known = effects.known()
+    names = sorted(name for name in set(known) & set(sampler.sizes) if not known[name].differs_per_log)
+    return [str(name) for name in sampler.rng.permutation(names)]
 
 
 @dataclass(frozen=True)
@@ -97,6 +195,21 @@ class EffectSampler:
         """Draw two different effects of the table, each from the upper half of its logarithmic size range."""
         first, second = self.rng.choice(names, 2, replace=False)
         return self.sample(str(first), 0.5), self.sample(str(second), 0.5)
+
+    def sample_clock(self, name: str, sizes: Sizes) -> ClockFamily:
+        """Draw the sizes of a clock family."""
+        if name not in sizes:
+            raise InputError("withhold.clocks", f"nothing for {name}", "a range for every clock family", "add it")
+        drawn = {key: least * (most / least) ** self.rng.uniform(0, 1) for key, (least, most) in sizes[name].items()}
+        return clock_family(name, {key: float(f"{value:.4g}") for key, value in drawn.items()})
+
+    def sample_reduction(self, name: str, shares: Sizes) -> Effect:
+        """Draw an effect, somewhere, that leaves the robot a share of what the model has of its own."""
+        kind = effects.known()[name]
+        location = self.sample_location(kind.places)
+        left = {key: self.rng.uniform(least, most) for key, (least, most) in shares[name].items()}
+        values = {p.name: (left[p.name] - 1) * p.scale for p in kind.parameters(self.robot, location)}
+        return kind(location=location, **{key: float(f"{value:.4g}") for key, value in values.items()})
 
     def sample_location(self, places: str) -> str:
         """Draw a location: everywhere in half the cases, else a pair, a joint group, a leg, a single joint or foot."""

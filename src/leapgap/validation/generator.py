@@ -30,6 +30,8 @@ from leapgap.simulation.open_loop import (
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 from leapgap.validation.off_table.base import OffTableEffect, Process
+from leapgap.validation.physics import USUAL, Physics
+from leapgap.validation.uneven_rows import Timing, UnevenRows, uneven_rows, written_log
 
 Effects = tuple[Effect, ...]
 
@@ -56,6 +58,7 @@ class Nuisance(OffTableEffect):
 
     seed: int = 0
     sizes: NuisanceSizes = NuisanceSizes()
+    physics: Physics = USUAL
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Scale masses and inertias, shift centres of mass, scale joints, feet and contacts."""
@@ -79,8 +82,7 @@ class Nuisance(OffTableEffect):
         feet = foot_geoms(model, robot, "all")
         model.geom_friction[feet, 0] *= random_scale(sizes.foot_friction, (len(feet),))
         model.geom_solref[feet, 0] *= random_scale(sizes.contact_time, (len(feet),))
-        model.geom_solimp[feet, :3] = [0.88, 0.955, 0.0012]
-        model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_EULER)
+        self.physics.change_model(model, feet)
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         recompute_constants(model)
 
@@ -113,21 +115,43 @@ class Generator(Replayer):
         mujoco.mj_forward(model, data)
         qpos, qvel = np.empty((rows, nq)), np.empty((rows, nv))
         qpos[0], qvel[0] = data.qpos[:nq], data.qvel[:nv]
+        whole = float(model.opt.timestep)
+        lengths = self.row_lengths(trial, rows)
         for row in range(1, rows):
             data.ctrl[:] = control[row - 1]
-            step(model, data, processes, substeps)
+            step(model, data, processes, set_steps(lengths[row - 1], whole, substeps, model))
             qpos[row], qvel[row] = data.qpos[:nq], data.qvel[:nv]
         if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
             raise InputError(trial.log.name, "a motion that is not finite", "a stable motion", "draw smaller effects")
         return Motion(qpos, qvel)
+
+    def row_lengths(self, trial: Rollout, rows: int) -> np.ndarray:
+        """How long the first rows of a log truly last, in true control periods, (rows,)."""
+        lengths = np.ones(rows)
+        for effect in trial.effects:
+            if isinstance(effect, UnevenRows):
+                lengths = effect.change_rows(lengths)
+        return lengths
 
     def _processes(self, trial: Rollout, model: mujoco.MjModel) -> list[Process]:
         processes = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
         return [process for process in processes if process is not None]
 
 
+def set_steps(length: float, step_s: float, substeps: int, model: mujoco.MjModel) -> int:
+    """Number of steps of a row of ``length`` periods of ``substeps`` steps of ``step_s`` each.
+
+    The model's step is shortened so that they last just as long as the row.
+    """
+    steps = int(np.ceil(length * substeps - 1e-9))
+    model.opt.timestep = step_s if steps in (0, length * substeps) else step_s * length * substeps / steps
+    return steps
+
+
 def step(model: mujoco.MjModel, data: mujoco.MjData, processes: Sequence[Process], steps: int) -> None:
     """Advance the simulation by ``steps`` steps under constant controls, calling the processes before each step."""
+    if steps == 0:
+        return
     if not processes:
         mujoco.mj_step(model, data, nstep=steps)
         return
@@ -144,6 +168,8 @@ class GeneratedJump:
 
     log: Log
     clean: Log
+    rows: UnevenRows | None = None
+    """How its rows are not what they claim; None: they are what they claim."""
 
 
 def generate_jumps(
@@ -153,9 +179,19 @@ def generate_jumps(
     noise: SensorNoise,
     course: Course,
     rng: np.random.Generator,
+    timings: Sequence[Timing | None] | None = None,
 ) -> list[GeneratedJump]:
-    """Simulate each planned jump with the effects of its own."""
-    return [generate_jump(plan, own, generator, noise, course, rng) for plan, own in zip(plans, effects, strict=True)]
+    """Simulate each planned jump with the effects, and where it has one with the timing of its own."""
+    of_plans = timings or [None] * len(plans)
+    return [
+        generate_jump(plan, own, generator, noise, course, rng, timing)
+        for plan, own, timing in zip(plans, effects, of_plans, strict=True)
+    ]
+
+
+def planned_rows(plan: MotionPlan, course: Course) -> int:
+    """Number of rows of a planned jump."""
+    return len(extend_reference(plan.reference, course))
 
 
 def generate_jump(
@@ -165,21 +201,31 @@ def generate_jump(
     noise: SensorNoise,
     course: Course,
     rng: np.random.Generator,
+    timing: Timing | None = None,
 ) -> GeneratedJump:
-    """Let the robot stand and then jump in one run; only the jump is logged."""
+    """Let the robot stand and then jump in one run; only the jump is logged, by its timing."""
     robot = generator.robot
     jump = with_block(extend_reference(plan.reference, course), plan, robot, course)
     still = hold_first_command(jump, course.settle_s)
     standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
     standing = lift_out_of_ground(Rollout(still, effects), standing, generator)
     whole = concatenate(still, jump)
-    trial = Rollout(whole, effects, first_state=standing)
-    (motion,) = generator.motions([trial])
+    acting = effects if timing is None else (*effects, held_rows(len(still), timing))
+    (motion,) = generator.motions([Rollout(whole, acting, first_state=standing)])
     motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
     errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
-    return GeneratedJump(
-        log_of(plan.name, jump, errors.add_to(motion, robot), robot), log_of(plan.name, jump, motion, robot)
-    )
+    noisy = errors.add_to(motion, robot)
+    if timing is None:
+        return GeneratedJump(log_of(plan.name, jump, noisy, robot), log_of(plan.name, jump, motion, robot))
+    rows, commanded = uneven_rows(timing), written_log(jump, timing)
+    shown = [rows.change_measured(own[timing.written], jump.info.sample_period_s, robot) for own in (noisy, motion)]
+    log, clean = (log_of(plan.name, commanded, own, robot) for own in shown)
+    return GeneratedJump(log, clean, rows)
+
+
+def held_rows(before: int, timing: Timing) -> UnevenRows:
+    """How long the rows of a jump are held, after so many rows of one period each."""
+    return UnevenRows(lengths=np.concatenate([np.ones(before), timing.held]))
 
 
 def concatenate(first: Log, second: Log) -> Log:

@@ -12,6 +12,10 @@ CLAIMS = ("named", "ambiguous", "partly")
 """Verdicts that name causes."""
 LEAVES_A_REST = ("unknown", "partly")
 """Verdicts that say that something has no name."""
+CLOCK = "sample_period"
+"""Name of the effect as which a diagnosis names rows that are not what they claim."""
+ORDINARY = ("single", "pair", "nameless", "none")
+"""Kinds of cases that the scores without a kind in their name are counted from."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,26 @@ class CaseOutcome:
     """Sentence of the report about the next experiment; empty where it proposes none."""
     sides: Mapping[str, str] = field(default_factory=dict)
     """Joint → the joint that stands for it and its twin on the other side (``Topology.sides``)."""
+    clock: str | None = None
+    """Family of the rows that are not what they claim; None where they are."""
+    physics: str | None = None
+    """Physics of a case of the third kind."""
+    accepted: tuple[str, ...] = ()
+    """Effects that this physics has, so that they may be named besides."""
+    clock_first: bool = False
+    """Whether the report names the clock as its first cause."""
+    effect_detectable: bool = False
+    """Whether the effect beside uneven rows, switched off alone, changes the motion detectably."""
+
+    @property
+    def is_ordinary(self) -> bool:
+        """Whether the case is of one of the kinds that the scores without a kind in their name are counted from."""
+        return self.kind in ORDINARY
+
+    @property
+    def names_nothing_else(self) -> bool:
+        """Whether the answer holds no cause beside those that acted or that the physics of the case has."""
+        return self.answered <= {*self.true, *self.accepted}
 
     @property
     def answered(self) -> set[str]:
@@ -90,6 +114,13 @@ class CaseOutcome:
             return self.verdict in LEAVES_A_REST or (not self.detectable and self.verdict == "none")
         if self.kind == "none":
             return self.verdict == "none"
+        if self.clock is not None:
+            found = not self.effect_detectable or set(self.true) <= self.answered
+            return self.clock_first and self.names_nothing_else and found
+        if self.kind == "third" and (not self.true or not self.detectable):
+            return self.verdict == "none" or self.names_nothing_else
+        if self.kind == "third":
+            return self.verdict == "named" and set(self.true) <= self.answered and self.names_nothing_else
         if not self.detectable:
             return self.verdict == "none" or self.answered <= set(self.true)
         return self.verdict == "named" and self.answered == set(self.true)
@@ -124,7 +155,7 @@ def outcome(
         half=truth["half"],
         kind=truth["kind"],
         true=true,
-        said_true=" and ".join(in_words(e) for e in truth["effects"]) or truth["kind"],
+        said_true=truth_in_words(truth),
         change_floors=(truth["change"] or 0.0) / floor,
         detectable=truth["detectable"],
         each_detectable=bool(truth.get("changes")) and min(truth["changes"]) >= 2 * floor,
@@ -143,6 +174,11 @@ def outcome(
         sentence=report["sentence"],
         next_experiment=(report.get("next_experiment") or {}).get("sentence", ""),
         sides=sides or {},
+        clock=truth["clock"]["family"] if "clock" in truth else None,
+        physics=truth.get("physics"),
+        accepted=tuple(truth.get("accepted", ())),
+        clock_first=report["verdict"] in CLAIMS and [c["effect"] for c in report["causes"][:1]] == [CLOCK],
+        effect_detectable="clock" in truth and len(truth["changes"]) > 1 and truth["changes"][1] >= 2 * floor,
     )
 
 
@@ -162,6 +198,13 @@ def in_words(effect: Mapping[str, Any]) -> str:
     """An effect of a truth file as text, such as ``joint_damping at RR: damping 0.4``."""
     values = ", ".join(f"{name} {value:.3g}" for name, value in effect["parameters"].items())
     return f"{effect['name']}{'' if effect['location'] == 'all' else ' at ' + effect['location']}: {values}"
+
+
+def truth_in_words(truth: Mapping[str, Any]) -> str:
+    """What acted in a case, with its clock family or physics where it has one, or its kind where nothing acted."""
+    acted = " and ".join(in_words(e) for e in truth["effects"]) or truth["kind"]
+    special = truth["clock"]["family"] if "clock" in truth else truth.get("physics")
+    return acted if special is None else f"{acted} ({special})"
 
 
 def place(where: list[Mapping[str, Any]]) -> tuple[str, str] | None:

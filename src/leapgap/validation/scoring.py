@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.validation.outcome import CLAIMS, LEAVES_A_REST, CaseOutcome
+from leapgap.validation.outcome import CLAIMS, CLOCK, LEAVES_A_REST, CaseOutcome
 
 Scores = dict[str, Any]
 
@@ -43,21 +43,44 @@ SHARES = {
     "named_first": ScoreCondition(detectable_single, lambda o: o.first in o.true),
     "named_in_set": ScoreCondition(detectable_single, lambda o: o.true[0] in o.answered),
     "named_alone": ScoreCondition(detectable_single, lambda o: o.verdict == "named" and o.answered == set(o.true)),
-    "wrongly_named": ScoreCondition(lambda o: True, lambda o: o.wrongly_named, desired=False),
+    "wrongly_named": ScoreCondition(lambda o: o.is_ordinary, lambda o: o.wrongly_named, desired=False),
     "unknown_recall": ScoreCondition(
         lambda o: o.kind == "nameless" and o.detectable, lambda o: o.verdict in LEAVES_A_REST
     ),
     "none_correct": ScoreCondition(lambda o: o.kind == "none", lambda o: o.verdict == "none"),
-    "where_right": ScoreCondition(lambda o: o.detectable, lambda o: o.where_right),
-    "where_right_mirrored": ScoreCondition(lambda o: o.detectable, lambda o: o.where_mirrored),
+    "where_right": ScoreCondition(lambda o: o.is_ordinary and o.detectable, lambda o: o.where_right),
+    "where_right_mirrored": ScoreCondition(lambda o: o.is_ordinary and o.detectable, lambda o: o.where_mirrored),
     "pairs_both_named": ScoreCondition(detectable_pair, lambda o: o.verdict in CLAIMS and set(o.true) <= o.answered),
 }
-"""The scores that are shares of cases."""
-CONDITIONS = SHARES | {
-    "parameter_error_median": ScoreCondition(
-        lambda o: o.detectable, lambda o: all(c.value == c.true for c in o.compared)
-    )
+"""The scores that are shares of cases of the ordinary kinds."""
+FURTHER_SHARES = {
+    "uneven_clock_first": ScoreCondition(lambda o: o.kind == "uneven", lambda o: o.clock_first),
+    "uneven_effect_named": ScoreCondition(
+        lambda o: o.kind == "uneven" and o.effect_detectable, lambda o: set(o.true) <= o.answered
+    ),
+    "uneven_wrongly_named": ScoreCondition(
+        lambda o: o.kind == "uneven", lambda o: not o.names_nothing_else, desired=False
+    ),
+    "third_none_correct": ScoreCondition(lambda o: o.kind == "third" and not o.true, lambda o: o.right),
+    "third_named_first": ScoreCondition(lambda o: o.kind == "third" and o.detectable, lambda o: o.first in o.true),
+    "third_wrongly_named": ScoreCondition(
+        lambda o: o.kind == "third", lambda o: o.verdict == "named" and not o.names_nothing_else, desired=False
+    ),
+    "too_high_named_first": ScoreCondition(
+        lambda o: o.kind == "too_high" and o.detectable, lambda o: o.first in o.true
+    ),
+    "too_high_wrongly_named": ScoreCondition(lambda o: o.kind == "too_high", lambda o: o.wrongly_named, desired=False),
 }
+"""The scores that are shares of cases of the further kinds, which the name of the score begins with."""
+CONDITIONS = (
+    SHARES
+    | FURTHER_SHARES
+    | {
+        "parameter_error_median": ScoreCondition(
+            lambda o: o.is_ordinary and o.detectable, lambda o: all(c.value == c.true for c in o.compared)
+        )
+    }
+)
 """Conditions of all scores for which single cases can be held responsible."""
 MISSED = (SHARES["named_first"], SHARES["pairs_both_named"])
 """An effect of the table that shows was missed where a case counts against one of these."""
@@ -92,7 +115,32 @@ def mean(of: Iterable[float]) -> float | None:
 
 
 def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.random.Generator) -> Scores:
-    """All scores of one half; a share of nothing is null."""
+    """All scores of one half: those of the ordinary kinds of cases, then those of the further ones."""
+    ordinary = [o for o in outcomes if o.is_ordinary]
+    return {**ordinary_scores(ordinary, draws, bins, rng), **further_scores(outcomes)}
+
+
+def further_scores(outcomes: Sequence[CaseOutcome]) -> Scores:
+    """Scores of the further kinds of cases; a share of nothing is null."""
+    found: Scores = {}
+    for kind in ("uneven", "third", "too_high"):
+        own = [o for o in outcomes if o.kind == kind]
+        found |= {f"{kind}_cases": len(own), f"{kind}_detectable": sum(o.detectable for o in own)}
+        found |= {name: one.share(own) for name, one in FURTHER_SHARES.items() if name.startswith(f"{kind}_")}
+    clocks = [o for o in outcomes if o.clock is not None]
+    third = [o for o in outcomes if o.physics is not None]
+    found["uneven_clock_first_by_family"] = {
+        family: share(o.clock_first for o in clocks if o.clock == family)
+        for family in sorted({str(o.clock) for o in clocks})
+    }
+    found["third_right_by_physics"] = {
+        name: share(o.right for o in third if o.physics == name) for name in sorted({str(o.physics) for o in third})
+    }
+    return found
+
+
+def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.random.Generator) -> Scores:
+    """All scores of the ordinary kinds of cases; a share of nothing is null."""
     singles, pairs = ([o for o in outcomes if applies(o)] for applies in (detectable_single, detectable_pair))
     compared = [c for o in singles + pairs for c in o.compared]
     shares = {name: condition.share(outcomes) for name, condition in SHARES.items()}
@@ -203,11 +251,13 @@ def confusion(outcomes: Iterable[CaseOutcome]) -> dict[str, dict[str, int]]:
     """Counts of what was said of each truth, detectable cases: effect → answer → number."""
     table: dict[str, dict[str, int]] = {}
     for o in outcomes:
-        if o.kind in ("none", "published") or not o.detectable:
+        if o.kind in ("uneven", "third"):
+            truth = f"{o.kind}: {' + '.join(o.true) or 'none'}"
+        elif o.kind in ("none", "published") or not o.detectable:
             truth = "none" if o.kind == "none" else "too small to detect"
         else:
             truth = " + ".join(o.true) if o.kind == "single" else f"{o.kind}: " + " + ".join(o.true)
-        said = o.first if o.first is not None else o.verdict
+        said = CLOCK if o.kind == "uneven" and o.clock_first else o.first if o.first is not None else o.verdict
         if o.kind == "published":
             truth = "published jumps"
         row = table.setdefault(truth, {})

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
-from leapgap.diagnosis.checks.clocks import CLAIMED, local_clocks
+from leapgap.diagnosis.checks.clocks import CLAIMED, RESOLVED_S, local_clocks, longest_period
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -15,15 +15,16 @@ class EvenClock(Check):
     """How much the true length of a row changes within a log."""
 
     name = "even_clock"
-    threshold = 0.03
+    threshold = 0.012
     place: ClassVar[int] = 2
     needs_robot = False
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Take the standard deviation of each log's local clock."""
+        """Take the standard deviation of each log's local clock; longer periods resolve it less (``RESOLVED_S``)."""
         clocks = local_clocks(logs, robot)
         if clocks is None:
             return None
+        threshold *= max(1.0, longest_period(logs) / RESOLVED_S)
         spread = {name: float(clock.std()) for name, clock in clocks.items()}
         statistic = float(np.median(list(spread.values())))
         passed = statistic <= threshold

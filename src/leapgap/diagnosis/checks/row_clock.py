@@ -24,7 +24,10 @@ class EvenRows(Check):
     needs_all_rows = True
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Take the standard deviation of the lengths of rows, as a share of their mean."""
+        """Take the standard deviation of the lengths of rows, as a share of their mean, or that of the ages of samples.
+
+        The larger of the two counts: rows that show old samples are no better than rows of uneven length.
+        """
         joints = joints_of(logs, robot)
         if not have_joints(logs, joints):
             return None
@@ -32,7 +35,9 @@ class EvenRows(Check):
         known = {name: clock for name, clock in clocks.items() if clock is not None}
         if not known:
             return None
-        spread = {name: clock.unevenness(log) for log in logs if (clock := known.get(name := log.name))}
+        spread = {
+            name: max(clock.unevenness(log), staleness(clock)) for log in logs if (clock := known.get(name := log.name))
+        }
         statistic = float(np.median(list(spread.values())))
         passed = statistic <= threshold
         says = f"rows last equally long (their lengths scatter by {100 * statistic:.0f} %)"
@@ -42,17 +47,28 @@ class EvenRows(Check):
             passed,
             statistic,
             threshold,
-            says if passed else in_words(known, statistic),
+            says if passed else in_words(known, statistic, float(np.median([*map(staleness, known.values())]))),
             spread,
             means,
             None if passed else known,
         )
 
 
-def in_words(clocks: Mapping[str, RowClock], statistic: float) -> str:
-    """What uneven rows show of the process that wrote them."""
+def staleness(clock: RowClock) -> float:
+    """Standard deviation of the ages of the joints' samples in the rows that show them, in mean rows."""
+    taken = [instants for name, instants in clock.sampled.items() if name.startswith("joint_pos/")]
+    ages = clock.instants - np.stack(taken)
+    return float(np.std(ages) * (len(clock.instants) - 1) / clock.instants[-1])
+
+
+def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> str:
+    """What uneven rows show of the process that wrote them; ``stale`` as in ``staleness``."""
     every = list(clocks.values())
     said = [f"rows of these logs are not evenly spaced: their lengths scatter by {100 * statistic:.0f} %"]
+    if stale >= statistic:
+        said = [
+            f"rows of these logs do not show what was measured in them: ages scatter by {100 * stale:.0f} % of a row"
+        ]
     repeated = [clock.repeated for clock in every]
     if np.median(repeated) > 0:
         said.append(f"{100 * float(np.median(repeated)):.0f} % of the samples repeat the row before")
