@@ -7,11 +7,12 @@ from types import MappingProxyType
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.checks import clock_of, run_checks
-from leapgap.diagnosis.closure_by_source import closure_by_source
-from leapgap.diagnosis.decision import DecisionThresholds, judge, judge_jointly
+from leapgap.diagnosis.checks import CheckResult, clock_of, run_checks
+from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
+from leapgap.diagnosis.decision import DecisionThresholds, Judgement, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.evidence import gather
+from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.full_rollouts import FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
@@ -21,7 +22,7 @@ from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
-from leapgap.diagnosis.own_clock import own_clock, with_clock_first
+from leapgap.diagnosis.own_clock import OwnClock, own_clock, with_clock_first
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
@@ -178,14 +179,87 @@ def diagnose(
     kinds = chosen_kinds(settings, own)
     check_tolerances(settings, own)
     rng = np.random.default_rng(settings.seed)
+    ready = prepare(logs, robot, settings, threads, rng, progress)
+    answer = find_answer(ready, kinds, settings, progress)
+    heldout_gap, judgement, clock, outside = answer.heldout_gap, answer.judgement, ready.clock, ready.outside
+    conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
+    (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
+    judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
+    shared = heldout_gap.shared_closure(selected) if conclusion.answer and clock is None else None
+    horizons = tuple(
+        HorizonError(at.horizon_s, at.nominal, own, at.unmoved) for at, own in heldout_gap.gaps_at_horizons(selected)
+    )
+    # Short steps: what the nominal simulation's own step does is no part of the gap.
+    fine = ready.replayer.with_steps(FINE * ready.replayer.largest_step_s)
+    places = localise(ready.judged, fine, settings.where_horizon_s, settings.noise_draws, rng)
+    judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
+    report = ReportContent(
+        verdict=conclusion.verdict,
+        sentence=sentence(conclusion, selected, gap, corrected, names),
+        gap_nominal=gap,
+        gap_corrected=corrected.gap,
+        noise_floor=heldout_gap.gap(heldout_gap.floor),
+        headline=Headline(
+            judged.preset, {channel.name: channel.scale for channel in judged.channels}, heldout_gap.horizon_s
+        ),
+        horizons=horizons,
+        answer=conclusion.answer,
+        closure_of_answer=corrected.closure if conclusion.answer else None,
+        closure_shared=shared,
+        closure_by_source=answer.by_source,
+        where=tuple(places),
+        causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
+        checks=tuple(ready.checks),
+        evidence=tuple(answer.evidence),
+        descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
+        next_experiment=next_experiment(conclusion.answer, logs),
+        not_judged=tuple(not_judged(judged)),
+        profiles=tuple(profiles_of(judgement.result)),
+        gap_per_log=heldout_gap.gap_by_log(corrected.squares),
+        landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
+        provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
+        set_aside=dict(set_aside),
+    )
+    return Diagnosis(
+        with_outside_forces(report, outside, ready.given, heldout_gap, corrected),
+        tuple(states.log for states in judged.whole),
+        nominal=dict(zip(names, heldout_gap.nominal_motions, strict=True)),
+        corrected=dict(zip(names, replays, strict=True)),
+        correction=selected.typical_effects(names),
+        sensors=judged.sensors.columns,
+    )
+
+
+@dataclass(frozen=True)
+class ReadyLogs:
+    """Logs that are ready for the search: checked, by their own clock, without what acts from outside."""
+
+    given: JudgedLogs
+    """All rows, as the logs claim."""
+    judged: JudgedLogs
+    replayer: Replayer
+    heldout_gap: HeldOutGap
+    checks: Sequence[CheckResult]
+    clock: OwnClock | None
+    outside: OutsideForces
+
+
+def prepare(
+    logs: Sequence[Log],
+    robot: Robot,
+    settings: Settings,
+    threads: int | None,
+    rng: np.random.Generator,
+    progress: Callable[[str], None],
+) -> ReadyLogs:
+    """Check the logs, take out what acts from outside, and measure the gap of the nominal robot."""
     slots = max((len(log.info.terrain) for log in logs), default=0)
-    judged = JudgedLogs.of(logs, robot, settings.sizes)
-    replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
+    given = JudgedLogs.of(logs, robot, settings.sizes)
+    judged, replayer = given, Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
     checks = run_checks(judged.logs, robot, settings.check_thresholds, logs)
     clock = own_clock(judged, checks, settings.sizes)
     # By a clock of their own, rows are not known well enough to tell accelerations of a push.
     outside = OutsideForces() if clock is not None else find_outside_forces(judged, replayer, settings.outside)
-    given = judged
     if outside.logs:
         judged = JudgedLogs.of(outside.logs, robot, settings.sizes)
         checks = run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)
@@ -197,12 +271,31 @@ def diagnose(
         judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
         progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
+    return ReadyLogs(given, judged, replayer, heldout_gap, checks, clock, outside)
+
+
+@dataclass(frozen=True)
+class FoundAnswer:
+    """The search for causes with its conclusion."""
+
+    judgement: Judgement
+    heldout_gap: HeldOutGap
+    """At the horizon at which the answer is judged."""
+    evidence: Sequence[Evidence]
+    by_source: ClosureBySource | None
+
+
+def find_answer(
+    ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
+) -> FoundAnswer:
+    """Search for causes one by one, and where logs have a clock of their own for all together; judge them."""
+    judged, clock, heldout_gap = ready.judged, ready.clock, ready.heldout_gap
     kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
-    hypotheses = list_hypotheses(kinds, robot, clock_of(checks) if clock is None else None)
-    evidence = gather([states.log for states in judged.whole], robot)
-    most = settings.pieces(len(logs))
+    hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
+    evidence = gather([states.log for states in judged.whole], judged.robot)
+    most = settings.pieces(len(ready.given.logs))
     whole, coarse = (
-        ShortRollouts.of(judged.states, replayer, settings.horizon_s, settings.every_s, pieces)
+        ShortRollouts.of(judged.states, ready.replayer, settings.horizon_s, settings.every_s, pieces)
         for pieces in (most, (most + 1) // 2)
     )
     # Logs by their own clock are judged by a joint fit; beside it, single causes are enough to see rivals.
@@ -214,58 +307,13 @@ def diagnose(
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
-    by_source = None
-    if clock is not None:
-        joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)
-        judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
-        by_source = closure_by_source(joint, judgement.selected)
-        judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
-    conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
-    (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
-    judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
-    shared = heldout_gap.shared_closure(selected) if conclusion.answer and clock is None else None
-    horizons = tuple(
-        HorizonError(at.horizon_s, at.nominal, own, at.unmoved) for at, own in heldout_gap.gaps_at_horizons(selected)
-    )
-    by_log = heldout_gap.gap_by_log(corrected.squares), heldout_gap.misplaced_by_log(replays)
-    # Short steps: what the nominal simulation's own step does is no part of the gap.
-    fine = replayer.with_steps(FINE * replayer.largest_step_s)
-    places = localise(judged, fine, settings.where_horizon_s, settings.noise_draws, rng)
-    report = ReportContent(
-        verdict=conclusion.verdict,
-        sentence=sentence(conclusion, selected, gap, corrected, names),
-        gap_nominal=gap,
-        gap_corrected=corrected.gap,
-        noise_floor=floor,
-        headline=Headline(
-            judged.preset, {channel.name: channel.scale for channel in judged.channels}, heldout_gap.horizon_s
-        ),
-        horizons=horizons,
-        answer=conclusion.answer,
-        closure_of_answer=corrected.closure if conclusion.answer else None,
-        closure_shared=shared,
-        closure_by_source=by_source,
-        where=tuple(places),
-        causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
-        checks=tuple(checks),
-        evidence=tuple(evidence),
-        descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
-        next_experiment=next_experiment(conclusion.answer, logs),
-        not_judged=tuple(not_judged(judged)),
-        profiles=tuple(profiles_of(judgement.result)),
-        gap_per_log=by_log[0],
-        landing_misplaced_m=by_log[1],
-        provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
-        set_aside=dict(set_aside),
-    )
-    return Diagnosis(
-        with_outside_forces(report, outside, given, heldout_gap, corrected),
-        tuple(states.log for states in judged.whole),
-        nominal=dict(zip(names, heldout_gap.nominal_motions, strict=True)),
-        corrected=dict(zip(names, replays, strict=True)),
-        correction=selected.typical_effects(names),
-        sensors=judged.sensors.columns,
-    )
+    if clock is None:
+        return FoundAnswer(judgement, heldout_gap, evidence, None)
+    joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)
+    judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
+    by_source = closure_by_source(joint, judgement.selected)
+    judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
+    return FoundAnswer(judgement, heldout_gap, evidence, by_source)
 
 
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:
