@@ -9,7 +9,7 @@ import pytest
 from leapgap import effects
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 DISC = """<mujoco model="disc"><option timestep="0.001" integrator="{integrator}"/><worldbody><body>
   <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/><joint name="j" axis="0 0 1" damping="0.02"/></body>
@@ -98,3 +98,11 @@ def test_the_limit_holds_for_the_sum_of_a_filtered_damper_and_the_rest(tmp_path:
     strong = {"kp": 400.0, "kd": 6.0}
     found = replay(robot, effects.effect("velocity_filter", time_constant_s=-0.001 / np.log(0.35)), **strong)
     assert found == pytest.approx(plain(robot, SENT, 0.35, **strong), abs=1e-9)
+
+
+def test_a_log_without_pieces_is_passed_over(tmp_path: Path) -> None:
+    robot = disc(tmp_path)
+    late = effects.effect("computation_delay", share=0.5)
+    none, two = Starts([], np.zeros((0, 2))), Starts([0, 3], np.tile([0.3, 0.0], (2, 1)))
+    found = Replayer(robot).replay_pieces([Rollout(uneven_log(), (late,))] * 2, [none, two], 5)
+    assert [len(pieces) for pieces in found] == [0, 2]

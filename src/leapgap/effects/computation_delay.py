@@ -26,9 +26,9 @@ class ComputationDelay(Effect):
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Mean of what has arrived in each period, hence the exact impulse."""
-        if self.is_nominal:
-            return commands
         count = len(commands.torque)
+        if self.is_nominal or not count:
+            return commands
         row = np.arange(count) if commands.row is None else commands.row
         starts = np.flatnonzero(np.diff(row, prepend=-1))
         # Row r + share, in periods: a share above one reaches into the next row.

@@ -242,7 +242,9 @@ class Replayer:
     ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
         """Model, full first state, controls in every step and steps of the rows of each piece of one trial."""
         self.check_joints(trial.log)
-        steps = self.row_steps(trial)[: starts.rows[-1] + rows - 1 if len(starts.rows) else 0]
+        if not len(starts.rows):
+            return [], [], [], []
+        steps = self.row_steps(trial)[: starts.rows[-1] + rows - 1]
         control, step = self._step_controls(trial, steps), np.concatenate([[0], np.cumsum(steps)])
         gains = joint_gains(trial.log, self.robot)
         of_gains: dict[bytes, mujoco.MjModel] = {}
