@@ -25,6 +25,9 @@ TRIALS = (0.4, 2.5)
 LINEAR_ITERATIONS = 4
 MOST_SURPRISE = 30.0
 """Upper limit of the loss of a piece above its fitted loss when it is held out; usual losses are a few units."""
+FAR = 6.0
+"""Standard deviations by which a tolerance may be missed on held-out logs at no cost: simulations that integrate
+otherwise differ by up to four."""
 HOPELESS = 0.3
 """A fit stops when, after its second step, it has gained less than this share of the best fit's gain."""
 
@@ -300,8 +303,8 @@ class Search:
         """Numbers and held-out losses of a set, fitted on the other folds by derivatives ``columns`` at ``numbers``.
 
         These derivatives are wrong where the time of a contact changes. So that no such piece decides alone, the loss
-        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss. Each piece bears its share of what the
-        nuisances cost: a tolerance of the model that has to be missed by tens of its standard deviations explains
+        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss. Each piece bears its share of what it costs
+        that nuisances are ``FAR`` off: a tolerance that has to be missed by tens of its standard deviations explains
         nothing.
         """
         products, p = self.sensitivities.with_nuisances(columns), len(numbers)
@@ -313,7 +316,8 @@ class Search:
             out = self.fold_of_piece == fold
             others = products.fit(prior, ~out)
             folds.append(clip_numbers(hypotheses, numbers + others[1 : 1 + p]))
-            cost = 0.5 * float(prior @ others[1:] ** 2) / len(heldout)
+            far = np.maximum(np.abs(others[1:]) * np.sqrt(prior) - FAR, 0.0)
+            cost = 0.5 * float(far @ far) / len(heldout)
             heldout[out] = np.minimum(products.loss(others), most)[out] + cost
         chi2 = products.chi2(weights)
         emphasis = 2 * products.values / (products.values + chi2)
