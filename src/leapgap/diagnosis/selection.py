@@ -303,9 +303,9 @@ class Search:
         """Numbers and held-out losses of a set, fitted on the other folds by derivatives ``columns`` at ``numbers``.
 
         These derivatives are wrong where the time of a contact changes. So that no such piece decides alone, the loss
-        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss. Each piece bears its share of the cost of
-        nuisances that are more than ``FAR`` off: a tolerance that has to be missed by tens of its standard deviations
-        explains nothing.
+        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss. Each piece bears its share of what
+        nuisances cost that are more than ``FAR`` off: a tolerance missed by tens of its standard deviations explains
+        nothing.
         """
         products, p = self.sensitivities.with_nuisances(columns), len(numbers)
         prior = self.prior(p)
