@@ -37,7 +37,7 @@ class Push:
     log: int
     at: str
     time_s: float
-    """Its middle."""
+    """Middle of the push, s from the first row of its log."""
     duration_s: float
     peak: float
     """N·m or N."""

@@ -48,7 +48,7 @@ def take(data: Path, out: Path) -> list[Path]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Take all pictures."""
+    """Take all pictures of a built pipeline; arguments are its data folder and the folder of the pictures."""
     if len(arguments) != 2:
         sys.exit("usage: python -m tests.reports.take_screenshots <data> <folder>")
     take(Path(arguments[0]), Path(arguments[1]))

@@ -5,11 +5,17 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import mujoco
-import numpy as np
 
 from leapgap.effects.base import Effect, Parameter, parameter
 from leapgap.robot.model import Robot
-from leapgap.robot.rotors import add_rotors, lacks_rotors, mount_rotors, reduced_inertia, soften
+from leapgap.robot.rotors import (
+    add_rotors,
+    joints_with_rotors,
+    lacks_rotors,
+    mount_rotors,
+    reduced_inertia,
+    soften,
+)
 
 STIFF_RAD_S = 1000.0
 """Natural frequency of rotor against link above which a joint counts as stiff."""
@@ -41,8 +47,7 @@ class JointElasticity(Effect):
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """In units of the compliance with which rotor and link swing at 1000 rad/s."""
         (declared,) = super().parameters(robot, location)
-        at = robot.joints_at(location)
-        at = at[robot.driven[at]]
+        at = joints_with_rotors(robot, location)
         stiff = float(1 / (reduced_inertia(robot, at).min() * STIFF_RAD_S**2))
         return (replace(declared, upper=LARGEST * stiff, moderate=MODERATE * stiff),)
 
@@ -51,17 +56,13 @@ class JointElasticity(Effect):
         """Key of the joints that get a rotor; None where none gives."""
         return None if self.is_nominal else (self.name, self.location)
 
-    def _joints(self, robot: Robot) -> np.ndarray:
-        at = robot.joints_at(self.location)
-        return np.asarray(at[robot.driven[at]])
-
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Put rotors beside the joints."""
-        add_rotors(spec, robot, self._joints(robot).tolist())
+        add_rotors(spec, robot, joints_with_rotors(robot, self.location).tolist())
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the compliance of the springs."""
         if self.is_nominal:
             return
-        joints = self._joints(robot)
+        joints = joints_with_rotors(robot, self.location)
         soften(model, robot, joints, mount_rotors(model, robot, joints), self.compliance_rad_nm)

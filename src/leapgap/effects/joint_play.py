@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from math import inf
 
 import mujoco
-import numpy as np
 
 from leapgap.effects.base import Effect, parameter
 from leapgap.robot.model import Robot
-from leapgap.robot.rotors import add_rotors, lacks_rotors, mount_rotors, widen_play
+from leapgap.robot.rotors import add_rotors, joints_with_rotors, lacks_rotors, mount_rotors, widen_play
 
 
 @dataclass(frozen=True)
@@ -38,16 +37,12 @@ class JointPlay(Effect):
         """Key of the joints that get a rotor; None without play."""
         return None if self.is_nominal else (self.name, self.location)
 
-    def _joints(self, robot: Robot) -> np.ndarray:
-        at = robot.joints_at(self.location)
-        return np.asarray(at[robot.driven[at]])
-
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Put rotors beside the joints."""
-        add_rotors(spec, robot, self._joints(robot).tolist())
+        add_rotors(spec, robot, joints_with_rotors(robot, self.location).tolist())
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Widen the range in which the rotors turn freely."""
         if self.is_nominal:
             return
-        widen_play(model, mount_rotors(model, robot, self._joints(robot)), self.play_rad)
+        widen_play(model, mount_rotors(model, robot, joints_with_rotors(robot, self.location)), self.play_rad)

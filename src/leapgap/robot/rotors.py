@@ -33,6 +33,12 @@ WEIGHTLESS = 1e-9
 """Mass and inertia of the rotor's body, kg, kg·m²; what it has beyond is the armature of its joint."""
 
 
+def joints_with_rotors(robot: Robot, location: str) -> np.ndarray:
+    """Indices of the joints at a location that have motors, and so may have rotors, (joints,)."""
+    at = robot.joints_at(location)
+    return np.asarray(at[robot.driven[at]])
+
+
 def lacks_rotors(robot: Robot) -> str | None:
     """What a robot lacks for rotors beside its joints; None where its motors have inertias."""
     rotors = robot.model.dof_armature[robot.joint_dofs[robot.driven]]

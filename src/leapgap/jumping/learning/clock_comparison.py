@@ -36,7 +36,7 @@ class ClockComparison:
     """Predictions of the same held-out jumps by either clock, by kind; all but ``shown`` against the same truth."""
 
     windows: Mapping[str, HeldOutPredictions]
-    """K steps."""
+    """All K steps of a window, from its measured first state."""
     steps: Mapping[str, HeldOutPredictions]
     """Every step of the jumps once, from its measured first state."""
     shown: tuple[HeldOutPredictions, HeldOutPredictions]
