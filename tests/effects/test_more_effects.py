@@ -1,5 +1,6 @@
 """Effects that are looked for when they are named: each moves an arm as plain MuJoCo with one number changed does."""
 
+import itertools
 from collections.abc import Callable
 
 import mujoco
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
+from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.effects.base import Commands, Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -357,3 +359,16 @@ def test_a_rotor_has_no_friction_of_the_files_defaults(tmp_path, robot_arm: Robo
         (about,) = effects.known()[name].parameters(robot_arm)
         found = effects.effect(name, **{about.name: about.moderate})
         assert np.abs(replay(other, log, found) - replay(robot_arm, log, found)).max() < 1e-9
+
+
+def test_two_effects_that_add_parts_act_together_in_either_order(robot_arm: Robot, log: Log) -> None:
+    """Each effect adds what it needs, however many parts another one added before it."""
+    hypotheses = list_hypotheses(list(effects.known().values()), robot_arm, None)
+    moderate = [h.on(log.name, h.clip(h.moderate)) for h in hypotheses if h.location == "all"]
+    adds = [effect for effect in moderate if effect.structure is not None]
+    assert {"motor_lag", "velocity_filter", "static_friction", "joint_elasticity"} <= {one.name for one in adds}
+    replayer, rows = Replayer(robot_arm), 200
+    for one, other in itertools.combinations(adds, 2):
+        orders = [Rollout(log, (one, other)), Rollout(log, (other, one))]
+        first, second = (motion.qpos for motion in replayer.motions(orders, rows))
+        assert np.abs(first - second).max() < 1e-6, (one.name, other.name)

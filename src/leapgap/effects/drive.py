@@ -110,5 +110,5 @@ def add_velocity_filter(spec: mujoco.MjSpec, robot: Robot, location: str) -> Non
 
 def add_lag(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
     """Give the motors of the joints at a location their torque as a state, which a lag needs."""
-    joints = {robot.joints[i] for i in robot.joints_at(location) if robot.driven[i]}
-    actuators.add_dc_state(spec, joints, resistance_of(robot))
+    motors = [robot.joint_actuators[i] for i in robot.joints_at(location) if robot.driven[i]]
+    actuators.add_dc_state(spec, np.array(motors, int), resistance_of(robot))

@@ -13,11 +13,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from leapgap.logs.filtered_velocity import VelocityFilter, filter_of, obeyed_filters, without_filter
 from leapgap.logs.log import Log
 from leapgap.logs.row_smoother import Samples, SmoothedLengths, smooth_lengths
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 
 BASE = "base"
+POSITION, VELOCITY = "joint_pos/", "joint_vel/"
+"""Columns of a joint begin so."""
 NOISE_WINDOW = 20
 """Rows over which noise is taken; the quietest windows count, since uneven rows scatter moving joints."""
 QUIETEST = 0.02
@@ -169,8 +172,8 @@ class RowClock:
     """Message → share of the rows, while it moves, that repeat the sample of the row before."""
     velocity_delay_s: Mapping[str, float]
     """Message → how long before its position the motion was as fast as its velocity says, s; none for whole rows."""
-    filters: Mapping[str, "VelocityFilter"] = field(default_factory=dict)
-    """Message → how its velocities follow from its positions, where they do to the last digit."""
+    filters: Mapping[str, VelocityFilter] = field(default_factory=dict)
+    """Velocity column of a joint → how it follows from the positions, where it does to the last digit."""
 
     @property
     def lengths(self) -> np.ndarray:
@@ -541,42 +544,22 @@ STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Steps of simulations and control loops that are looked for, s, longest first."""
 
 
-@dataclass(frozen=True)
-class VelocityFilter:
-    """A velocity that is ``kept`` times the one before and the rest the last difference of positions over a step."""
-
-    kept: float
-    share: float
-    """Of the pairs of samples one step apart, those that obey this to their last digits."""
-
-
-LEAST_OBEYED = 0.8
-"""Share of the pairs of samples from which a rule counts as that which made them."""
-DIGITS = 0.02
-"""A pair obeys where it asks for a share kept that differs by less."""
-
-
 def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, VelocityFilter]:
-    """Rules by which velocities were computed from positions, of the messages that obey one.
-
-    Pairs of samples one step apart are looked at, the half of them in which the velocity changes most.
-    """
-    filters = {}
-    for stream, samples in zip(streams, found.samples, strict=True):
-        at = np.flatnonzero(stream.fresh)
-        next_step = np.round(np.diff(samples) / step) == 1
-        moved = np.diff(stream.position[at], axis=0)[next_step] / step
-        before, after = stream.velocity[at][:-1][next_step], stream.velocity[at][1:][next_step]
-        change = np.abs(moved - before)
-        tells = change > np.median(change, axis=0) if len(change) else change > 0
-        if tells.sum() < NOISE_WINDOW:
-            continue
-        kept = (moved - after)[tells] / (moved - before)[tells]
-        usual = float(np.median(kept))
-        obeyed = float((np.abs(kept - usual) < DIGITS).mean())
-        if obeyed > LEAST_OBEYED and -DIGITS < usual < 1 - DIGITS:
-            filters[stream.name] = VelocityFilter(max(usual, 0.0), obeyed)
-    return filters
+    """Rules by which velocities were computed from positions, by the velocity columns of joints that obey one."""
+    joints = [(stream, samples) for stream, samples in zip(streams, found.samples, strict=True) if stream.name != BASE]
+    rules = obeyed_filters(
+        {
+            stream.name: filter_of(stream.position[stream.fresh], stream.velocity[stream.fresh], samples, step)
+            for stream, samples in joints
+        }
+    )
+    return {
+        column: rules[stream.name]
+        for stream, _ in joints
+        if stream.name in rules
+        for column in stream.columns
+        if column.startswith(VELOCITY)
+    }
 
 
 LEAST_WHOLE = 0.85
@@ -646,7 +629,8 @@ def with_clock(log: Log, clock: RowClock) -> tuple[Log, np.ndarray]:
     """The log by its own clock, and which rows are kept, bool, (rows,).
 
     Rows that were written at one instant become one with the last of their commands. Measured columns are those at the
-    instants of the rows, on straight lines between the samples.
+    instants of the rows, on straight lines between the samples. Velocities that a known filter made late are as before
+    that filter.
     """
     keep = np.append(clock.lengths > 0, True)
     instants = clock.instants[keep]
@@ -655,7 +639,11 @@ def with_clock(log: Log, clock: RowClock) -> tuple[Log, np.ndarray]:
         if name in clock.sampled:
             taken = clock.sampled[name]
             new = np.concatenate([[True], np.diff(np.maximum.accumulate(taken)) > 0])
-            columns[name] = np.interp(instants, taken[new], values[new])
+            of_samples = values[new]
+            if clock.step_s is not None and name in clock.filters:
+                position = log[name.replace(VELOCITY, POSITION)][new]
+                of_samples = without_filter(position, of_samples, taken[new], clock.step_s, clock.filters[name].kept)
+            columns[name] = np.interp(instants, taken[new], of_samples)
         elif name != "time":
             columns[name] = values[keep]
     if all(name in columns for name in BASE_QUATERNION):

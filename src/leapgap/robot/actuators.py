@@ -322,11 +322,10 @@ def bristles_in_motion(model: mujoco.MjModel, speeds: np.ndarray) -> tuple[np.nd
     return model.actuator_actadr[passive], curve * np.tanh(10 * speed / stribeck) / stiffness[passive]
 
 
-def add_dc_state(spec: mujoco.MjSpec, joints: set[str], resistance: float) -> None:
-    """Make the actuators of these joints DC motors whose torque is a state; ``make_dc_motors`` then gives its size."""
-    for actuator in spec.actuators:
-        if actuator.target in joints:
-            put_winding(actuator, Winding(resistance, voltage_v=0.0, lag_s=1.0))
+def add_dc_state(spec: mujoco.MjSpec, motors: np.ndarray, resistance: float) -> None:
+    """Make some actuators (indices) DC motors whose torque is a state; ``make_dc_motors`` then gives its size."""
+    for motor in motors.tolist():
+        put_winding(spec.actuators[motor], Winding(resistance, voltage_v=0.0, lag_s=1.0))
 
 
 def filter_of(joint: str) -> str:

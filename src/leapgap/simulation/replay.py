@@ -339,7 +339,7 @@ class Replayer:
             if model.actuator_actnum[actuator]:
                 kp, kd = (float(gain) for gain in actuators.dc_joint_pd(model, np.array(actuator)))
                 q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
-                asked = control[0, actuator] - kp * q - kd * v
+                asked = control[0, model.actuator_ctrladr[actuator]] - kp * q - kd * v
                 limits = (
                     model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
                 )
@@ -474,9 +474,10 @@ class Replayer:
         for effect in trial.effects:
             commands = replace(effect.change_commands(commands, period_s, robot), row=row)
         kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
-        control = np.zeros((len(row), self._compiled(trial).nu))
+        model = self._compiled(trial)
+        control = np.zeros((len(row), model.nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
-        control[:, robot.joint_actuators] = asked * self.drive(trial).control_gain
+        control[:, model.actuator_ctrladr[robot.joint_actuators]] = asked * self.drive(trial).control_gain
         return control
 
     def drive(self, trial: Rollout) -> Drive:

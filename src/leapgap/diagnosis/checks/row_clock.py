@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import BASE, UNEVEN, RowClock, row_clock
+from leapgap.logs.row_clock import UNEVEN, RowClock, row_clock
 from leapgap.robot.model import Robot
 
 STALL_S, STALL_ROWS = 0.008, 5
@@ -80,7 +80,7 @@ def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> 
     if step is None:
         return ", ".join(said)
     said.append(f"all times are whole multiples of {1000 * step:g} ms")
-    kept = [rule.kept for clock in every for name, rule in clock.filters.items() if name != BASE]
+    kept = [rule.kept for clock in every for rule in clock.filters.values()]
     if kept:
         part = float(np.median(kept))
         said.append(
