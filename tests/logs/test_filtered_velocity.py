@@ -46,7 +46,7 @@ def test_a_log_by_its_own_clock_has_velocities_without_their_filter() -> None:
     log, _ = of_messages()
     clock = row_clock(log, JOINTS)
     assert clock is not None
-    own, kept = with_clock(log, clock)
+    own, _ = with_clock(log, clock)
     for joint in JOINTS:
         moved = np.gradient(own[f"joint_pos/{joint}"], own.time)  # the mean of both sides: neither early nor late
         as_written = np.interp(own.time, clock.sampled[f"joint_vel/{joint}"], log[f"joint_vel/{joint}"])
