@@ -44,7 +44,7 @@ class Numbers:
                 one = told.get(f"{h.name}.{p.name}")
                 centre.append(p.nominal if one is None else one.value)
                 spread.append(moderate if one is None else one.spread)
-                fitted.append(one is None)
+                fitted.append(one is None or not one.held)
         return Numbers(hypotheses, np.array(centre), np.array(spread), np.array(fitted, bool))
 
     @property

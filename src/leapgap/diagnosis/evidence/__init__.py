@@ -15,11 +15,14 @@ ENTRY_POINTS = "leapgap.evidence"
 
 @cache
 def known() -> tuple[type[Source], ...]:
-    """All sources of evidence, by name."""
+    """All sources of evidence, by place and name."""
     kinds = classes_by_name(sys.modules[__name__], Source, ENTRY_POINTS)  # type: ignore[type-abstract]
-    return tuple(kinds[name] for name in sorted(kinds))
+    return tuple(kinds[name] for name in sorted(kinds, key=lambda name: (kinds[name].place, name)))
 
 
 def gather(logs: Sequence[Log], robot: Robot) -> list[Evidence]:
     """What all sources say of these logs; a source whose columns are missing says nothing."""
-    return [one for kind in known() for one in kind().gather(logs, robot)]
+    told: list[Evidence] = []
+    for kind in known():
+        told += kind().gather(logs, robot, told)
+    return told

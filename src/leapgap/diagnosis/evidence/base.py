@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
+from leapgap import effects
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -37,6 +38,8 @@ class Evidence:
     unit: str
     per_log: dict[str, float]
     says: str
+    held: bool = True
+    """Whether fits hold the value; else they start from it and are drawn towards it, by its spread."""
 
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""
@@ -52,10 +55,27 @@ class Source(ABC):
     """One source of evidence. A subclass in a file of this package is all that a further one takes."""
 
     name: ClassVar[str]
+    place: ClassVar[int] = 0
+    """Sources of higher places come later, and know what those before them told."""
 
     @abstractmethod
-    def gather(self, logs: Sequence[Log], robot: Robot) -> list[Evidence]:
-        """What the logs say, all their rows; empty where columns are missing or the logs are too few to agree."""
+    def gather(self, logs: Sequence[Log], robot: Robot, before: Sequence[Evidence] = ()) -> list[Evidence]:
+        """What the logs say, all their rows; empty where columns are missing or the logs are too few to agree.
+
+        ``before`` is what sources of lower places told.
+        """
+
+
+def told_model(robot: Robot, evidence: Sequence[Evidence]) -> mujoco.MjModel:
+    """A copy of the robot's model with the numbers that evidence tells of its effects."""
+    model, of_effects = robot.model.__copy__(), dict[str, dict[str, float]]()
+    for one in evidence:
+        effect, _, parameter = one.quantity.partition(".")
+        if parameter:
+            of_effects.setdefault(effect, {})[parameter] = one.value
+    for name, numbers in of_effects.items():
+        effects.known()[name](location="all", **numbers).change_model(model, robot)
+    return model
 
 
 def agree(values: dict[str, float]) -> tuple[float, float]:

@@ -29,7 +29,7 @@ class Flight(Source):
 
     name: ClassVar[str] = "flight"
 
-    def gather(self, logs: Sequence[Log], robot: Robot) -> list[Evidence]:
+    def gather(self, logs: Sequence[Log], robot: Robot, before: Sequence[Evidence] = ()) -> list[Evidence]:
         """Fit g and the offset of the trunk's centre of mass to the longest flight of each log.
 
         Offsets that the flights do not surely ask for keep the model's value, and the others are fitted anew.
@@ -72,15 +72,21 @@ def agree_all(fits: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return np.array([value for value, _ in of_numbers]), np.array([spread for _, spread in of_numbers])
 
 
+def clean_flight(log: Log, robot: Robot) -> slice | None:
+    """Rows of the longest flight of a log without its ends; None where it is short."""
+    flight = longest_run(in_flight(log, robot))
+    margin = log.info.rows(MARGIN_S)
+    rows = slice(flight.start + margin, flight.stop - margin)
+    return None if rows.stop - rows.start < log.info.rows(SHORTEST_S) else rows
+
+
 def fit_flight(log: Log, robot: Robot, kept: np.ndarray) -> np.ndarray | None:
     """Gravity, then the parameters of ``com_offset``, by least squares; None where the log has no clean flight.
 
     Only the ``kept`` parameters, bool, (parameters,), are fitted; the others are 0.
     """
-    flight = longest_run(in_flight(log, robot))
-    margin = log.info.rows(MARGIN_S)
-    rows = slice(flight.start + margin, flight.stop - margin)
-    if rows.stop - rows.start < log.info.rows(SHORTEST_S):
+    rows = clean_flight(log, robot)
+    if rows is None:
         return None
     qpos = motion_of(log, robot, rows).qpos
 

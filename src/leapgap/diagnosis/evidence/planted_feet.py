@@ -58,7 +58,7 @@ class PlantedFeet(Source):
 
     name: ClassVar[str] = "planted_feet"
 
-    def gather(self, logs: Sequence[Log], robot: Robot) -> list[Evidence]:
+    def gather(self, logs: Sequence[Log], robot: Robot, before: Sequence[Evidence] = ()) -> list[Evidence]:
         """Fit the parameters of ``leg_geometry`` to the stances of all logs together; resampled logs say how surely.
 
         Those that the stances do not surely ask for keep the model's value, and the others are fitted anew.
