@@ -89,6 +89,16 @@ def test_target_and_block_are_inferred(folder: Path, robot: Robot) -> None:
     (box,) = jump.info.terrain
     assert box.estimated
     assert box.top_m == pytest.approx(0.04, abs=0.001)
+    assert box.x_m > 0.1
+
+
+def test_a_block_under_the_rear_feet_is_inferred_too(folder: Path, robot: Robot) -> None:
+    state = np.loadtxt(folder / "7" / "pos.txt")
+    state[:, 7] *= -1  # nose down
+    np.savetxt(folder / "7" / "pos.txt", state)
+    (box,) = read_one(folder, robot).info.terrain
+    assert box.top_m == pytest.approx(0.04, abs=0.001)
+    assert box.x_m < -0.1
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ class PublishedA1(LogFormat):
                 schedule=ContactSchedule(double_contact_s=0.5, rear_contact_s=0.3, flight_s=0.4),
                 target=Target(x_m=commanded_distance(files["joint_des"])),
                 source=f"published A1 jump {path.name}",
-                terrain=block_under_front_feet(columns, robot, options),
+                terrain=block_under_higher_feet(columns, robot, options),
             ),
         )
 
@@ -157,21 +157,24 @@ def commanded_distance(joint_commands: np.ndarray) -> float:
     return round(float(np.interp(joint_commands[row, JOINT_COLUMNS.index("FR_thigh")], angles, distances)), 2)
 
 
-def block_under_front_feet(columns: dict[str, np.ndarray], robot: Robot, options: PublishedOptions) -> tuple[Box, ...]:
-    """The block the front feet stand on at the start, its height inferred from the pose; empty on flat ground."""
+def block_under_higher_feet(columns: dict[str, np.ndarray], robot: Robot, options: PublishedOptions) -> tuple[Box, ...]:
+    """The block that the front or the rear feet stand on at the start, by the pose; empty on flat ground.
+
+    Its upper face is as much higher as these feet are than the others, which stand on the floor.
+    """
     position = np.stack([columns[key][:1] for key in BASE_POSITION], axis=-1)
     quaternion = np.stack([columns[key][:1] for key in BASE_QUATERNION], axis=-1)
     joints = np.stack([columns[f"joint_pos/{joint}"][:1] for joint in robot.joints], axis=-1)
     feet = feet_in_world(robot, position, quaternion, joints)[0]
     soles = feet[:, 2] - robot.foot_radius
-    front = [robot.feet.index(foot) for foot in robot.feet_of_pair("front")]
-    rear = [robot.feet.index(foot) for foot in robot.feet_of_pair("rear")]
+    front, rear = ([robot.feet.index(foot) for foot in robot.feet_of_pair(pair)] for pair in ("front", "rear"))
     height = float(soles[front].mean() - soles[rear].mean())
-    if height < options.least_block_height_m:
+    if abs(height) < options.least_block_height_m:
         return ()
-    x, y = feet[front, :2].mean(axis=0)
-    size = (options.block_length_m, options.block_width_m, round(height, 4))
-    return (Box(round(float(x), 4), round(float(y), 4), size, round(height, 4), estimated=True),)
+    x, y = feet[front if height > 0 else rear, :2].mean(axis=0)
+    top = round(abs(height), 4)
+    size = (options.block_length_m, options.block_width_m, top)
+    return (Box(round(float(x), 4), round(float(y), 4), size, top, estimated=True),)
 
 
 def read_table(path: Path, columns: int, separator: str | None) -> np.ndarray:
