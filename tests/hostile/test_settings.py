@@ -7,6 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap.diagnosis.diagnose import Settings
+from leapgap.diagnosis.joint_fit import JointFitSettings
 from leapgap.errors import InputError
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -32,6 +33,12 @@ NAN = float("nan")
 def test_a_diagnosis_refuses_its_settings_by_name(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"^diagnose.settings.{name}: found {value}; expected "):
         Settings(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["first_steps", "all_steps", "steps", "most_causes"])
+def test_a_joint_fit_without_steps_is_refused(name: str) -> None:
+    with pytest.raises(InputError, match=f"^diagnose.settings.joint.{name}: found 0; expected 1 or more"):
+        JointFitSettings(**{name: 0})
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, NAN, float("inf")])

@@ -19,6 +19,7 @@ from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_likelihood import JointLikelihood, LogErrors, Numbers, damped_step
 from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.errors import InputError
 
 DAMPINGS = (0.02, 0.2, 1.0, 5.0)
 """Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature."""
@@ -26,20 +27,28 @@ SETTLED = 5.0
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
 
 
+REPLAYED = 4
+"""So many effects, those that matter least by the curvature, are taken away in turn by replays."""
+KNOWN = 0.5
+"""Pieces tell a number where its spread after them is a smaller share of the one before."""
+
+
 @dataclass(frozen=True)
 class JointFitSettings:
     """Width of the joint fit, and when an effect is taken away."""
 
-    first_steps: int = 3
+    first_steps: int = 4
     """Steps of all effects to short pieces alone, which answer almost linearly."""
-    all_steps: int = 3
-    """Largest number of steps of all effects to whole logs and pieces, before the first are taken away."""
+    all_steps: int = 4
+    """Largest number of steps to whole logs and pieces of the effects that pieces leave."""
     steps: int = 6
     """Largest number of steps of later fits, of fewer effects."""
     most_causes: int = 8
     """Largest number of causes together, beside those that evidence tells."""
+    least_sign: float = 3.0
+    """An effect that pieces know is taken away where the logarithm of their likelihood falls by less without it."""
     least_gain: float = 6.0
-    """An effect without which the logarithm of the likelihood falls by less is taken away."""
+    """An effect without which the logarithm of the likelihood of whole logs and pieces falls by less is taken away."""
     least_useful: float = 0.8
     """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
     most_lost: float = 0.02
@@ -48,6 +57,13 @@ class JointFitSettings:
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
     least_sure: float = 0.9
     """Smallest share of resampled logs on which it must be better than these."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing: a fit without a step has no derivatives."""
+        for name in ("first_steps", "all_steps", "steps", "most_causes"):
+            if getattr(self, name) < 1:
+                where = f"diagnose.settings.joint.{name}"
+                raise InputError(where, f"{getattr(self, name)}", "1 or more", "correct it")
 
 
 @dataclass(frozen=True)
@@ -61,12 +77,19 @@ class JointFit:
     progress: Callable[[str], None] = lambda _: None
 
     def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
-        """Fit all effects, take away those that do not matter, and return the rest, what matters most first."""
+        """Fit all effects, take away those that do not matter, and return the rest, what matters most first.
+
+        Short pieces answer almost linearly: effects that they tell to be absent go first, by the curvature. Whole logs
+        answer to large changes in ways that no curvature tells, so that replays judge the others.
+        """
         every = tuple(h for h in hypotheses if h.location == "all" and h.per_log is None)
         near = self.fit(every, self.numbers(every).centre, self.plan.first_steps, whole=False)
-        fit = self.fit(every, near.numbers, self.plan.all_steps)
-        fit = self.fit_part(fit, self.without_idle(fit, len(every)))
-        fit = self.fit_part(fit, self.without_idle(fit, self.plan.most_causes))
+        near = part(near, self.without_idle(near, self.losses_without, self.plan.least_sign, among=self.told_by(near)))
+        self.progress(f"by short pieces, {in_words(near)}")
+        fit = self.fit(near.hypotheses, near.numbers, self.plan.all_steps)
+        fit = self.fit_part(
+            fit, self.without_idle(fit, self.replayed_losses_without, self.plan.least_gain, self.plan.most_causes)
+        )
         useful = self.without_useless(fit)
         if len(useful) < len(fit.hypotheses):
             again = self.fit_part(fit, useful)
@@ -176,19 +199,33 @@ class JointFit:
         self.progress(f"jointly, {in_words(again)}: closes {self.closes(again):.2f}")
         return again
 
-    def without_idle(self, fit: FullRolloutFit, most: int) -> list[int]:
-        """Indices of at most so many hypotheses that matter, by what the likelihood loses without them, in turn.
+    def told_by(self, fit: FullRolloutFit) -> list[int]:
+        """Indices of the hypotheses of which a fit knows each number much better than it was known before."""
+        spread = np.sqrt(np.diag(fit.covariance)) / self.numbers(fit.hypotheses).spread
+        ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
+        return [k for k, (begin, end) in enumerate(itertools.pairwise(ends)) if spread[begin:end].max() < KNOWN]
 
-        Those that evidence tells stay, and are not counted.
+    def without_idle(
+        self,
+        fit: FullRolloutFit,
+        losses_without: Callable[[FullRolloutFit, Sequence[int]], np.ndarray],
+        least: float,
+        most: int | None = None,
+        among: Sequence[int] | None = None,
+    ) -> list[int]:
+        """Indices of at most so many hypotheses without each of which the likelihood falls by ``least`` or more.
+
+        The one that matters least goes first. Those that evidence tells stay and are not counted; so do those that are
+        not ``among`` the ones in question.
         """
         kept = list(range(len(fit.hypotheses)))
-        told = [self.is_told(h) for h in fit.hypotheses]
-        while (open_to_doubt := [k for k in kept if not told[k]]) and len(kept) > 1:
-            losses = dict(zip(kept, self.losses_without(fit, kept), strict=True))
-            least = min(open_to_doubt, key=lambda k: losses[k])
-            if losses[least] >= self.plan.least_gain and len(open_to_doubt) <= most:
+        stay = [self.is_told(h) or (among is not None and k not in among) for k, h in enumerate(fit.hypotheses)]
+        while (open_to_doubt := [k for k in kept if not stay[k]]) and len(kept) > 1:
+            losses = dict(zip(kept, losses_without(fit, kept), strict=True))
+            idlest = min(open_to_doubt, key=lambda k: losses[k])
+            if losses[idlest] >= least and (most is None or len(open_to_doubt) <= most):
                 break
-            kept.remove(least)
+            kept.remove(idlest)
         return kept
 
     def without_useless(self, fit: FullRolloutFit) -> list[int]:
@@ -214,6 +251,23 @@ class JointFit:
         ends = np.cumsum([0, *(len(fit.hypotheses[k].parameters) for k in kept)])
         at = [list(range(begin, end)) for begin, end in itertools.pairwise(ends)]
         return np.array([0.5 * departs[i] @ np.linalg.solve(inner[np.ix_(i, i)], departs[i]) for i in at])
+
+    def replayed_losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
+        """As ``losses_without``, by replays where the others are at their numbers by the curvature.
+
+        Only the few that may matter least by the curvature are replayed; the others count as needed.
+        """
+        losses = dict(zip(kept, self.losses_without(fit, kept), strict=True))
+        doubtful = sorted((k for k in kept if not self.is_told(fit.hypotheses[k])), key=lambda k: losses[k])[:REPLAYED]
+        tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in doubtful)]
+        whole, *without = [self.loss_at(one) for one in tried]
+        found = dict(zip(doubtful, without, strict=True))
+        return np.array([found.get(k, np.inf) - whole for k in kept])
+
+    def loss_at(self, fit: FullRolloutFit) -> float:
+        """Minus the logarithm of the likelihood at the numbers of a fit, by replays."""
+        (errors,) = self.likelihood.errors(fit.hypotheses, [fit.numbers], True, list(self.likelihood.logs))
+        return self.likelihood.loss(errors, self.numbers(fit.hypotheses).departs(fit.numbers))
 
     def ordered(self, fit: FullRolloutFit) -> list[FullRolloutCause]:
         """The causes of a fit, what matters most first, each with the fit of those up to it.

@@ -15,8 +15,9 @@ from leapgap.diagnosis.short_rollouts import ShortRollouts
 
 DIFFERENCE = 0.1
 """Step of finite differences, as a share of the scale of a number."""
-INDEPENDENT_S = 0.2
-"""Errors of whole replays at one instant say little more than those so long before."""
+INDEPENDENT_S = 0.6
+"""Errors of whole replays at one instant say little more than those up to 0.2 s before, and a robot that has drifted
+off has done so in all channels: of three, one counts."""
 PIECE_VALUES = 6
 """A short piece counts as so many independent values."""
 USUAL = 1.0

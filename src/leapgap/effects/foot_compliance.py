@@ -1,4 +1,4 @@
-"""Feet or ground softer than believed."""
+"""Feet or ground softer or stiffer than believed."""
 
 from dataclasses import dataclass
 from math import inf
