@@ -294,12 +294,13 @@ def find_answer(
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
     most = settings.pieces(len(ready.given.logs))
-    whole, coarse = (
+    every, half, quarter = (
         ShortRollouts.of(judged.states, ready.replayer, settings.horizon_s, settings.every_s, pieces)
-        for pieces in (most, (most + 1) // 2)
+        for pieces in (most, (most + 1) // 2, (most + 3) // 4)
     )
-    # Logs by their own clock are judged by a joint fit; beside it, single causes are enough to see rivals.
+    # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
     plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
+    whole, coarse = (every, half) if clock is None else (half, quarter)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, plan, progress)
     heldout_gap = heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
@@ -309,7 +310,7 @@ def find_answer(
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     if clock is None:
         return FoundAnswer(judgement, heldout_gap, evidence, None)
-    joint = JointFit(heldout_gap, whole.whiten_for(whole.on_every_log(())), evidence, settings.joint, progress)
+    joint = JointFit(heldout_gap, every.whiten_for(every.on_every_log(())), evidence, settings.joint, progress)
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
     by_source = closure_by_source(joint, judgement.selected)
     judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))

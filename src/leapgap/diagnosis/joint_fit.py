@@ -27,7 +27,7 @@ SETTLED = 5.0
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
 
 
-REPLAYED = 4
+REPLAYED = 3
 """So many effects, those that matter least by the curvature, are taken away in turn by replays."""
 KNOWN = 0.5
 """Pieces tell a number where its spread after them is a smaller share of the one before."""
@@ -75,6 +75,8 @@ class JointFit:
     evidence: Sequence[Evidence]
     plan: JointFitSettings = field(default_factory=JointFitSettings)
     progress: Callable[[str], None] = lambda _: None
+    losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
+    """Minus the logarithm of the likelihood by names and numbers, of sets that were replayed."""
 
     def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
         """Fit all effects, take away those that do not matter, and return the rest, what matters most first.
@@ -265,9 +267,12 @@ class JointFit:
         return np.array([found.get(k, np.inf) - whole for k in kept])
 
     def loss_at(self, fit: FullRolloutFit) -> float:
-        """Minus the logarithm of the likelihood at the numbers of a fit, by replays."""
-        (errors,) = self.likelihood.errors(fit.hypotheses, [fit.numbers], True, list(self.likelihood.logs))
-        return self.likelihood.loss(errors, self.numbers(fit.hypotheses).departs(fit.numbers))
+        """Minus the logarithm of the likelihood at the numbers of a fit, by replays; each is made once."""
+        key = (fit.names, fit.numbers.tobytes())
+        if key not in self.losses:
+            (errors,) = self.likelihood.errors(fit.hypotheses, [fit.numbers], True, list(self.likelihood.logs))
+            self.losses[key] = self.likelihood.loss(errors, self.numbers(fit.hypotheses).departs(fit.numbers))
+        return self.losses[key]
 
     def ordered(self, fit: FullRolloutFit) -> list[FullRolloutCause]:
         """The causes of a fit, what matters most first, each with the fit of those up to it.
