@@ -15,10 +15,12 @@ from omegaconf import DictConfig, OmegaConf
 
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Settings
+from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.logs.importers.base import LogFormat
 from leapgap.output_folder import whole_folder
-from leapgap.reports.diagnosis import diagnose_logs
+from leapgap.reports.diagnosis import CORRECTED, diagnose_logs
+from leapgap.simulation.corrected import MODEL
 from leapgap.validation.real_robots import RealCase, is_here, outcome_of, published_pushes, read_case
 from stages.common import CONF, output_folder, read_config, run_stage
 
@@ -51,7 +53,7 @@ def robots(config: DictConfig) -> None:
                 print(f"{name}: no files in {raw / case.source}, left out")
                 continue
             begin = time.perf_counter()
-            robot, logs = read_case(case, raw, *importer(case.import_logs))
+            robot, logs = read_case(case, raw, *importer(case.import_logs), corrected=corrected_by(case, folder, name))
             report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
             seconds = time.perf_counter() - begin
             pushes = published_pushes(raw / case.source, chosen.pushes.get(name, {}))
@@ -62,6 +64,19 @@ def robots(config: DictConfig) -> None:
             print(f"{name}: {verdict}. {report.sentence}", flush=True)
     if chosen.metrics and table:
         write_json(Path(chosen.metrics), {"cases": table})
+
+
+def corrected_by(case: RealCase, folder: Path, name: str) -> Path | None:
+    """The model file that an earlier case of the table has corrected, where a case is judged against that."""
+    if case.after is None:
+        return None
+    path = folder / case.after / CORRECTED / MODEL
+    if not path.is_file():
+        expected = "the name of an earlier case with a corrected model"
+        raise InputError(
+            f"robots.cases.{name}.after", case.after, expected, "correct the name, or put that case before"
+        )
+    return path
 
 
 def importer(name: str) -> tuple[LogFormat, Any]:

@@ -12,6 +12,7 @@ import pytest
 from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ParameterEstimate
+from leapgap.errors import InputError
 from leapgap.validation.real_robots import (
     PublishedPush,
     RealCase,
@@ -21,6 +22,7 @@ from leapgap.validation.real_robots import (
     outcome_of,
     published_pushes,
 )
+from stages.robots import corrected_by
 from tests.code import ROOT
 
 FRICTION = {"joint_friction": {"torque_nm": [-0.1, 0.9]}}
@@ -65,6 +67,19 @@ def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
     assert not is_here(case, tmp_path)
     (tmp_path / "robot.xml").write_text("<mujoco/>")
     assert is_here(case, tmp_path) and not is_here(replace(case, source="others"), tmp_path)
+
+
+def test_a_case_after_another_is_judged_against_the_robot_that_was_corrected_there(tmp_path: Path) -> None:
+    loaded = RealCase("arm", "logs", "robot.xml", "200 g", {}, False, after="empty")
+    assert corrected_by(replace(loaded, after=None), tmp_path, "loaded") is None
+    with pytest.raises(
+        InputError, match=r"^robots\.cases\.loaded\.after: found empty; expected the name of an earlier"
+    ):
+        corrected_by(loaded, tmp_path, "loaded")
+    model = tmp_path / "empty" / "corrected" / "robot.xml"
+    model.parent.mkdir(parents=True)
+    model.write_text("<mujoco/>")
+    assert corrected_by(loaded, tmp_path, "loaded") == model
 
 
 def test_without_any_data_the_stage_says_so_and_writes_no_metrics(tmp_path: Path) -> None:

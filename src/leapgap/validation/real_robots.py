@@ -42,6 +42,8 @@ class RealCase:
     shown beside others and is neither right nor false."""
     fix_base: bool
     """Whether the robot hangs: its floating base is held."""
+    after: str | None = None
+    """Name of an earlier case, whose corrected robot takes the place of the model file: what has changed since?"""
 
 
 @dataclass(frozen=True)
@@ -66,9 +68,14 @@ def is_here(case: RealCase, raw: Path) -> bool:
     return (raw / case.source).exists() and (raw / case.robot).is_file()
 
 
-def read_case(case: RealCase, raw: Path, layout: LogFormat, options: Any) -> tuple[Robot, list[Log]]:
-    """The robot of a case and its logs, from the raw files, by the format and options of its import."""
-    robot = Robot.load(raw / case.robot, fix_base=case.fix_base or None)
+def read_case(
+    case: RealCase, raw: Path, layout: LogFormat, options: Any, corrected: Path | None = None
+) -> tuple[Robot, list[Log]]:
+    """The robot of a case and its logs, from the raw files, by the format and options of its import.
+
+    ``corrected`` is the model file of the robot as an earlier case corrected it, where the case asks for that.
+    """
+    robot = Robot.load(corrected or raw / case.robot, fix_base=case.fix_base or None)
     return robot, list(read_foreign(layout, raw / case.source, robot, options).logs)
 
 
