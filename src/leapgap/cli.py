@@ -139,16 +139,21 @@ def robot_options(command: argparse.ArgumentParser) -> None:
 
 def robot_of(chosen: argparse.Namespace) -> Any:
     """The robot that a command names, with notes on its model file printed; None where it names none."""
+    robot = load_robot(chosen)
+    for note in robot.notes if robot else ():
+        print(f"{robot.path}: {note}", file=sys.stderr)
+    return robot
+
+
+def load_robot(chosen: argparse.Namespace) -> Any:
+    """The robot that a command names; None where it names none."""
     if chosen.robot is None:
         return None
     from leapgap.robot.model import Robot
     from leapgap.robot.topology import PartNames
 
     names = PartNames(feet=tuple(chosen.feet.split(","))) if chosen.feet else None
-    robot = Robot.load(chosen.robot, names=names, fix_base=chosen.fix_base)
-    for note in robot.notes:
-        print(f"{robot.path}: {note}", file=sys.stderr)
-    return robot
+    return Robot.load(chosen.robot, names=names, fix_base=chosen.fix_base)
 
 
 def count(text: str) -> int:
@@ -200,7 +205,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     if chosen.effects:
         settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
     tell = (lambda _: None) if chosen.quiet else partial(print, flush=True)
-    report = api.diagnose(chosen.logs, robot_of(chosen), settings, progress=tell, threads=chosen.threads)
+    report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=tell, threads=chosen.threads)
     print(report)
     if chosen.out is not None:
         print(f"page: {report.save(chosen.out, chosen.viewer) / 'report.html'}")
