@@ -113,7 +113,7 @@ def test_a_diagnosis_goes_on_and_names_what_it_left_out(tmp_path: Path, capsys: 
 def test_what_is_unusual_of_a_robot_or_a_log_stands_in_the_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A model whose gravity points sideways gives no answer that can be trusted: whoever reads the report must see it."""
+    """No answer of a model whose gravity points sideways can be trusted: whoever reads the report must see it."""
     folder, model = plain_arm.write_parquet(tmp_path / "logs", logs=3), plain_arm.write_model(tmp_path)
     model.write_text(model.read_text().replace("<worldbody>", '<option gravity="9.81 0 0"/><worldbody>', 1))
     rows = pq.read_table(folder / "swing_1.parquet")
