@@ -34,6 +34,10 @@ CONF = ROOT / "conf"
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
+UNKNOWN_KEY = re.compile(r"(?:Could not override '|not in struct full_key: )([\w.]+)")
+NO_OPTION = re.compile(r"Could not find '([\w/]+)/(.+?)' Available options in '[^']*': (.*?)(?: Config search|$)")
+"""How Hydra and OmegaConf say that a key, or an option of a group, is not known."""
+
 T = TypeVar("T")
 
 
@@ -162,16 +166,11 @@ def config_error(error: Exception) -> InputError:
     do = "look the key up in conf/, or run with --cfg job to see them all"
     if unset := re.search(r"Error parsing override '(.*)' missing EQUAL", message):
         return InputError("configuration", f"{unset[1]}, which sets nothing", "key=value", "write it so, or see --help")
-    if group := re.search(
-        r"Could not find '([\w/]+)/(.+?)' Available options in '[^']*': (.*?)(?: Config search|$)", message
-    ):
+    if group := NO_OPTION.search(message):
         options = group[3].split()
         nearest = did_you_mean(group[2], options) or "choose one"
         return InputError("configuration", f"no {group[1]}={group[2]}", f"one of {', '.join(options)}", nearest)
-    unknown = re.search(r"Could not override '([\w.]+)'", message) or re.search(
-        r"not in struct full_key: ([\w.]+)", message
-    )
-    if unknown:
+    if unknown := UNKNOWN_KEY.search(message):
         found = f"the unknown key {unknown[1]}"
         return InputError("configuration", found, "a key of conf/", nearest_key(unknown[1]) or do)
     return InputError("configuration", message, "keys, groups and types of conf/", do)
