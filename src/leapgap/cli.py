@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.processes import STOPPED, InterruptGuard
+from leapgap.processes import STOPPED, InterruptGuard, tolerate_terminal
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
@@ -29,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; its exit code."""
     if arguments is None:  # the command itself, not a call from Python
         InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}").install()
+        tolerate_terminal()
     chosen = parser().parse_args(arguments)
     try:
         chosen.run(chosen)

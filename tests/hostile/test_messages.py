@@ -119,6 +119,15 @@ def test_a_misspelt_command_is_answered_with_the_nearest(
     assert question in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("arguments", [("leapgap.cli", "effects"), ("stages.chunk", "--help")])
+def test_a_terminal_that_lacks_a_character_gets_its_code(arguments: tuple[str, ...]) -> None:
+    """Windows and old locales know no ``→`` or ``²``."""
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}", "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([sys.executable, "-m", *arguments], env=environment, capture_output=True, check=False)
+    assert done.returncode == 0 and done.stderr == b"", done.stderr
+    assert rb"N\xb7m" in done.stdout
+
+
 def test_a_misspelt_setting_of_a_file_is_answered_with_the_nearest(tmp_path: Path) -> None:
     from leapgap import Settings
     from leapgap.errors import InputError
