@@ -1,4 +1,4 @@
-"""Does the centre of mass fall with the gravity of the model in flight, judged from the base's position and the joints?"""
+"""Does the centre of mass fall with the model's gravity in flight, judged from the base's position and the joints?"""
 
 from collections.abc import Sequence
 from typing import ClassVar
