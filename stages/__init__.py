@@ -10,8 +10,9 @@ for library in ("OMP", "OPENBLAS", "MKL"):
 
 if sys.argv[:1] == ["-m"]:  # `python -m stages.<stage>` imports this first: Ctrl-C may come while it imports
     from leapgap.output_folder import what_is_kept
-    from leapgap.processes import InterruptGuard
+    from leapgap.processes import InterruptGuard, tolerate_terminal
 
+    tolerate_terminal()
     STAGE = next((word for word in sys.orig_argv if word.startswith("stages.")), "stages")
     InterruptGuard(lambda: f"{STAGE}: stopped by Ctrl-C; {what_is_kept()}").install()
 elif "LEAPGAP_PARENT" in os.environ:  # a worker of a stage, which imports the stage before it can do anything else

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import hydra
+from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import OmegaConfBaseException, ValidationError
 
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean
@@ -32,6 +33,10 @@ PARAMS = Path("params.yaml")
 CONF = ROOT / "conf"
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
+
+UNKNOWN_KEY = re.compile(r"(?:Could not override '|not in struct full_key: )([\w.]+)")
+NO_OPTION = re.compile(r"Could not find '([\w/]+)/(.+?)' Available options in '[^']*': (.*?)(?: Config search|$)")
+"""How Hydra and OmegaConf say that a key, or an option of a group, is not known."""
 
 T = TypeVar("T")
 
@@ -62,6 +67,7 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
         if "DVC_STAGE" in os.environ:
             stage_or_refusal(params_with_overrides(sys.argv[1:], extensible))
         else:
+            check_options(sys.argv[1:])
             sys.argv[1:] = [with_leave_to_add(argument, extensible) for argument in sys.argv[1:]]
             run_with_hydra(stage_or_refusal, name)
     except (InputError, OSError) as error:
@@ -155,19 +161,38 @@ def params_with_overrides(arguments: list[str], extensible: str | None = None) -
 
 
 def config_error(error: Exception) -> InputError:
-    """An error of Hydra or OmegaConf as an ``InputError`` of one line."""
-    message = " ".join(str(error).split()).removesuffix(".")
+    """An error of Hydra or OmegaConf as an ``InputError`` of one line, in words of this project."""
+    message = " ".join(str(error).split()).partition(" See https:")[0].removesuffix(".")
     do = "look the key up in conf/, or run with --cfg job to see them all"
-    return InputError("configuration", message, "keys, groups and types of conf/", nearest_key(message) or do)
+    if unset := re.search(r"Error parsing override '(.*)' missing EQUAL", message):
+        return InputError("configuration", f"{unset[1]}, which sets nothing", "key=value", "write it so, or see --help")
+    if group := NO_OPTION.search(message):
+        options = group[3].split()
+        nearest = did_you_mean(group[2], options) or "choose one"
+        return InputError("configuration", f"no {group[1]}={group[2]}", f"one of {', '.join(options)}", nearest)
+    if unknown := UNKNOWN_KEY.search(message):
+        found = f"the unknown key {unknown[1]}"
+        return InputError("configuration", found, "a key of conf/", nearest_key(unknown[1]) or do)
+    return InputError("configuration", message, "keys, groups and types of conf/", do)
 
 
-def nearest_key(message: str) -> str | None:
-    """``did you mean …?`` for the unknown key in a message of Hydra or OmegaConf; None where none is near."""
-    found = re.search(r"override '([\w.]+)'", message) or re.search(r"full_key: ([\w.]+)", message)
-    if found is None or not (ROOT / PARAMS).is_file():
+def nearest_key(key: str) -> str | None:
+    """``did you mean …?`` for a key that conf/ does not have; None where none is near."""
+    if not (ROOT / PARAMS).is_file():
         return None
     known = keys_below(OmegaConf.to_container(OmegaConf.load(ROOT / PARAMS)))
-    return did_you_mean(found[1], [*known, "size"])
+    return did_you_mean(key, [*known, "size"])
+
+
+def check_options(arguments: Sequence[str]) -> None:
+    """Raise ``InputError`` for an option that Hydra does not have; it would print a page of usage."""
+    known = [option for option in get_args_parser()._option_string_actions if option.startswith("--")]
+    for argument in arguments:
+        option = argument.partition("=")[0]
+        if option.startswith("--") and not any(one.startswith(option) for one in known):
+            expected = "key=value, --help, --version or an option of Hydra"
+            do = did_you_mean(option, [*known, "--version"]) or "see --help and --hydra-help"
+            raise InputError("command line", option, expected, do)
 
 
 def keys_below(value: Any, above: str = "") -> list[str]:
@@ -195,6 +220,8 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     except OmegaConfBaseException as error:
         message = str(error).splitlines()[0].rstrip(".")
         where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
+        if isinstance(error, ValidationError):
+            raise InputError(where, message, "a value of that kind", "correct it") from None
         fields = ", ".join(kind.__dataclass_fields__)  # type: ignore[attr-defined]
         nearest = did_you_mean(str(getattr(error, "key", "")), list(kind.__dataclass_fields__))  # type: ignore[attr-defined]
         do = nearest or "correct it in conf/ or on the command line"

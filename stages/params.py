@@ -96,5 +96,5 @@ if __name__ == "__main__":
             print(answer, end="")
         else:
             params()
-    except InputError as error:
+    except (InputError, OSError) as error:
         refuse("params", error)

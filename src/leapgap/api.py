@@ -18,7 +18,7 @@ from leapgap.logs import reading
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log
 from leapgap.logs.reading import Readings
-from leapgap.reports.diagnosis import Report, diagnose_logs
+from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer, Rollout
 
@@ -51,8 +51,13 @@ def read_logs(
 def some(logs: Sequence[Log], path: Path, kind: str) -> list[Log]:
     """The logs; none is an ``InputError``."""
     if not logs:
-        raise InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
+        raise no_logs(path, kind)
     return list(logs)
+
+
+def no_logs(path: Path, kind: str) -> InputError:
+    """The refusal of a folder without logs."""
+    return InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
 
 
 def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> Readings:
@@ -134,37 +139,22 @@ def diagnose(
     None) change the time it takes and nothing else.
     """
     loaded, chosen = load_robot(robot), settings or Settings()
-    if isinstance(logs, PathLike) and Path(logs).is_dir():
-        readings = reading.read_folder(Path(logs), loaded)
-        read = some(readings.logs, Path(logs), "*.parquet")
-    else:
-        read = read_logs(logs)
-        readings = Readings(tuple(read))
-    for line in readings.lines():
-        progress(line)
-    provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
     record = recorder() if find_spec("rerun") else None
     others = [load_robot(one) for one in descriptions]
-    return diagnose_logs(
-        read,
-        loaded,
-        chosen,
-        tuple(effects),
-        provenance,
-        progress,
-        threads,
-        record,
-        descriptions=others,
-        set_aside=readings.set_aside,
-    )
+    if isinstance(logs, PathLike) and Path(logs).is_dir():
+        report = diagnose_folder(Path(logs), loaded, chosen, progress, threads, tuple(effects), others, record)
+        if report is None:
+            raise no_logs(Path(logs), "*.parquet")
+        return report
+    read = read_logs(logs)
+    provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
+    some_logs = ChosenLogs.of(Readings(tuple(read)), progress)
+    return diagnose_chosen(some_logs, loaded, chosen, tuple(effects), provenance, progress, threads, others, record)
 
 
 def file_hashes(source: Logs, logs: Sequence[Log]) -> dict[str, str] | None:
-    """SHA-256 of the files that logs were read from, by the log's name; None where they are not from files."""
-    if not isinstance(source, PathLike):
-        return None
-    path = Path(source)
-    return {log.name: sha256(path / f"{log.name}.parquet" if path.is_dir() else path) for log in logs}
+    """SHA-256 of the file that logs were read from, by the log's name; None where they are not from a file."""
+    return {log.name: sha256(Path(source)) for log in logs} if isinstance(source, PathLike) else None
 
 
 def recorder() -> Callable[[Report, Path], None]:

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.processes import STOPPED, InterruptGuard
+from leapgap.processes import STOPPED, InterruptGuard, tolerate_terminal
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
@@ -29,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; its exit code."""
     if arguments is None:  # the command itself, not a call from Python
         InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}").install()
+        tolerate_terminal()
     chosen = parser().parse_args(arguments)
     try:
         chosen.run(chosen)
@@ -139,16 +140,21 @@ def robot_options(command: argparse.ArgumentParser) -> None:
 
 def robot_of(chosen: argparse.Namespace) -> Any:
     """The robot that a command names, with notes on its model file printed; None where it names none."""
+    robot = load_robot(chosen)
+    for note in robot.notes if robot else ():
+        print(f"{robot.path}: {note}", file=sys.stderr)
+    return robot
+
+
+def load_robot(chosen: argparse.Namespace) -> Any:
+    """The robot that a command names; None where it names none."""
     if chosen.robot is None:
         return None
     from leapgap.robot.model import Robot
     from leapgap.robot.topology import PartNames
 
     names = PartNames(feet=tuple(chosen.feet.split(","))) if chosen.feet else None
-    robot = Robot.load(chosen.robot, names=names, fix_base=chosen.fix_base)
-    for note in robot.notes:
-        print(f"{robot.path}: {note}", file=sys.stderr)
-    return robot
+    return Robot.load(chosen.robot, names=names, fix_base=chosen.fix_base)
 
 
 def count(text: str) -> int:
@@ -200,7 +206,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     if chosen.effects:
         settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
     tell = (lambda _: None) if chosen.quiet else partial(print, flush=True)
-    report = api.diagnose(chosen.logs, robot_of(chosen), settings, progress=tell, threads=chosen.threads)
+    report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=tell, threads=chosen.threads)
     print(report)
     if chosen.out is not None:
         print(f"page: {report.save(chosen.out, chosen.viewer) / 'report.html'}")

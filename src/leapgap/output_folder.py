@@ -258,6 +258,7 @@ def merged_folder(folder: Path, by: str) -> Iterator[Path]:
     """
     path = real_path(folder)
     check_parents(path)
+    STATES.setdefault(path, AS_IT_WAS)
     with folder_lock(path), staging_folder(path, by) as beside:
         yield beside
         marker = Marker.read(path)
@@ -273,6 +274,7 @@ def merged_folder(folder: Path, by: str) -> Iterator[Path]:
         for name in new:
             (path / name).parent.mkdir(parents=True, exist_ok=True)
             (beside / name).replace(path / name)
+        STATES[path] = "is complete"
 
 
 def claim_folder(folder: Path, by: str) -> Path:

@@ -1,7 +1,11 @@
-"""Processes that end in time: workers together with the process that started them, and a command on Ctrl-C."""
+"""Processes that end in time: workers together with the process that started them, and a command on Ctrl-C.
+
+And what else a command needs of its process: printing to any terminal.
+"""
 
 import contextlib
 import ctypes
+import io
 import os
 import shutil
 import signal
@@ -114,6 +118,13 @@ def end_workers() -> None:
             with contextlib.suppress(OSError):
                 if b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes():
                     os.kill(pid, signal.SIGKILL)
+
+
+def tolerate_terminal() -> None:
+    """Print a character that the terminal cannot show as its code, such as ``\\xb7``, and go on."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 class InterruptGuard:

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -107,3 +108,25 @@ def test_a_diagnosis_goes_on_and_names_what_it_left_out(tmp_path: Path, capsys: 
     assert "Left out: swing_3: joint_pos/elbow leaves" in page and "Left out: swing_1.parquet" in page
     assert report["answer"] == [["joint_damping"]]
     assert "left out swing_3" in capsys.readouterr().out
+
+
+def test_what_is_unusual_of_a_robot_or_a_log_stands_in_the_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No answer of a model whose gravity points sideways can be trusted: whoever reads the report must see it."""
+    folder, model = plain_arm.write_parquet(tmp_path / "logs", logs=3), plain_arm.write_model(tmp_path)
+    model.write_text(model.read_text().replace("<worldbody>", '<option gravity="9.81 0 0"/><worldbody>', 1))
+    rows = pq.read_table(folder / "swing_1.parquet")
+    pq.write_table(pa.concat_tables([rows.slice(0, 400), rows.slice(420)]), folder / "swing_1.parquet")
+    out = tmp_path / "out"
+    call = ["diagnose", str(folder), str(model), "--effects", "joint_damping", "--quiet", "--out", str(out)]
+    assert main(call) == 0
+    notes = [
+        "arm: gravity is (9.81, 0, 0) m/s², not 9.81 m/s² downwards",
+        "swing_1: about 20 rows lost in 1 places, the first after row 399",
+    ]
+    assert json.loads((out / "report.json").read_text())["notes"] == notes
+    page, said = (out / "report.html").read_text(), capsys.readouterr()
+    for note in notes:
+        assert f"Note: {note}" in page
+        assert said.out.count(note) == 1 and note not in said.err

@@ -1,6 +1,7 @@
 """What is meant as a time lasts as long at any rate of a log: 1 kHz, 500 Hz, 200 Hz."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,6 +57,21 @@ def test_a_fall_of_300_ms_is_judged_at_any_rate(robot: Robot, rate_hz: int) -> N
     check = FreeFall().run([falling], robot, 0.08)
     assert check is not None
     assert check.statistic < 0.01
+
+
+def test_a_fall_is_held_against_the_gravity_of_the_model(tmp_path: Path) -> None:
+    """A robot of the moon falls as its model says; the check does not blame the clock of its log."""
+    text = Robot.load().path.read_text()
+    assert "gravity=" not in text
+    (tmp_path / "moon.xml").write_text(text.replace("<option ", '<option gravity="0 0 -1.62" ', 1))
+    moon = Robot.load(tmp_path / "moon.xml")
+    assert moon.model.opt.gravity[2] == -1.62
+    jump = log(moon, 1000)
+    since = np.clip(jump.time - schedule_of(jump).take_off_s, 0, None)
+    falling = replace(jump, columns=dict(jump.columns) | {"base_pos_z": 1.0 - 1.62 * since**2 / 2})
+    check = FreeFall().run([falling], moon, 0.08)
+    assert check is not None and check.passed and check.statistic < 0.01
+    assert FreeFall().run([falling], Robot.load(), 0.08).statistic == pytest.approx(1 - 1.62 / 9.81, abs=0.01)
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 200])

@@ -24,6 +24,7 @@ SOON_S = 3.0
 """Time in which a command must have ended after Ctrl-C."""
 LATEST_S = 6.0
 """Kills come up to this time after the workers began."""
+EARLIEST_S = 0.01
 ORPHAN_S = 15.0
 """Time after which a process without its parent counts as an orphan: a process that was killed still needs a processor
 to end, and on a busy machine waits for it."""
@@ -44,6 +45,12 @@ TINY = ("size=tiny", "executor=joblib", "executor.workers=2")
 LAND = ("land.methods=[joint_pd,nominal_variable]", "land.tasks.block_60.repeats=2", "land.tasks.jump_50.repeats=2")
 TRAIN = ("size=tiny", "train.models=[networks]", "train.sessions=null", "train.folds=2")
 WITHHOLD = ("withhold.references={inputs}/references", "withhold.published=null")
+NO_OTHERS = ("withhold.halves.reported.nameless=0", "withhold.halves.reported.none=0")
+ALONE = ("diagnose_withheld.settings.effects=[joint_damping]", "diagnose.settings.folds=2")
+REVISIT = (
+    *("revisit.logs={inputs}/missed/logs", "revisit.truth={inputs}/missed/truth", "revisit.verdicts={inputs}/verdicts"),
+    *("revisit.references={inputs}/references", "revisit.missed=2", "revisit.further=['collect.jumps=1']"),
+)
 REFERENCES = "references={inputs}/references"
 CALLS = (
     StageCall("collect", (*TINY, "collect.jumps=8", f"collect.{REFERENCES}", "collect.out={out}")),
@@ -60,8 +67,24 @@ CALLS = (
         "diagnose_withheld",
         (*TINY, "diagnose_withheld.logs={inputs}/withheld/logs", "diagnose_withheld.out={out}"),
     ),
+    StageCall("revisit", (*TINY, *ALONE, *REVISIT, "revisit.out={out}")),
+    StageCall(
+        "export",
+        (*TINY, "export.landings=null", "export.target=[0.45,0.0]", f"land.{REFERENCES}", "export.out={out}"),
+    ),
 )
-"""``revisit`` runs the jobs of ``diagnose_withheld`` in the same workers."""
+MISSED = (
+    *("withhold.logs={out}/logs", "withhold.truth={out}/truth", "withhold.world.jumps=2"),
+    *("withhold.halves.tuning.single=3", *NO_OTHERS),
+)
+"""Cases of single effects; two of the three are detectable, and missed by a diagnosis that looks for one other."""
+SHORT = (
+    *("collect", "withhold", "land", "train", "collect", "withhold", "collect", "withhold", "land", "train"),
+    *("collect", "withhold", "collect", "withhold", "land", "train", "collect", "withhold", "collect"),
+)
+LONG = ("diagnose_withheld", "revisit", "export")
+ORDER = tuple(name for long in LONG for name in (*SHORT[:3], long, *SHORT[3:]))
+"""Stages in the order in which they are killed: of twenty kills, one is of a stage that takes minutes."""
 
 
 def command(call: StageCall, inputs: Path, out: Path) -> list[str]:
@@ -101,6 +124,11 @@ def prepare(inputs: Path, names: Sequence[str] = tuple(call.name for call in CAL
             )
         logs, windows = inputs / "jumps", inputs / "windows"
         run(StageCall("chunk", (f"chunk.logs={logs}", f"chunk.out={windows}")), inputs, windows)
+    if "revisit" in names:
+        run(StageCall("withhold", (*TINY, *WITHHOLD, *MISSED)), inputs, inputs / "missed")
+        logs = "diagnose_withheld.logs={inputs}/missed/logs"
+        call = StageCall("diagnose_withheld", (*TINY, *ALONE, logs, "diagnose_withheld.out={out}"))
+        run(call, inputs, inputs / "verdicts")
     if "diagnose_withheld" in names:
         (call,) = (one for one in CALLS if one.name == "withhold")
         run(call, inputs, inputs / "withheld")
@@ -220,9 +248,20 @@ def visible(out: Path) -> dict[str, bytes]:
     return {name: data for name, data in found.items() if not any(part.startswith(".") for part in name.split("/"))}
 
 
+def stage_and_moment(number: int) -> tuple[str, float]:
+    """The stage of a kill, and how long after its workers began it comes, s.
+
+    Moments of one stage are spread evenly, however many there are: each is a golden section further, round and round.
+    """
+    name = ORDER[number % len(ORDER)]
+    earlier = sum(ORDER[i % len(ORDER)] == name for i in range(number))
+    return name, 0.1 + (0.618 * earlier) % 1.0 * LATEST_S
+
+
 def kill_number(number: int, folder: Path) -> KillTally:
     """The kill of that number, at a moment of its own; inputs and whole outputs in ``folder`` are made if missing."""
-    call = CALLS[number % len(CALLS)]
+    name, after_s = stage_and_moment(number)
+    (call,) = (one for one in CALLS if one.name == name)
     inputs, whole = folder / "inputs", folder / call.name
     if not (folder / "ready").exists():
         shutil.rmtree(folder, ignore_errors=True)
@@ -234,5 +273,7 @@ def kill_number(number: int, folder: Path) -> KillTally:
         (whole / "ready").touch()
     killed = folder / f"kill_{number}"
     shutil.rmtree(killed, ignore_errors=True)
-    after_s = (0.1 + 0.37 * (number // len(CALLS))) % LATEST_S
-    return kill_and_resume(call, inputs, killed, files(whole / "out"), after_s)
+    expected = files(whole / "out")
+    while not (tally := kill_and_resume(call, inputs, killed, expected, after_s)).kills and after_s > EARLIEST_S:
+        after_s /= 2  # it had ended before
+    return tally

@@ -78,6 +78,53 @@ def test_a_first_tick_with_a_wrong_time_does_not_poison_the_jump(jump: tuple[Rob
     assert sum(controller.fallbacks.values()) == 1
 
 
+def test_a_time_beyond_all_floats_is_not_usable(jump: tuple[Robot, Reference]) -> None:
+    robot, reference = jump
+    controller = JointPd(reference, robot, PhaseGains())
+    last = controller.command(truth_at(reference, 0))
+    assert controller.command(replace(truth_at(reference, 1), time_s=10**400)) is last
+    assert controller.fallbacks == {TIME_NOT_USABLE: 1}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "value",
+    [
+        *(np.full(4, "0.5"), np.full(4, 0.5 + 2j), np.full(4, True), np.ones(4, "datetime64[s]")),
+        *([None] * 4, [10**400] * 4, np.ma.array(np.full(4, 0.5), mask=True)),
+    ],
+    ids=["texts", "complex", "booleans", "dates", "none", "beyond all floats", "masked"],
+)
+def test_what_is_no_real_number_was_not_measured(jump: tuple[Robot, Reference], value: object) -> None:
+    robot, reference = jump
+    told = truth_at(reference, 0)
+    told = replace(told, base_quaternion=value, joint_vel=np.repeat(value, 3), base_velocity=value[:3])  # type: ignore[index]
+    judged = Border(robot).judged(told)
+    assert judged is not None
+    for found in (judged.base_quaternion, judged.joint_vel, judged.base_velocity):
+        assert np.isnan(found).all()
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, list])
+def test_an_estimate_of_floats_of_any_kind_is_read(jump: tuple[Robot, Reference], kind: type) -> None:
+    robot, reference = jump
+    told = truth_at(reference, 50)
+    names = ("base_position", "base_quaternion", "base_velocity", "base_angular_velocity", "joint_pos", "joint_vel")
+    judged = Border(robot).judged(
+        replace(
+            told,
+            **{
+                name: [*map(float, getattr(told, name))] if kind is list else getattr(told, name).astype(kind)
+                for name in names
+            },
+        )
+    )
+    assert judged is not None
+    for name in names:
+        assert getattr(judged, name) == pytest.approx(getattr(told, name), abs=1e-6)
+        assert getattr(judged, name).dtype == np.float64
+
+
 def test_a_clock_that_stays_lost_damps_the_joints(jump: tuple[Robot, Reference]) -> None:
     robot, reference = jump
     controller = JointPd(reference, robot, PhaseGains())

@@ -77,11 +77,30 @@ def test_the_version_of_a_stage(tmp_path: Path) -> None:
         (("chunk", "siez=tiny"), "did you mean size?"),
         (("diagnose", "diagnose.settings.most_pices=3"), "did you mean diagnose.settings.most_pieces?"),
         (("chunk", "+chunk.stepps=3"), "did you mean steps?"),
+        (("chunk", "size=tny"), "found no size=tny; expected one of blind, default, full, tiny; did you mean tiny?"),
+        (("chunk", "chunk.ot=x"), "found the unknown key chunk.ot; expected a key of conf/; did you mean chunk.out?"),
+        (
+            ("chunk", "--hlp"),
+            "found --hlp; expected key=value, --help, --version or an option of Hydra; did you mean --he",
+        ),
+        (("chunk", "steps"), "found steps, which sets nothing; expected key=value; write it so, or see --help"),
+        (
+            ("chunk", "chunk.steps=two"),
+            "chunk.steps: found Value 'two' of type 'str' could not be converted to Integer; ex",
+        ),
     ],
 )
 def test_a_misspelt_key_is_answered_with_the_nearest(tmp_path: Path, arguments: tuple[str, ...], question: str) -> None:
     name, *given = arguments
-    assert_refused(stage(name, *given, f"{name}.out={tmp_path / 'out'}"), question)
+    refused = stage(name, *given, f"{name}.out={tmp_path / 'out'}")
+    assert_refused(refused, question)
+    for advice in (
+        "use +",
+        "hydra.cc",
+        "search path",
+        "did you mean steps?" if "chunk.steps=two" in given else "use +",
+    ):
+        assert advice not in refused.stderr, "advice that is of no use"
 
 
 @pytest.mark.parametrize(
@@ -98,6 +117,15 @@ def test_a_misspelt_command_is_answered_with_the_nearest(
         cli.main(list(arguments))
     assert end.value.code == 2
     assert question in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [("leapgap.cli", "effects"), ("stages.chunk", "--help")])
+def test_a_terminal_that_lacks_a_character_gets_its_code(arguments: tuple[str, ...]) -> None:
+    """Windows and old locales know no ``→`` or ``²``."""
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}", "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([sys.executable, "-m", *arguments], env=environment, capture_output=True, check=False)
+    assert done.returncode == 0 and done.stderr == b"", done.stderr
+    assert rb"N\xb7m" in done.stdout
 
 
 def test_a_misspelt_setting_of_a_file_is_answered_with_the_nearest(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from leapgap.effects.gravity_direction import GravityDirection
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 
@@ -291,6 +292,12 @@ def test_unusual_robots_are_taken_and_what_is_unusual_is_said(name: str, tmp_pat
     text, notes = ACCEPTED[name]
     (tmp_path / "robot.xml").write_text(text)
     assert Robot.load(tmp_path / "robot.xml").notes == notes
+
+
+def test_gravity_that_a_flag_switches_off_has_no_direction(tmp_path: Path) -> None:
+    """The vector of the model file is still 9.81 m/s² downwards."""
+    (tmp_path / "robot.xml").write_text(ACCEPTED["an arm in space by a flag"][0])
+    assert GravityDirection.lacks(Robot.load(tmp_path / "robot.xml")) == "gravity"
 
 
 def test_files_of_a_robot_may_lie_beside_its_folder(tmp_path: Path) -> None:

@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from tests.code import ROOT
+from tests.hostile.kills import CALLS, LATEST_S, stage_and_moment
 from tests.hostile.run import FIGURES
 
 
@@ -29,3 +32,14 @@ def test_a_part_writes_its_figures_and_keeps_those_of_the_others(tmp_path: Path)
     assert figures["kills"] == 7 and figures["ticks"] >= 14000
     assert (figures["exceptions"], figures["nonfinite"], figures["outside_limits"]) == (0, 0, 0)
     assert figures["inputs"] is None
+
+
+def test_every_stage_with_workers_is_killed_at_moments_spread_over_its_work() -> None:
+    stages = (ROOT / "stages").glob("*.py")
+    with_workers = {path.stem for path in stages if "config.executor" in path.read_text(encoding="utf-8")} | {"train"}
+    assert {call.name for call in CALLS} == with_workers
+    kills = [stage_and_moment(number) for number in range(100)]
+    assert {name for name, _ in kills} == with_workers
+    for stage in ("collect", "land", "train", "withhold"):
+        edges = [0.0, *sorted(after_s for name, after_s in kills if name == stage), LATEST_S + 0.1]
+        assert max(np.diff(edges)) < 2.2 * LATEST_S / (len(edges) - 2)

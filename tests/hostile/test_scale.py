@@ -1,16 +1,24 @@
-"""What a diagnosis leaves out of many logs stands in its report."""
+"""What a diagnosis leaves out of many logs stands in its report, and takes no memory."""
 
+import gc
 import json
 import subprocess
 import sys
+import weakref
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from leapgap import api
 from leapgap.diagnosis.diagnose import Settings
 from leapgap.logs import stretches
+from leapgap.logs.log import Log, read_log
+from leapgap.logs.reading import Readings, read_folder
+from leapgap.reports import diagnosis as reports
 from leapgap.reports.diagnosis import REPORT, diagnose_folder
 from leapgap.robot.model import Robot
+from tests import plain_arm
 from tests.code import ROOT
 
 
@@ -31,3 +39,33 @@ def test_the_report_says_which_logs_were_diagnosed(tmp_path: Path, monkeypatch: 
     assert sentence in str(report)
     assert sorted(written["provenance"]["logs"]) == ["swing_0", "swing_1", "swing_2", "swing_3"]
     assert report.answer == (("joint_damping",),)
+
+
+def test_logs_that_are_not_diagnosed_leave_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five hundred jumps are more than a gigabyte; a diagnosis takes forty of them."""
+    folder, model = plain_arm.write_parquet(tmp_path / "logs", logs=4), plain_arm.write_model(tmp_path)
+    monkeypatch.setattr(stretches, "MOST_ROWS", 4000)
+    read: dict[str, weakref.ref[Log]] = {}
+    alive: list[str] = []
+
+    def reading(*arguments: Any) -> Readings:
+        readings = read_folder(*arguments)
+        read.update({log.name: weakref.ref(log) for log in readings.logs})
+        return readings
+
+    def diagnosis(*_: object) -> None:
+        gc.collect()
+        alive.extend(name for name, log in read.items() if log() is not None)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(reports, "read_folder", reading)
+    monkeypatch.setattr(reports, "diagnose", diagnosis)
+    with pytest.raises(KeyboardInterrupt):
+        api.diagnose(folder, model)
+    assert len(read) == 4 and alive == ["swing_0", "swing_2"]
+
+
+def test_a_log_takes_no_more_memory_than_its_values(tmp_path: Path) -> None:
+    """Arrays of a Parquet table lie in buffers that are twice as large."""
+    log = read_log(next(plain_arm.write_parquet(tmp_path, logs=1).glob("*.parquet")))
+    assert all(values.flags.owndata and not values.flags.writeable for values in log.columns.values())

@@ -1,7 +1,8 @@
 """Hostile ticks: what broken sensors, clocks and estimators may tell a controller, and what it answers.
 
-The jump's own state is told to the controllers, and most ticks are harmed: numbers that are none, infinite or huge,
-clocks that stop, jump or run backwards, vectors of other lengths, base and joints that contradict each other.
+The jump's own state is told to the controllers, and some or most of the ticks are harmed: numbers that are none,
+infinite, huge or just possible, clocks that stop, jump or run backwards, vectors of other lengths, kinds and units,
+base and joints that contradict each other. A prediction model that answers nonsense is among the harms, too.
 """
 
 from collections import Counter
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from leapgap.jumping.control.border import LARGEST
 from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
@@ -26,6 +28,7 @@ from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan
 from leapgap.jumping.control.tracking import JointPd
+from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 from leapgap.jumping.planning.reference_store import reference_to
@@ -42,6 +45,9 @@ FRICTION, LARGEST_N = 0.6, 350.0
 """Published limits of the MPC's forces on a pair."""
 BAD = (np.nan, np.inf, -np.inf, 1e200, -1e200, 1e6, -1e6, 1e3, 0.0)
 VECTORS = ("base_position", "base_quaternion", "base_velocity", "base_angular_velocity", "joint_pos", "joint_vel")
+SHARES = (0.05, 0.3, 0.8)
+"""Shares of the ticks that are harmed, one of them in each jump: few, so that plans are made of what passes the border,
+and many, so that nothing else is left."""
 RUN_TICKS = 1400
 """Ticks of one controller, a whole jump at 1 kHz."""
 
@@ -73,11 +79,22 @@ def harmed(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
     return seen
 
 
+def has_floats(value: object) -> bool:
+    """Whether a value is an array with some float in it."""
+    return isinstance(value, np.ndarray) and value.dtype == np.float64 and value.size > 0
+
+
+def size_of(seen: StateEstimate, name: str) -> int:
+    """Length of a vector; of one that has lost its form, 3."""
+    value = getattr(seen, name)
+    return value.size if isinstance(value, np.ndarray) else 3
+
+
 def bad_entry(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
     """One entry of one vector is no number, infinite or huge."""
     name = str(rng.choice(VECTORS))
     value = getattr(seen, name)
-    if not isinstance(value, np.ndarray) or value.size == 0:
+    if not has_floats(value):
         return seen  # harmed in its form already
     value = value.copy()
     value.flat[int(rng.integers(value.size))] = rng.choice(BAD)
@@ -87,7 +104,7 @@ def bad_entry(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
 def bad_vector(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
     """All entries of one vector are bad, or it has noise of any size."""
     name, value = str(rng.choice(VECTORS)), rng.choice(BAD)
-    size = np.size(getattr(seen, name))
+    size = size_of(seen, name)
     noise = rng.normal(size=size) * 10.0 ** rng.integers(-3, 4)
     return replace(seen, **{name: np.full(size, value) if rng.random() < 0.5 else noise})
 
@@ -95,14 +112,18 @@ def bad_vector(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
 def other_form(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
     """A vector of another length, type or shape."""
     name = str(rng.choice((*VECTORS, "foot_contact")))
+    size = size_of(seen, name)
     forms: list[Any] = [np.zeros(0), np.zeros(2), np.zeros((3, 1)), None, "0", [0.0, 0.0], np.float64(1.0), 1j]
+    forms += [[0.0, [1.0]], [None] * size, [10**400] * size, np.full(size, "0"), np.full(size, 1j), np.ones(size, int)]
+    forms += [np.zeros(size, np.float32), np.ma.masked_all(size), {"x": 0.0}, float, np.zeros(size, "datetime64[s]")]
     return replace(seen, **{name: forms[int(rng.integers(len(forms)))]})
 
 
 def bad_time(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
     """A clock that is no number, stops, jumps or runs backwards."""
     now = seen.time_s if isinstance(seen.time_s, float) else 0.0
-    times: list[Any] = [np.nan, np.inf, -np.inf, -1.0, 0.0, 1e12, 1e6, now - 0.3, now + 5, None, "now"]
+    times: list[Any] = [np.nan, np.inf, -np.inf, -1.0, 0.0, 1e12, 1e6, now - 0.3, now + 5, None, "now", 10**400, True]
+    times += [np.float32(now), np.array(now), np.array([now, now]), complex(now), now + 0.9, 1, [now]]
     return replace(seen, time_s=times[int(rng.integers(len(times)))])
 
 
@@ -118,22 +139,61 @@ def far_off(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
     return replace(seen, base_quaternion=quaternion / np.linalg.norm(quaternion), joint_pos=pose)
 
 
+def just_possible(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """All entries of one vector have any size that can have been measured, up to the largest."""
+    name = str(rng.choice(list(LARGEST)))
+    size = size_of(seen, name)
+    sign = rng.choice((-1.0, 1.0), size)
+    return replace(seen, **{name: sign * LARGEST[name] * 10.0 ** rng.uniform(-6, 0, size)})
+
+
+def other_units(seen: StateEstimate, rng: np.random.Generator) -> StateEstimate:
+    """Degrees for radians, mm for m, quaternions x y z w or of the other sign, joints in another order."""
+    changes: list[dict[str, Any]] = []
+    for name, factor in (("joint_pos", 57.3), ("joint_vel", 57.3), ("base_position", 1e3), ("base_velocity", -1.0)):
+        value = getattr(seen, name)
+        if has_floats(value):
+            with np.errstate(over="ignore", invalid="ignore"):
+                changes += [{name: value * factor}, {name: value[::-1]}]
+    quaternion = seen.base_quaternion
+    if has_floats(quaternion):
+        changes += [{"base_quaternion": np.roll(quaternion, -1)}, {"base_quaternion": -quaternion}]
+    return replace(seen, **changes[int(rng.integers(len(changes)))]) if changes else seen
+
+
 HARMS: tuple[Callable[[StateEstimate, np.random.Generator], StateEstimate], ...] = (
-    *(bad_entry, bad_vector, other_form, bad_time, other_contact, far_off),
+    *(bad_entry, bad_vector, other_form, bad_time, other_contact, far_off, just_possible, other_units),
 )
+
+
+@dataclass(frozen=True)
+class WildModel(PredictionModel):
+    """A model that learned nonsense: accelerations that grow with the state, for some states beyond all numbers."""
+
+    inner: PredictionModel
+    size: float
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        """Those of the inner model, changed by the state and feet of each moment."""
+        right = self.inner.affine(situation, contact)
+        inputs = np.concatenate([situation.state, situation.foot], axis=-1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            wild = self.size * np.stack([np.sinh(5 * inputs[:, i : i + 3]).prod(axis=1) for i in range(3)], axis=-1)
+            return AffineModel(right.bias + wild, right.by_force * (1 + wild[:, :, None]))
 
 
 def controllers(robot: Robot, reference: Reference, rng: np.random.Generator) -> Iterator[Controller]:
     """New controllers of every kind, again and again."""
     model, gains = RigidBodyModel(A1_BODY), PhaseGains()
 
-    def mpc(backend: str) -> JumpMpc:
-        return JumpMpc(reference, robot, gains, model, MpcConfig(qp=QpConfig(backend)))
+    def mpc(backend: str, of: PredictionModel = model) -> JumpMpc:
+        return JumpMpc(reference, robot, gains, of, MpcConfig(qp=QpConfig(backend)))
 
     while True:
         yield JointPd(reference, robot, gains)
         yield mpc("daqp")
         yield mpc("osqp")
+        yield mpc(str(rng.choice(("daqp", "osqp"))), WildModel(model, 10.0 ** float(rng.uniform(-3, 6))))
         yield ExcitedController(mpc("daqp"), Excitation(40.0), rng)
         yield LandingMpc(robot, reference.joint_pos[0], LandingConfig(), A1_BODY)
         jumps = [JointPd(reference, robot, gains), mpc("daqp")]
@@ -186,8 +246,12 @@ def truth_at(reference: Reference, tick: int) -> StateEstimate:
 
 def check(command: Command, controller: Controller, told: StateEstimate, tally: Tally) -> None:
     """Count what must not be sent."""
-    kind, parts = type(controller).__name__, vars(command)
-    if not all(isinstance(part, np.ndarray) and np.isfinite(part).all() for part in parts.values()):
+    kind, joints, parts = type(controller).__name__, len(controller.robot.joints), vars(command)  # type: ignore[attr-defined]
+    shapes = {name: (4,) if name == "planned_force" else (joints,) for name in parts}
+    if not all(
+        isinstance(part, np.ndarray) and part.shape == shapes[name] and np.isfinite(part).all()
+        for name, part in parts.items()
+    ):
         tally.note("nonfinite", f"{kind}, told {told}: {command}")
         return
     torque, force = np.abs(command.torque).max(), command.planned_force
@@ -200,12 +264,13 @@ def check(command: Command, controller: Controller, told: StateEstimate, tally: 
 
 
 def hostile_ticks(ticks: int, seed: int | tuple[int, ...], robot: Robot, reference: Reference) -> Tally:
-    """Run controllers of every kind through that many ticks, four of five of them harmed, in stretches."""
+    """Run controllers of every kind through that many ticks; a share of them is harmed, those of a jump's end never."""
     rng, tally = np.random.default_rng(seed), Tally()
     for controller in controllers(robot, reference, rng):
+        share = float(rng.choice(SHARES))
         for tick in range(RUN_TICKS):
             told = truth_at(reference, tick)
-            if rng.random() < 0.8 and tick < RUN_TICKS - 100:
+            if rng.random() < share and tick < RUN_TICKS - 100:
                 told = harmed(told, rng)
             try:
                 check(controller.command(told), controller, told, tally)

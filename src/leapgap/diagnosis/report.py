@@ -123,6 +123,8 @@ class ReportContent:
     """Name → reason of each log that was left out: it could not be used, or departs from its fellows."""
     outside_forces: tuple[OutsideForce, ...] = ()
     """Forces and moments from outside, by log and time."""
+    notes: tuple[str, ...] = ()
+    """What is unusual, left out or changed of the robot's file and of the logs, such as gravity that is not Earth's."""
 
     @property
     def median_log(self) -> str:
@@ -177,6 +179,7 @@ class ReportContent:
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
                 "set_aside": dict(self.set_aside),
+                "notes": list(self.notes),
                 "outside_forces": [one.to_json() for one in self.outside_forces],
                 "gap_per_log": self.gap_per_log,
                 "landing_misplaced_m": self.landing_misplaced_m,

@@ -8,6 +8,7 @@ import numpy as np
 from leapgap.effects.base import Effect, parameter
 from leapgap.effects.leaning import lean, rotated
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import gravity_of
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class GravityDirection(Effect):
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
         """Without gravity there is no direction of it."""
-        return super().lacks(robot) or (None if np.any(robot.model.opt.gravity) else "gravity")
+        return super().lacks(robot) or (None if np.any(gravity_of(robot.model)) else "gravity")
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Turn the gravity of the model."""

@@ -334,18 +334,29 @@ def read_log(path: Path) -> Log:
     check_file(path, "a log (Parquet)", "import or collect logs first")
     with decoding(path, "Parquet", "import the log anew"):
         table, metadata = read_parquet(path)
-        columns = {name: column.to_numpy() for name, column in zip(table.column_names, table.columns, strict=True)}
+        names, rows = table.column_names, table.num_rows
+        columns = {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True)}
     text = metadata[METADATA_KEY]
-    checksum = header_checksum(text, table.column_names, table.num_rows)
+    checksum = header_checksum(text, names, rows)
     if metadata.get(CHECKSUM_KEY, checksum) != checksum:
         raise InputError(path, "a header that is not as it was written", "a whole log", "import the log anew")
     for name, values in columns.items():
         check_kind(name, values.dtype.kind, path)
     info = LogInfo.from_json(text, path)
-    log = Log(path.stem, {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}, info)
+    log = Log(path.stem, {name: copy_floats(values) for name, values in columns.items()}, info)
     check_period(path, log.time, info.sample_period_s)
     check_read(log, path)
     return log
+
+
+def copy_floats(values: np.ndarray) -> np.ndarray:
+    """A read-only copy of a column, as floats.
+
+    The arrays of a Parquet table lie in buffers of twice their size, which live as long as any of them.
+    """
+    copy = values.astype(np.float64)
+    copy.flags.writeable = False
+    return copy
 
 
 def read_parquet(path: Path) -> tuple[pa.Table, Mapping[bytes, bytes]]:

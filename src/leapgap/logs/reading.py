@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +41,14 @@ class Readings:
     logs: tuple[Log, ...]
     set_aside: tuple[SetAside, ...] = ()
 
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What is unusual in the logs that were read: gaps in time, rows that repeat."""
+        return tuple(f"{log.name}: {remark}" for log in self.logs for remark in remarks(log.columns))
+
     def lines(self) -> list[str]:
-        """What a person should know of the logs: those set aside, and gaps in the others."""
-        notes = [f"{log.name}: {remark}" for log in self.logs for remark in remarks(log.columns)]
-        return [*map(str, self.set_aside), *notes]
+        """What a person should know of the logs: those set aside, and what is unusual in the others."""
+        return [*map(str, self.set_aside), *self.notes]
 
 
 def read_folder(folder: Path, robot: Robot | None = None) -> Readings:

@@ -15,7 +15,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log
-from leapgap.logs.reading import SetAside, read_folder
+from leapgap.logs.reading import Readings, read_folder
 from leapgap.logs.stretches import choose_stretches
 from leapgap.output_folder import merged_folder
 from leapgap.reports.report import html
@@ -108,6 +108,7 @@ class Report:
         lines += [f"from outside: {one.in_words}" for one in content.outside_forces]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
         lines += [f"left out {name}: {reason}" for name, reason in content.set_aside.items()]
+        lines += [f"note: {note}" for note in content.notes]
         if content.not_judged:
             lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
@@ -162,7 +163,33 @@ def cause_in_words(cause: Cause) -> str:
     return f"  {cause.effect}{place}: {numbers}, {closes}"
 
 
-@one_blas_thread()
+@dataclass(frozen=True)
+class ChosenLogs:
+    """The logs that are diagnosed, and what the report says of the others."""
+
+    logs: tuple[Log, ...]
+    set_aside: Mapping[str, str]
+    """Name → reason of each log that could not be used, or departs from its fellows."""
+    left_out: tuple[str, ...]
+    """A sentence on stretches or logs that are left out since there are more than a diagnosis can use."""
+    notes: tuple[str, ...]
+    """What is unusual in the logs."""
+
+    @staticmethod
+    def of(readings: Readings, progress: Callable[[str], None] = lambda _: None) -> "ChosenLogs":
+        """Logs without those that depart from their fellows; of more rows than a diagnosis can use, stretches.
+
+        A single long log is cut into parts, so that there are others to judge a cause on. ``progress`` is told what is
+        set aside and left out.
+        """
+        logs, departing = without_departing(readings.logs)
+        chosen, left_out = choose_stretches(logs)
+        for line in (*readings.lines(), *map(str, departing), *left_out):
+            progress(line)
+        aside = {one.name: one.reason for one in (*readings.set_aside, *departing)}
+        return ChosenLogs(tuple(at_least_two(chosen)), aside, left_out, readings.notes)
+
+
 def diagnose_logs(
     logs: Sequence[Log],
     robot: Robot,
@@ -171,32 +198,33 @@ def diagnose_logs(
     provenance: Provenance | None = None,
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
-    record: Callable[[Report, Path], None] | None = None,
-    descriptions: Sequence[Robot] = (),
-    set_aside: Sequence[SetAside] = (),
-    left_out: Sequence[str] = (),
 ) -> Report:
-    """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``.
+    """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
+    chosen = ChosenLogs.of(Readings(tuple(logs)), progress)
+    return diagnose_chosen(chosen, robot, settings, own, provenance, progress, threads)
 
-    A single long log is cut into parts, so that there are others to judge a cause on. Logs that depart from their
-    fellows are left out and named in the report, beside those that were ``set_aside`` when they were read. Of more rows
-    than a diagnosis can use, stretches are taken (``logs.stretches``); the report says so. ``left_out`` are sentences
-    of a caller who has taken them already.
-    """
-    logs, departing = without_departing(logs)
-    for one in departing:
-        progress(str(one))
-    if not left_out:
-        logs, left_out = choose_stretches(logs)
-    for sentence in left_out:
-        progress(sentence)
-    logs, aside = at_least_two(logs), {one.name: one.reason for one in (*set_aside, *departing)}
-    for note in robot.notes:
-        progress(f"{robot.name}: {note}")
-    diagnosis = diagnose(logs, robot, settings, provenance, progress, threads, own, descriptions, aside)
-    if left_out:
-        said = (*left_out, *diagnosis.report.not_judged)
-        diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said))
+
+@one_blas_thread()
+def diagnose_chosen(
+    chosen: ChosenLogs,
+    robot: Robot,
+    settings: Settings,
+    own: Sequence[type[Effect]] = (),
+    provenance: Provenance | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
+    descriptions: Sequence[Robot] = (),
+    record: Callable[[Report, Path], None] | None = None,
+) -> Report:
+    """As ``diagnose_logs``, of logs that are chosen already; ``record`` writes a recording of the report."""
+    of_robot = [f"{robot.name}: {note}" for note in robot.notes]
+    for note in of_robot:
+        progress(note)
+    aside = chosen.set_aside
+    diagnosis = diagnose(chosen.logs, robot, settings, provenance, progress, threads, own, descriptions, aside)
+    said = (*chosen.left_out, *diagnosis.report.not_judged)
+    notes = (*of_robot, *chosen.notes)
+    diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said, notes=notes))
     replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
@@ -214,29 +242,17 @@ def diagnose_folder(
     threads: int | None = None,
     own: Sequence[type[Effect]] = (),
     descriptions: Sequence[Robot] = (),
+    record: Callable[[Report, Path], None] | None = None,
 ) -> Report | None:
     """Diagnose the logs of a folder against a robot; None where there are no logs.
 
     The report's provenance holds names and hashes of the files, and no path.
     """
     readings = read_folder(folder, robot)
-    logs: Sequence[Log] = readings.logs
-    if not logs:
+    if not readings.logs:
         return None
-    for line in readings.lines():
-        progress(line)
-    files = {log.name: sha256(folder / f"{log.name}.parquet") for log in logs}
-    provenance = Provenance.of(logs, robot, asdict(settings), files)
-    logs, left_out = choose_stretches(logs)  # so that the others are not kept in memory
-    return diagnose_logs(
-        logs,
-        robot,
-        settings,
-        own,
-        provenance,
-        progress,
-        threads,
-        descriptions=descriptions,
-        set_aside=readings.set_aside,
-        left_out=left_out,
-    )
+    files = {log.name: sha256(folder / f"{log.name}.parquet") for log in readings.logs}
+    provenance = Provenance.of(readings.logs, robot, asdict(settings), files)
+    chosen = ChosenLogs.of(readings, progress)
+    del readings  # so that logs that are not diagnosed leave the memory
+    return diagnose_chosen(chosen, robot, settings, own, provenance, progress, threads, descriptions, record)

@@ -1,4 +1,4 @@
-"""Does the centre of mass fall with g in flight, judged from the base's position and the joints?"""
+"""Does the centre of mass fall with the model's gravity in flight, judged from the base's position and the joints?"""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -11,8 +11,10 @@ from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import centre_of_mass
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import gravity_of
 
 GRAVITY = 9.81
+"""Of a model for which the check speaks of g, m/s²."""
 SHORTEST_FALL_S = 0.05
 """A shorter stretch of flight does not say how the robot falls."""
 MARGIN_S = 0.03
@@ -30,7 +32,8 @@ class FreeFall(Check):
         """Fit a parabola to the height of the centre of mass in the longest time in which no foot touches."""
         if robot is None or not all(has_feet_in_world(log, robot) for log in logs):
             return None
-        falls = {}
+        gravity, falls = float(-gravity_of(robot.model)[2]), {}
+        unit = "g" if gravity == GRAVITY else f"times {gravity:g} m/s², the gravity of the model,"
         for log in logs:
             flight = longest_run(in_flight(log, robot))
             margin = log.info.rows(MARGIN_S)
@@ -39,12 +42,12 @@ class FreeFall(Check):
                 continue
             height = centre_of_mass(robot, motion_of(log, robot, slice(begin, end)).qpos)[:, 2]
             time = log.time[begin:end] - log.time[begin]
-            falls[log.name] = float(-2 * np.polyfit(time, height, 2)[0] / GRAVITY)
+            falls[log.name] = float(-2 * np.polyfit(time, height, 2)[0] / gravity)
         if not falls:
             return None
         statistic = float(np.median(list(falls.values()))) - 1
         passed = abs(statistic) <= threshold
-        says = f"in flight the centre of mass falls with {1 + statistic:.2f} g" + (
+        says = f"in flight the centre of mass falls with {1 + statistic:.2f} {unit}" + (
             ""
             if passed
             else f" by the log's clock, which would be right if a row took {np.sqrt(1 + statistic):.2f} "

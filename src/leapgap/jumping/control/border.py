@@ -125,11 +125,12 @@ class Border:
             if not (is_vector(value, size) and np.abs(value).max() <= LARGEST[name]):
                 changes[name] = possible(value, size, LARGEST[name])
         quaternion = estimate.base_quaternion
-        low, high = QUATERNION_NORMS
-        if not (is_vector(quaternion, 4) and low <= math.hypot(*quaternion) <= high):
+        if not is_vector(quaternion, 4):
+            changes["base_quaternion"] = quaternion = possible(quaternion, 4, QUATERNION_NORMS[1])
+        if not QUATERNION_NORMS[0] <= math.hypot(*quaternion) <= QUATERNION_NORMS[1]:
             changes["base_quaternion"] = np.full(4, np.nan)
         feet = estimate.foot_contact
-        if not (isinstance(feet, np.ndarray) and feet.shape == (len(self.robot.feet),) and feet.dtype == bool):
+        if not (type(feet) is np.ndarray and feet.shape == (len(self.robot.feet),) and feet.dtype == bool):
             changes["foot_contact"] = np.zeros(len(self.robot.feet), bool)
         return replace(estimate, **changes) if changes else estimate
 
@@ -140,22 +141,33 @@ def follows(time_s: float, before_s: float) -> bool:
 
 
 def number(value: object) -> float:
-    """A value as a float; NaN where it is no number."""
-    return float(value) if isinstance(value, int | float | np.number) and not isinstance(value, bool) else float("nan")
+    """A value as a float; NaN where it is no real number, or an integer beyond all floats."""
+    if not isinstance(value, int | float | np.floating | np.integer) or isinstance(value, bool):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
 
 
 def is_vector(value: object, size: int) -> bool:
-    """Whether a value is an array of that many floats."""
-    return isinstance(value, np.ndarray) and value.shape == (size,) and value.dtype == np.float64
+    """Whether a value is an array of that many floats; one of a subclass, whose entries may be masked, is not."""
+    return type(value) is np.ndarray and value.shape == (size,) and value.dtype == np.float64
 
 
 def possible(value: object, size: int, largest: float) -> np.ndarray:
-    """The entries of a vector that can have been measured, the others NaN; all NaN where it is no such vector."""
+    """The entries of a vector that can have been measured, the others NaN.
+
+    All are NaN where it is no vector of that many real numbers; texts that read as numbers are none.
+    """
     try:
-        vector = np.asarray(value, np.float64)
+        array = np.asarray(value)
     except (TypeError, ValueError, OverflowError):
         return np.full(size, np.nan)
-    if vector.shape != (size,):
+    if array.shape != (size,) or array.dtype.kind not in "fiu":
         return np.full(size, np.nan)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
+        vector = array.astype(np.float64)
+        if isinstance(value, np.ma.MaskedArray):
+            vector[np.ma.getmaskarray(value)] = np.nan
         return np.where(np.abs(vector) <= largest, vector, np.nan)
