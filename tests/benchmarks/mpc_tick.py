@@ -29,17 +29,19 @@ import torch
 from scipy import sparse
 
 from leapgap.atomic_io import write_json
+from leapgap.jumping.control import compiler
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import Horizon, horizon
+from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.mpc import ForcePlan, MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference, StartFrame
-from leapgap.jumping.learning.windows import TimeGrid
+from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, columns, rows, selection
 from leapgap.jumping.models.rigid_body import GRAVITY
-from leapgap.jumping.task import schedule_of, target_of
+from leapgap.jumping.task import ContactSchedule, schedule_of, target_of
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, per_axis
@@ -110,6 +112,27 @@ class Networks(PredictionModel):
             bias[~contact] = forward(self.weights.h2, x[~contact])
         bias[:, 1] -= GRAVITY
         return AffineModel(bias, by_force)
+
+
+def exported(weights: Weights) -> ExportedModel:
+    """The same model in the form in which trained models are exported, which can be compiled."""
+    at_rest, by_unit = (A1_BODY.force_rows(foot).reshape(-1, 12) for foot in (np.zeros(4), np.eye(4)))
+    constant = np.concatenate([[0.0, -GRAVITY, 0.0], at_rest[0]])
+    feet = np.pad(by_unit - at_rest, [(0, 0), (3, 0)])
+    bias = [as_perceptron(net, slice(0, 3), 1.0) for net in (weights.h1, weights.h2)]
+    contact = Phase(constant, feet, (bias[0], as_perceptron(weights.g1, slice(3, 15), LIKE_CONTROL)))
+    in_air = Phase(np.pad(constant[:3], (0, 12)), 0 * feet, (bias[1],))
+    purpose = Purpose(GRIDS["k10"], ContactSchedule(), "", "")
+    return ExportedModel("random", purpose, contact, in_air)
+
+
+def as_perceptron(net: Layers, outputs: slice, scale: float) -> Perceptron:
+    """A network on all known inputs whose outputs are some of the fifteen, scaled."""
+    hidden = [(weight.T, bias) for weight, bias in net[:-1]]
+    hidden[0] = ((SELECT @ hidden[0][0]).astype(np.float32), hidden[0][1])
+    last, last_bias = np.zeros((len(net[-1][0][0]), 15), np.float32), np.zeros(15, np.float32)
+    last[:, outputs], last_bias[outputs] = net[-1][0].T * scale, net[-1][1] * scale
+    return Perceptron(tuple((np.ascontiguousarray(w), b) for w, b in [*hidden, (last, last_bias)]))
 
 
 class Plain:
@@ -270,19 +293,19 @@ def measure(
 ) -> dict[str, Timings]:
     """All versions at all recorded states, taking turns jump by jump."""
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
-    kinds = {
-        "daqp": (weights, "daqp"),
-        "osqp": (weights, "osqp"),
-        "daqp_small_networks": (small, "daqp"),
+    kinds: dict[str, tuple[PredictionModel, MpcConfig]] = {
+        "daqp": (Networks(weights), MpcConfig(grid)),
+        "osqp": (Networks(weights), MpcConfig(grid, qp=QpConfig("osqp"))),
+        "daqp_small_networks": (Networks(small), MpcConfig(grid)),
     }
+    if compiler.AVAILABLE:
+        kinds["compiled"] = (exported(weights), MpcConfig(grid, compiled=True))
+        kinds["compiled_small_networks"] = (exported(small), MpcConfig(grid, compiled=True))
     plain_kinds = {"torch_osqp": weights, "torch_osqp_small_networks": small}
     timed = {name: Timings() for name in (*plain_kinds, *kinds)}
     for reference, told in jumps * rounds:
         warm, ours = (
-            {
-                name: JumpMpc(reference, robot, PhaseGains(), Networks(w), MpcConfig(grid, qp=QpConfig(backend)))
-                for name, (w, backend) in kinds.items()
-            }
+            {name: JumpMpc(reference, robot, PhaseGains(), model, config) for name, (model, config) in kinds.items()}
             for _ in range(2)
         )
         plain = {name: Plain(reference, robot, w, MpcConfig(grid)) for name, w in plain_kinds.items()}
@@ -311,26 +334,28 @@ def follow_jump(mpc: JumpMpc, told: list[StateEstimate], timed: Timings) -> list
     for estimate in told:
         timed.tick(lambda estimate=estimate: mpc.command(estimate))
         plan = mpc.plan_now
-        if plan is None or plan.solution is None or plan.fallback is not None:
+        if plan is None or plan.fallback is not None:
             raise SystemExit(f"at {estimate.time_s:g} s: {plan.fallback if plan else 'no plan'}")
-        timed.qp_microseconds.append(1e6 * plan.solution.seconds)
+        if plan.solution is not None:
+            timed.qp_microseconds.append(1e6 * plan.solution.seconds)
         plans.append(plan)
     return plans
 
 
 def judge(plans: dict[str, list[ForcePlan]], forces: dict[str, list[np.ndarray]], timed: dict[str, Timings]) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
-    for name, of_jump in plans.items():
-        for i, plan in enumerate(of_jump):
-            if plan.solution is None:
-                continue
-            x = by_least_distance(plan.solution.problem)
-            timed[name].error_n = max(timed[name].error_n, float(np.abs(plan.solution.x - x).max()))
-            plain = name.replace("daqp", "torch_osqp")
-            if plain in forces:
-                pushing = per_axis(plan.horizon.share > 0)
-                error = float(np.abs(forces[plain][i][pushing] - x).max())
-                timed[plain].error_n = max(timed[plain].error_n, error)
+    for name in ("daqp", "daqp_small_networks"):
+        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "compiled", "torch_osqp")]
+        for i, exact in enumerate(plans[name]):
+            if exact.solution is None:
+                raise SystemExit(f"{name}: a plan without its problem")
+            x = by_least_distance(exact.solution.problem)
+            pushing = per_axis(exact.horizon.share > 0)
+            for kind in same_networks:
+                force = plans[kind][i].force if kind in plans else forces[kind][i] if kind in forces else None
+                if force is not None:
+                    error = float(np.abs(force[pushing] - x).max())
+                    timed[kind].error_n = max(timed[kind].error_n, error)
 
 
 def main() -> None:

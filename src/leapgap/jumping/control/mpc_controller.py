@@ -5,8 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from leapgap.jumping.control.compiled_planner import CompiledPlanner
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import ROUNDING_S
+from leapgap.jumping.control.leg_chains import CompiledLegs
 from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner, MpcConfig
 from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.control.tracking import JumpController
@@ -37,7 +39,9 @@ class JumpMpc(JumpController):
     ) -> None:
         super().__init__(reference, robot, gains, level_m)
         self.config = config
-        self.planner = ForcePlanner(reference, model, config, clock)
+        planner = CompiledPlanner if config.compiled else ForcePlanner
+        self.planner: ForcePlanner = planner(reference, model, config, clock)
+        self.legs = CompiledLegs(robot) if config.compiled else self.legs
         self.fallbacks = self.planner.fallbacks
         self.plan_now: ForcePlan | None = None
         self._updates = 0
