@@ -122,7 +122,7 @@ class Border:
         changes: dict[str, Any] = {"time_s": self._used_s} if self._offset_s else {}
         for name, size in self._sizes.items():
             value = getattr(estimate, name)
-            if not (is_vector(value, size) and np.abs(value).max() <= LARGEST[name]):
+            if not (is_vector(value, size) and is_within(value, LARGEST[name])):
                 changes[name] = possible(value, size, LARGEST[name])
         quaternion = estimate.base_quaternion
         low, high = QUATERNION_NORMS
@@ -147,6 +147,11 @@ def number(value: object) -> float:
 def is_vector(value: object, size: int) -> bool:
     """Whether a value is an array of that many floats."""
     return isinstance(value, np.ndarray) and value.shape == (size,) and value.dtype == np.float64
+
+
+def is_within(vector: np.ndarray, largest: float) -> bool:
+    """Whether no entry of a vector is larger; its length is tried first, a fifth of the time."""
+    return bool(vector.dot(vector) <= largest * largest or np.abs(vector).max() <= largest)
 
 
 def possible(value: object, size: int, largest: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from leapgap.errors import InputError
 
 try:
     from numba import njit
-except ImportError:
+except ImportError:  # it is an extra
     njit = None
 
 AVAILABLE = njit is not None
@@ -19,7 +19,7 @@ AVAILABLE = njit is not None
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function, compiled at its first call for the types it is called with, and kept on disk."""
-    return function if njit is None else njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+    return function if njit is None else njit(cache=True, error_model="numpy")(function)
 
 
 def require_compiler(where: str) -> None:

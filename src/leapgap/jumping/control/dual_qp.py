@@ -5,8 +5,8 @@ A₀ u₀ + A U ≤ b. Minimised over U it leaves a quadratic cost-to-go of x₁
 
     V = P_xx − P_xU P_UU⁻¹ P_Ux        v = p_x − P_xU P_UU⁻¹ p_U        U = U_c + F x₁ − P_UU⁻¹ Aᵀ λ
 
-for multipliers λ of the rows. Only u₀ is left to be solved for online, with the Hessian S = Eᵀ V E + 2 w I = L Lᵀ of four
-variables. The matrix of the dual problem is a constant one and a correction of rank four, exact for every E:
+for multipliers λ of the rows. Only u₀ is left to be solved for online, with the Hessian S = Eᵀ V E + 2 w I = L Lᵀ of
+four variables. The matrix of the dual problem is a constant one and a correction of rank four, exact for every E:
 
     A_all H⁻¹ A_allᵀ = A P_UU⁻¹ Aᵀ + Y S⁻¹ Yᵀ,        Y = A₀ + A F E
 
@@ -41,19 +41,19 @@ class DualTables:
     later: np.ndarray
     """U_c, (m,), N."""
     later_by_state: np.ndarray
-    """F, (m, 6)."""
+    """Fᵀ, (6, m)."""
     later_by_row: np.ndarray
     """P_UU⁻¹ Aᵀ by row, (c, m)."""
     gram: np.ndarray
     """A P_UU⁻¹ Aᵀ, (c, c)."""
     rows_by_state: np.ndarray
-    """A F, (c, 6)."""
+    """(A F)ᵀ, (6, c)."""
     excess: np.ndarray
     """A U_c − b, (c,), N."""
-    first_rows: np.ndarray
-    """A₀, (c, m₀)."""
-    later_rows: np.ndarray
-    """A, (c, m)."""
+    rows: np.ndarray
+    """A₀ and A side by side, (c, n)."""
+    by_force: np.ndarray
+    """The same, transposed, (n, c)."""
     bounds: np.ndarray
     """b, (c,), N."""
     start: np.ndarray
@@ -87,8 +87,7 @@ def limits_as_rows(ready: PreparedQp) -> tuple[np.ndarray, np.ndarray]:
 def dual_tables(ready: PreparedQp, tolerance_n: float, relative_tolerance: float) -> DualTables:
     """The tables of one update, with no row active at first."""
     rows, bounds = limits_as_rows(ready)
-    m0 = len(ready.first)
-    first_rows, later_rows = rows[:, :m0], rows[:, m0:]
+    later_rows = rows[:, len(ready.first) :]
     states, later = slice(0, STATES), slice(STATES, None)
     factor = np.linalg.inv(np.linalg.cholesky(ready.quadratic[later, later]))
     inverse = factor.T @ factor
@@ -99,13 +98,13 @@ def dual_tables(ready: PreparedQp, tolerance_n: float, relative_tolerance: float
         cost_to_go=ready.quadratic[states, states] + ready.quadratic[states, later] @ by_state,
         slope_to_go=ready.linear[states] + ready.quadratic[states, later] @ constant,
         later=constant,
-        later_by_state=by_state,
+        later_by_state=by_state.T,
         later_by_row=by_row,
         gram=by_row @ later_rows.T,
-        rows_by_state=later_rows @ by_state,
+        rows_by_state=(later_rows @ by_state).T,
         excess=later_rows @ constant - bounds,
-        first_rows=first_rows,
-        later_rows=later_rows,
+        rows=rows,
+        by_force=rows.T,
         bounds=bounds,
         start=np.zeros(0, np.int64),
         quadratic=ready.quadratic,
@@ -160,8 +159,24 @@ def remove_row(active, multipliers, columns, factor, size, leaves):  # type: ign
 
 
 @compiled
+def add_rows(total, weights, rows):  # type: ignore[no-untyped-def]
+    """total += weights · rows, in place."""
+    for i in range(len(weights)):
+        for j in range(len(total)):
+            total[j] += weights[i] * rows[i, j]
+
+
+@compiled
+def dual_column(gram, correction, row):  # type: ignore[no-untyped-def]
+    """Column of the matrix gram + correctionᵀ correction, (c,)."""
+    column = gram[row].copy()
+    add_rows(column, correction[:, row], correction)
+    return column
+
+
+@compiled
 def solve_dual(gram, correction, excess, start, largest, iterations):  # type: ignore[no-untyped-def]
-    """Minimise ½ λᵀ G λ − excessᵀ λ over λ ≥ 0, where G = gram + correction correctionᵀ.
+    """Minimise ½ λᵀ G λ − excessᵀ λ over λ ≥ 0, where G = gram + correctionᵀ correction.
 
     Returns the active rows and their multipliers, their number, and whether it is the minimum; at most ``largest`` rows
     are active.
@@ -171,7 +186,7 @@ def solve_dual(gram, correction, excess, start, largest, iterations):  # type: i
     size = len(start)
     for i in range(size):
         active[i] = start[i]
-        columns[i] = gram[start[i]] + correction @ correction[start[i]]
+        columns[i] = dual_column(gram, correction, start[i])
     sound = extend_factor(factor, columns, active, 0, size)
     while sound and size > 0:  # the prepared rows whose multipliers are negative today are not active
         multipliers[:size], _ = solve_factored(factor, excess[active[:size]], size)
@@ -182,12 +197,11 @@ def solve_dual(gram, correction, excess, start, largest, iterations):  # type: i
         size -= 1
     for _ in range(iterations if sound else 0):
         left = excess.copy()
-        for i in range(size):
-            left -= multipliers[i] * columns[i]
+        add_rows(left, -multipliers[:size], columns)
         row = int(np.argmax(left))
         if not left[row] > VIOLATION_N:
             return active, multipliers, size, left[row] <= VIOLATION_N
-        column, added, violation = gram[row] + correction @ correction[row], 0.0, left[row]
+        column, added, violation = dual_column(gram, correction, row), 0.0, left[row]
         while True:
             by_active, squared = solve_factored(factor, column[active[:size]], size)
             along = column[row] - squared
@@ -212,6 +226,80 @@ def solve_dual(gram, correction, excess, start, largest, iterations):  # type: i
 
 
 @compiled
+def first_state(state, model, first, push_s, numbers):  # type: ignore[no-untyped-def]
+    """x₁ without forces, (6,), and Eᵀ, its change by each of the first forces, (m₀, 6)."""
+    step_s, curvature = numbers[0], numbers[1]
+    free, enters = np.empty(6), np.empty((len(first), 6))
+    for i in range(3):
+        gained = step_s * model[i]
+        free[i] = state[i] + step_s * (state[3 + i] + curvature * gained)
+        free[3 + i] = state[3 + i] + gained
+        for j in range(len(first)):
+            enters[j, 3 + i] = model[3 + 4 * i + first[j]] * push_s[j]
+            enters[j, i] = curvature * step_s * enters[j, 3 + i]
+    return free, enters
+
+
+@compiled
+def unlimited_forces(free, enters, cost_to_go, slope_to_go, weight, first_force):  # type: ignore[no-untyped-def]
+    """The first forces without limits, (m₀,), and L⁻¹ of their Hessian S, (m₀, m₀)."""
+    m0 = len(first_force)
+    slope, curved = slope_to_go.copy(), np.zeros((m0, 6))
+    add_rows(slope, free, cost_to_go)
+    hessian, factor, inverse, u = np.zeros((m0, m0)), np.zeros((m0, m0)), np.zeros((m0, m0)), np.zeros(m0)
+    for j in range(m0):
+        add_rows(curved[j], enters[j], cost_to_go)
+        for k in range(6):
+            u[j] -= enters[j, k] * slope[k]
+            for i in range(m0):
+                hessian[j, i] += curved[j, k] * enters[i, k]
+        u[j] += 2.0 * weight * first_force[j]
+        hessian[j, j] += 2.0 * weight
+        inverse[j, j] = 1.0
+    sound = extend_factor(factor, hessian, np.arange(m0), 0, m0)
+    u, _ = solve_factored(factor, u, m0)
+    for i in range(m0):
+        for j in range(i + 1):
+            for k in range(j, i):
+                inverse[i, j] -= factor[i, k] * inverse[k, j]
+            inverse[i, j] /= factor[i, i]
+    return u, inverse, sound
+
+
+@compiled
+def is_minimum(  # type: ignore[no-untyped-def]
+    x, free, enters, active, multipliers, rows, by_force, bounds, quadratic, linear, first_force, numbers
+):
+    """Whether forces and multipliers meet the conditions of a minimum of the problem itself, within the tolerances."""
+    m0, weight, tolerance_n, relative_tolerance = len(enters), numbers[2], numbers[3], numbers[4]
+    at_rest, beyond = linear.copy(), -bounds
+    add_rows(at_rest, free, quadratic)
+    add_rows(beyond, x, by_force)
+    if len(beyond) > 0 and not beyond.max() <= tolerance_n:
+        return False
+    slope, moved = at_rest.copy(), np.zeros(6)
+    add_rows(moved, x[:m0], enters)
+    add_rows(slope, moved, quadratic)
+    add_rows(slope, x[m0:], quadratic[6:])
+    left, largest = np.zeros(len(x)), 0.0
+    for i in range(len(active)):
+        for j in range(len(x)):
+            left[j] += multipliers[i] * rows[active[i], j]
+    for j in range(len(x)):
+        if j < m0:
+            given = -2.0 * weight * first_force[j]
+            left[j] += given + 2.0 * weight * x[j]
+            for k in range(6):
+                left[j] += enters[j, k] * slope[k]
+                given += enters[j, k] * at_rest[k]
+        else:
+            left[j] += slope[6 + j - m0]
+            given = at_rest[6 + j - m0]
+        largest = max(largest, abs(given))
+    return np.abs(left).max() <= relative_tolerance * (1.0 + largest)
+
+
+@compiled
 def solve_update(  # type: ignore[no-untyped-def]
     state,
     foot,
@@ -225,8 +313,8 @@ def solve_update(  # type: ignore[no-untyped-def]
     gram,
     rows_by_state,
     excess,
-    first_rows,
-    later_rows,
+    rows,
+    by_force,
     bounds,
     start,
     quadratic,
@@ -240,63 +328,34 @@ def solve_update(  # type: ignore[no-untyped-def]
 
     Returns the status, the forces (n,), the active rows, and how many they are.
     """
-    step_s, curvature, weight, tolerance_n, relative_tolerance = numbers
-    m0, m = len(first), len(later)
-    free, enters = np.empty(6), np.empty((6, m0))
-    for i in range(3):
-        gained = step_s * model[i]
-        free[i] = state[i] + step_s * (state[3 + i] + curvature * gained)
-        free[3 + i] = state[3 + i] + gained
-        for j in range(m0):
-            enters[3 + i, j] = model[3 + 4 * i + first[j]] * push_s[j]
-            enters[i, j] = curvature * step_s * enters[3 + i, j]
-    x = np.zeros(m0 + m)
-    active, size = np.zeros(1, np.int64), 0
+    m0, x = len(first), np.zeros(len(first) + len(later))
+    free, enters = first_state(state, model, first, push_s, numbers)
     if not np.isfinite(free.sum() + enters.sum() + foot.sum()):
-        return NOT_FINITE, x, active, size
-    # The four forces of the first step, without limits.
-    hessian = enters.T @ (cost_to_go @ enters)
+        return NOT_FINITE, x, start, 0
+    u, inverse, sound = unlimited_forces(free, enters, cost_to_go, slope_to_go, numbers[2], first_force)
+    if not sound:
+        return FAILED, x, start, 0
+    by_first = by_force[:m0].copy()  # Yᵀ
+    unlimited, correction = excess.copy(), np.zeros(by_first.shape)
+    add_rows(unlimited, free, rows_by_state)
     for j in range(m0):
-        hessian[j, j] += 2.0 * weight
-    gradient = enters.T @ (cost_to_go @ free + slope_to_go) - 2.0 * weight * first_force
-    factor = np.empty((m0, m0))
-    if not extend_factor(factor, hessian, np.arange(m0), 0, m0):
-        return FAILED, x, active, size
-    u, _ = solve_factored(factor, -gradient, m0)
-    # What they and the later forces exceed the limits by, and how multipliers of the limits change that.
-    by_first = first_rows + rows_by_state @ enters
-    inverse_root = np.empty((m0, m0))
+        add_rows(by_first[j], enters[j], rows_by_state)
+    add_rows(unlimited, u, by_first)
     for j in range(m0):
-        inverse_root[j] = 0.0
-        for i in range(j, m0):
-            inverse_root[j, i] = 1.0 if i == j else 0.0
-            for k in range(j, i):
-                inverse_root[j, i] -= factor[i, k] * inverse_root[j, k]
-            inverse_root[j, i] /= factor[i, i]
-    correction = by_first @ inverse_root
-    unlimited = excess + by_first @ u + rows_by_state @ free
-    active, multipliers, size, found = solve_dual(gram, correction, unlimited, start, m0 + m, iterations)
+        add_rows(correction[j], inverse[j], by_first)
+    active, multipliers, size, found = solve_dual(gram, correction, unlimited, start, len(x), iterations)
     if not found:
-        return FAILED, x, active, size
-    # The forces, and whether they meet the conditions of a minimum.
-    by_row = np.zeros(len(excess))
+        return FAILED, x, active, 0
+    x[:m0], x[m0:] = u, later
     for i in range(size):
-        by_row[active[i]] = multipliers[i]
-    change, _ = solve_factored(factor, by_row @ by_first, m0)
-    x[:m0] = u - change
-    z = np.empty(6 + m)
-    z[:6] = free + enters @ x[:m0]
-    x[m0:] = later + later_by_state @ z[:6]
-    for i in range(size):
+        for j in range(m0):  # S⁻¹ Yᵀ λ = L⁻ᵀ correction λ
+            for k in range(j + 1):
+                x[k] -= inverse[j, k] * correction[j, active[i]] * multipliers[i]
         x[m0:] -= multipliers[i] * later_by_row[active[i]]
-    z[6:] = x[m0:]
-    slope = quadratic @ z + linear
-    at_rest = free @ quadratic[:6] + linear
-    left = np.abs(slope[:6] @ enters + 2.0 * weight * (x[:m0] - first_force) + by_row @ first_rows).max()
-    largest = np.abs(at_rest[:6] @ enters - 2.0 * weight * first_force).max()
-    if m > 0:
-        left = max(left, np.abs(slope[6:] + by_row @ later_rows).max())
-        largest = max(largest, np.abs(at_rest[6:]).max())
-    beyond = (first_rows @ x[:m0] + later_rows @ x[m0:] - bounds).max()
-    sound = beyond <= tolerance_n and left <= relative_tolerance * (1.0 + largest)
+    first_ends = free.copy()
+    add_rows(first_ends, x[:m0], enters)
+    add_rows(x[m0:], first_ends, later_by_state)
+    sound = is_minimum(
+        x, free, enters, active[:size], multipliers, rows, by_force, bounds, quadratic, linear, first_force, numbers
+    )
     return SOLVED if sound else INACCURATE, x, active, size

@@ -42,33 +42,44 @@ class Uncompiled:
         return np.concatenate([said.bias[0], said.by_force[0].ravel()])
 
 
+WIDE = 1 << 16
+"""A layer of at least so many weights is read from 16-bit integers: reading is what such a layer's time is spent on."""
+FULL_SCALE = 32767.0
+
+
 @dataclass(frozen=True)
 class CompiledSum:
-    """constant + feet · foot + Σ perceptrons, with all layers in one array."""
+    """constant + feet · foot + Σ perceptrons, with all layers one after another."""
 
     constant: np.ndarray
     feet: np.ndarray
     sizes: np.ndarray
-    """Inputs and outputs of each layer, and whether it is a perceptron's last, int, (layers, 3)."""
+    """Inputs and outputs of each layer, whether it is its perceptron's last, whether it is wide, int, (layers, 4)."""
     numbers: np.ndarray
-    """Weights (in, out) and bias of each layer, one after another, float32."""
+    """Weights (in, out) and bias of each layer, float32; a wide one has scales of its outputs in place of weights."""
+    wide: np.ndarray
+    """Weights of wide layers, (in, out), in units of the scale of their output, int16."""
 
     @staticmethod
     def of(constant: np.ndarray, feet: np.ndarray, parts: tuple[Perceptron, ...]) -> "CompiledSum":
         """From the parts of a ``Phase``."""
-        sizes, numbers = [], [np.zeros(0, np.float32)]
+        sizes, numbers, wide = [], [np.zeros(0, np.float32)], [np.zeros(0, np.int16)]
         for part in parts:
             for i, (weight, bias) in enumerate(part.layers):
-                sizes.append((*weight.shape, i == len(part.layers) - 1))
+                sizes.append((*weight.shape, i == len(part.layers) - 1, weight.size >= WIDE))
+                if weight.size >= WIDE:
+                    scale = np.maximum(np.abs(weight).max(axis=0), np.finfo(np.float32).tiny) / np.float32(FULL_SCALE)
+                    wide.append(np.rint(weight / scale).astype(np.int16).ravel())
+                    weight = scale
                 numbers += [weight.ravel(), bias]
-        table = np.array(sizes, np.int64).reshape(-1, 3)
-        return CompiledSum(
-            np.ascontiguousarray(constant, float), np.ascontiguousarray(feet, float), table, np.concatenate(numbers)
-        )
+        table = np.array(sizes, np.int64).reshape(-1, 4)
+        constant, feet = np.ascontiguousarray(constant, float), np.ascontiguousarray(feet, float)
+        return CompiledSum(constant, feet, table, np.concatenate(numbers), np.concatenate(wide))
 
     def __call__(self, state: np.ndarray, foot: np.ndarray, time_s: float) -> np.ndarray:
         """See ``FirstStep``."""
-        found: np.ndarray = add_up(state, foot, time_s, self.constant, self.feet, self.sizes, self.numbers)
+        found: np.ndarray
+        found = add_up(state, foot, time_s, self.constant, self.feet, self.sizes, self.numbers, self.wide)
         return found
 
 
@@ -95,7 +106,22 @@ def squash(values):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_up(state, foot, time_s, constant, feet, sizes, numbers):  # type: ignore[no-untyped-def]
+def wide_product(hidden, weights):  # type: ignore[no-untyped-def]
+    """hidden · weights for integer weights (in, out); four rows at a time, so that sums are read and written less."""
+    total, inputs = np.zeros(weights.shape[1], np.float32), len(hidden)
+    for i in range(0, inputs - 3, 4):
+        a, b, c, d = hidden[i], hidden[i + 1], hidden[i + 2], hidden[i + 3]
+        for j in range(len(total)):
+            first = a * np.float32(weights[i, j]) + b * np.float32(weights[i + 1, j])
+            total[j] += first + c * np.float32(weights[i + 2, j]) + d * np.float32(weights[i + 3, j])
+    for i in range(inputs - inputs % 4, inputs):
+        for j in range(len(total)):
+            total[j] += hidden[i] * np.float32(weights[i, j])
+    return total
+
+
+@compiled
+def add_up(state, foot, time_s, constant, feet, sizes, numbers, wide):  # type: ignore[no-untyped-def]
     """A ``CompiledSum`` at one moment; the state is also the one at which the prediction begins."""
     known = np.empty(17, np.float32)
     for i in range(6):
@@ -106,12 +132,18 @@ def add_up(state, foot, time_s, constant, feet, sizes, numbers):  # type: ignore
         known[12 + i] = foot[i]
         for j in range(15):
             total[j] += foot[i] * feet[i, j]
-    hidden, at = known, 0
+    hidden, at, at_wide = known, 0, 0
     for layer in range(len(sizes)):
-        inputs, outputs, last = sizes[layer]
-        weight = numbers[at : at + inputs * outputs].reshape(inputs, outputs)
-        at += inputs * outputs
-        hidden = hidden @ weight + numbers[at : at + outputs]
+        inputs, outputs, last, is_wide = sizes[layer]
+        if is_wide:
+            weights = wide[at_wide : at_wide + inputs * outputs].reshape(inputs, outputs)
+            hidden = wide_product(hidden, weights) * numbers[at : at + outputs]
+            at_wide += inputs * outputs
+            at += outputs
+        else:
+            hidden = hidden @ numbers[at : at + inputs * outputs].reshape(inputs, outputs)
+            at += inputs * outputs
+        hidden = hidden + numbers[at : at + outputs]
         at += outputs
         if last:
             total += hidden

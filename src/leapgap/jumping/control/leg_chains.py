@@ -8,8 +8,11 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.compiler import compiled
 from leapgap.jumping.control.leg_kinematics import LegKinematics
+from leapgap.jumping.control.reference import StartFrame
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
+from leapgap.simulation.controller import StateEstimate
 
 
 @dataclass(frozen=True)
@@ -96,25 +99,44 @@ class CompiledLegs(LegKinematics):
         tables = LegChains.of(robot).tables
         tables["link_rotation"] = tables["link_rotation"].reshape(-1, 3, 3)
         self._chains = tuple(np.ascontiguousarray(table) for table in tables.values())
+        # Arrays of another layout would be compiled for anew, in the middle of a jump: all is copied into these.
         self._quaternion, self._joint_pos = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(len(robot.joints))
-        self._force, self._no_force = np.zeros((2, 3)), np.zeros((2, 3))
-        self._follow(self._quaternion, self._joint_pos, self._no_force)
+        self._pair_force, self._measured = np.zeros((2, 3)), np.zeros(13)
+        self._follow(self._quaternion, self._joint_pos)
+        measure_plane(self._measured, self._quaternion, self._joint_pos, self._chains)
+
+    def planar(self, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """See ``LegKinematics``."""
+        measured = self._measured
+        measured[:3], measured[3:6], measured[6:9] = estimate.base_position, estimate.base_velocity, frame.forward
+        measured[9:] = frame.x_m, frame.y_m, frame.level_m, estimate.base_angular_velocity[1]
+        self._quaternion[:], self._joint_pos[:] = estimate.base_quaternion, estimate.joint_pos
+        found: tuple[np.ndarray, np.ndarray]
+        found = measure_plane(measured, self._quaternion, self._joint_pos, self._chains)
+        return found
 
     def pair_offsets(self, base_quaternion: np.ndarray, joint_pos: np.ndarray) -> np.ndarray:
         """See ``LegKinematics``."""
-        return self._follow(base_quaternion, joint_pos, self._no_force)[0]
+        return self._follow(base_quaternion, joint_pos)[0]
 
     def torque(self, base_quaternion: np.ndarray, joint_pos: np.ndarray, pair_force: np.ndarray) -> np.ndarray:
         """See ``LegKinematics``."""
-        return self._follow(base_quaternion, joint_pos, pair_force)[1]
+        self._pair_force[:] = pair_force
+        return self._follow(base_quaternion, joint_pos)[1]
 
-    def _follow(
-        self, base_quaternion: np.ndarray, joint_pos: np.ndarray, pair_force: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets and torques; from copies, since arrays of another layout would be compiled for anew."""
-        self._quaternion[:], self._joint_pos[:], self._force[:] = base_quaternion, joint_pos, pair_force
+    def planar_torque(
+        self, base_quaternion: np.ndarray, joint_pos: np.ndarray, force: np.ndarray, frame: StartFrame
+    ) -> np.ndarray:
+        """See ``LegKinematics``."""
+        np.multiply(force[FORCE_X, None], frame.forward, out=self._pair_force)
+        self._pair_force[:, 2] = force[FORCE_Z]
+        return self._follow(base_quaternion, joint_pos)[1]
+
+    def _follow(self, base_quaternion: np.ndarray, joint_pos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets of the pairs, and joint torques for ``_pair_force``."""
+        self._quaternion[:], self._joint_pos[:] = base_quaternion, joint_pos
         found: tuple[np.ndarray, np.ndarray]
-        found = follow_chains(self._quaternion, self._joint_pos, self._force, *self._chains)
+        found = follow_chains(self._quaternion, self._joint_pos, self._pair_force, *self._chains)
         return found
 
 
@@ -195,3 +217,24 @@ def follow_chains(  # type: ignore[no-untyped-def]
                 moment = ax * (ry * fz - rz * fy) + ay * (rz * fx - rx * fz) + az * (rx * fy - ry * fx)
                 torque[link_joint[link]] -= moment
     return offsets, torque
+
+
+@compiled
+def measure_plane(measured, quaternion, joint_pos, chains):  # type: ignore[no-untyped-def]
+    """State (6,) and foot − base (4,) in a frame, with ``LegChains``.
+
+    ``measured``: position and velocity of the base, heading of the frame, its x, y and level, pitch rate.
+    """
+    offsets, _ = follow_chains(quaternion, joint_pos, np.zeros((2, 3)), *chains)
+    state, foot = np.empty(6), np.empty(4)
+    forward_x, forward_y = measured[6], measured[7]
+    w, x, y, z = quaternion
+    state[0] = (measured[0] - measured[9]) * forward_x + (measured[1] - measured[10]) * forward_y
+    state[1] = measured[2] - measured[11]
+    state[2] = np.arcsin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+    state[3] = measured[3] * forward_x + measured[4] * forward_y
+    state[4], state[5] = measured[5], measured[12]
+    for pair in range(2):
+        foot[2 * pair] = offsets[pair, 0] * forward_x + offsets[pair, 1] * forward_y
+        foot[2 * pair + 1] = offsets[pair, 2]
+    return state, foot

@@ -81,7 +81,7 @@ class ForcePlan:
 
 
 class Solved(NamedTuple):
-    """Result of an update: its variables (n,), the solution where a solver gave one, why it must not be used or None."""
+    """Result of an update: its variables (n,), the solver's solution if any, and why it must not be used, or None."""
 
     x: np.ndarray | None
     solution: QpSolution | None

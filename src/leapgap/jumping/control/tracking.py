@@ -82,7 +82,8 @@ class JumpController(Controller):
         They are those of the reference, without velocities after the planned landing.
         """
         row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s
-        return self.targets.position[row], self.targets.velocity[row] * moving
+        velocity = self.targets.velocity[row]
+        return self.targets.position[row], velocity if moving else 0.0 * velocity
 
     def _start_frame(self, estimate: StateEstimate) -> StartFrame:
         level = float(estimate.base_position[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m
