@@ -30,6 +30,7 @@ QUATERNION_NORMS = (0.9, 1.1)
 LONGEST_GAP_S = 1.0
 """Longest time between two ticks that follow each other."""
 LARGEST_TIME_S = 1e9
+NUMBERS, FLOAT, BOOL = (int, float, np.number), np.dtype(np.float64), np.dtype(bool)
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,9 @@ class Border:
 
     def _judged(self, estimate: StateEstimate) -> StateEstimate | None:
         time_s, seen_s = number(estimate.time_s), self._seen_s
-        self._seen_s = time_s if np.isfinite(time_s) else None
+        self._seen_s = time_s if math.isfinite(time_s) else None
         self._since_used += 1
-        if not np.isfinite(time_s) or abs(time_s) > LARGEST_TIME_S:
+        if not math.isfinite(time_s) or abs(time_s) > LARGEST_TIME_S:
             return None
         if self._used_s is not None and not follows(time_s + self._offset_s, self._used_s):
             if seen_s is None or time_s == seen_s or not follows(time_s, seen_s):
@@ -122,14 +123,15 @@ class Border:
         changes: dict[str, Any] = {"time_s": self._used_s} if self._offset_s else {}
         for name, size in self._sizes.items():
             value = getattr(estimate, name)
-            if not (is_vector(value, size) and is_within(value, LARGEST[name])):
-                changes[name] = possible(value, size, LARGEST[name])
+            largest = LARGEST[name]
+            if not (is_vector(value, size) and is_within(value, largest)):
+                changes[name] = possible(value, size, largest)
         quaternion = estimate.base_quaternion
         low, high = QUATERNION_NORMS
         if not (is_vector(quaternion, 4) and low <= math.hypot(*quaternion) <= high):
             changes["base_quaternion"] = np.full(4, np.nan)
         feet = estimate.foot_contact
-        if not (isinstance(feet, np.ndarray) and feet.shape == (len(self.robot.feet),) and feet.dtype == bool):
+        if not (isinstance(feet, np.ndarray) and feet.shape == (len(self.robot.feet),) and feet.dtype == BOOL):
             changes["foot_contact"] = np.zeros(len(self.robot.feet), bool)
         return replace(estimate, **changes) if changes else estimate
 
@@ -141,12 +143,12 @@ def follows(time_s: float, before_s: float) -> bool:
 
 def number(value: object) -> float:
     """A value as a float; NaN where it is no number."""
-    return float(value) if isinstance(value, int | float | np.number) and not isinstance(value, bool) else float("nan")
+    return float(value) if isinstance(value, NUMBERS) and not isinstance(value, bool) else math.nan
 
 
 def is_vector(value: object, size: int) -> bool:
     """Whether a value is an array of that many floats."""
-    return isinstance(value, np.ndarray) and value.shape == (size,) and value.dtype == np.float64
+    return isinstance(value, np.ndarray) and value.shape == (size,) and value.dtype == FLOAT
 
 
 def is_within(vector: np.ndarray, largest: float) -> bool:

@@ -33,28 +33,26 @@ class CompiledPlanner(ForcePlanner):
         require_compiler("mpc.compiled")
         super().__init__(reference, model, config, clock)
         self._first_step = first_step(model)
-        self._tables = {key: self._update_tables(ready) for key, ready in self._prepared.items()}
+        self._tables = {key: self._update_tables(key / 1e6, ready) for key, ready in self._prepared.items()}
 
-    def _solve(self, ready: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
+    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
         """See ``ForcePlanner``."""
-        deadline_s, began = self.config.demands.deadline_s, self.clock()
-        time_s = float(ready.horizon.time_s[0])
-        tables = self._tables.get(microseconds(time_s)) or self._update_tables(ready)
+        deadline_s = self.config.demands.deadline_s
+        began = 0.0 if deadline_s is None else self.clock()
+        tables = self._tables.get(microseconds(time_s)) or self._update_tables(time_s, prepared)
         state, foot = np.array(state, float), np.array(foot, float)  # of the layout that was compiled for
         model = self._first_step(state, foot, time_s)
         if deadline_s is not None and self.clock() - began >= deadline_s:
             return Solved(None, None, OUT_OF_TIME)
-        status, x, *_ = solve_update(state, foot, model, self.config.qp.max_iterations, *tables)
+        status, x, _, _ = solve_update(state, foot, model, self.config.qp.max_iterations, *tables)
         if deadline_s is not None and self.clock() - began > deadline_s:
             return Solved(None, None, OUT_OF_TIME)
         return Solved(x, None, FAULTS[status])
 
-    def _update_tables(self, ready: PreparedQp) -> tuple[np.ndarray, ...]:
+    def _update_tables(self, time_s: float, prepared: PreparedQp) -> tuple[np.ndarray, ...]:
         """Arguments of ``solve_update``; at first those rows are active that are so at the reference."""
-        demands = self.config.demands
-        tables = dual_tables(ready, demands.primal_tolerance_n, demands.relative_dual_tolerance)
-        time_s = float(ready.horizon.time_s[0])
-        row = self.reference.row(time_s)
+        demands, row = self.config.demands, self.reference.row(time_s)
+        tables = dual_tables(prepared, demands.primal_tolerance_n, demands.relative_dual_tolerance)
         state, foot = self.reference.state[row].copy(), self.reference.foot[row].copy()
         model = self._first_step(state, foot, time_s)
         status, _, active, size = solve_update(state, foot, model, self.config.qp.max_iterations, *tables.arguments)

@@ -114,7 +114,7 @@ class ForcePlanner:
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self._prepared.get(microseconds(time_s)) or self._prepare(time_s)
-        x, solution, fault = self._solve(prepared, state, foot)
+        x, solution, fault = self._solve(time_s, prepared, state, foot)
         if fault is None and x is not None:
             self._good = ForcePlan(prepared.horizon, prepared.forces(x), solution)
             return self._good
@@ -122,8 +122,8 @@ class ForcePlanner:
         self.fallbacks[reason] += 1
         return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), solution, reason)
 
-    def _solve(self, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
-        """Solve one update from a measured state and feet."""
+    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
+        """Solve the update of this time from a measured state and feet."""
         result = guarded_solve(
             lambda: self._problem(prepared, state, foot), self.solver, self.config.demands, self.clock
         )

@@ -1,5 +1,6 @@
 """Controllers of one jump: joint PD along the reference, with a feed-forward that each of them decides."""
 
+import math
 from abc import abstractmethod
 from collections import Counter
 
@@ -55,7 +56,8 @@ class JumpController(Controller):
         """The command for a judged estimate."""
         if self.start_s is None:
             self.start_s = estimate.time_s
-        if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
+        place, turned = estimate.base_position, estimate.base_quaternion
+        if self.frame is None and math.isfinite(place @ place + turned @ turned):  # of limited size, by the border
             self.frame = self._start_frame(estimate)
         time_s = estimate.time_s - self.start_s
         self._jump_time_s = time_s
