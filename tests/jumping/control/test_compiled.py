@@ -169,8 +169,12 @@ def test_tanh_is_that_of_the_library() -> None:
 # Legs.
 
 
-def test_feet_and_torques_are_those_of_mujoco(robot: Robot) -> None:
-    by_mujoco, compiled, rng = LegKinematics(robot), CompiledLegs(robot), np.random.default_rng(4)
+@pytest.mark.parametrize("anchors_m", [0.0, 0.03])
+def test_feet_and_torques_are_those_of_mujoco(anchors_m: float) -> None:
+    """Also of a robot whose joints do not turn about the origins of their links."""
+    robot, rng = Robot.load(), np.random.default_rng(4)
+    robot.model.jnt_pos[1:] = anchors_m * rng.normal(size=(12, 3))
+    by_mujoco, compiled = LegKinematics(robot), CompiledLegs(robot)
     for _ in range(10):
         quaternion, joint_pos, force = rng.normal(size=4), rng.normal(size=12), 100 * rng.normal(size=(2, 3))
         quaternion /= np.linalg.norm(quaternion)
@@ -275,6 +279,21 @@ def test_a_measurement_that_is_no_number_goes_on_with_the_last_plan_shifted(wher
     plan = planner.plan(0.225, **bad)
     assert plan.fallback == NOT_FINITE
     assert plan.force[0] == pytest.approx(good.force[1])
+
+
+class Footless(PredictionModel):
+    """A model that does not depend on the feet."""
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        return MODEL.affine(replace(situation, foot=np.tile(REFERENCE.foot[0], (len(contact), 1))), contact)
+
+
+def test_feet_that_are_no_numbers_count_for_a_model_without_feet_too() -> None:
+    """As in the planner without compiler: what was not measured decides no force."""
+    row = REFERENCE.row(0.2)
+    for kind in (ForcePlanner, CompiledPlanner):
+        planner = kind(REFERENCE, Footless(), MpcConfig())
+        assert planner.plan(0.2, REFERENCE.state[row], REFERENCE.foot[row] * np.nan).fallback == NOT_FINITE
 
 
 def ticking(*times: float) -> Callable[[], float]:

@@ -152,8 +152,8 @@ def is_vector(value: object, size: int) -> bool:
 
 
 def is_within(vector: np.ndarray, largest: float) -> bool:
-    """Whether no entry of a vector is larger; its length is tried first, a fifth of the time."""
-    return bool(vector.dot(vector) <= largest * largest or np.abs(vector).max() <= largest)
+    """Whether no entry of a vector is larger; its length is tried first, which takes a third of the time."""
+    return math.hypot(*vector.tolist()) <= largest or bool(np.abs(vector).max() <= largest)
 
 
 def possible(value: object, size: int, largest: float) -> np.ndarray:
