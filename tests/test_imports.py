@@ -30,6 +30,7 @@ ONLY_IN = {
     "onnxruntime": set(),
     "casadi": {"jumping.planning", "jumping.control"},
     "daqp": {"jumping.control"},
+    "numba": {"jumping.control"},
     "osqp": {"jumping.control"},
     "h5py": {"logs"},
     "rosbags": {"logs"},

@@ -5,7 +5,8 @@ on their values), on the states of logged jumps at 40 Hz, one thread. Versions t
 once untimed (a robot stands before it jumps, and its controller has long been running). The plain version
 evaluates all networks in torch for the K samples at every update, multiplies the condensed matrices out as the paper
 writes them, and solves with OSQP at its default tolerance, set up once and updated. Accuracy, N, is the largest
-deviation of any force of a plan from the independent method of tests/jumping/control/test_qp.py. Run as
+deviation of any force of a plan from the independent method of tests/jumping/control/test_qp.py. The compiled
+versions need the extra ``compiled``; without it there is no row of them. Run as
 ``python -m tests.benchmarks.mpc_tick --json <file>``; on a shared machine only ratios of one run mean something.
 """
 
@@ -14,11 +15,14 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy and torch read it
 
 import argparse
+import contextlib
 import gc
 import math
 import platform
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -29,17 +33,19 @@ import torch
 from scipy import sparse
 
 from leapgap.atomic_io import write_json
+from leapgap.jumping.control import compiler
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import Horizon, horizon
+from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.mpc import ForcePlan, MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference, StartFrame
-from leapgap.jumping.learning.windows import TimeGrid
+from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, columns, rows, selection
 from leapgap.jumping.models.rigid_body import GRAVITY
-from leapgap.jumping.task import schedule_of, target_of
+from leapgap.jumping.task import ContactSchedule, schedule_of, target_of
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, per_axis
@@ -56,6 +62,8 @@ SMALL = ((64, 64), (64, 64))
 GRIDS = {"k10": TimeGrid(0.025, 0.1, 10), "k22": TimeGrid(0.025, 0.025, 22)}
 """As in the paper: variable steps, and fixed ones that see the landing too."""
 ROUNDS = 2
+PLAIN_WHERE_BARS_WERE_SET_US = 1708.0
+"""Median of torch + OSQP with the paper's networks on the machine for which the bars were set in microseconds."""
 LIKE_CONTROL = 0.01
 """Outputs this small keep the plans sensible."""
 Layers = list[tuple[np.ndarray, np.ndarray]]
@@ -110,6 +118,27 @@ class Networks(PredictionModel):
             bias[~contact] = forward(self.weights.h2, x[~contact])
         bias[:, 1] -= GRAVITY
         return AffineModel(bias, by_force)
+
+
+def exported(weights: Weights) -> ExportedModel:
+    """The same model in the form in which trained models are exported, which can be compiled."""
+    at_rest, by_unit = (A1_BODY.force_rows(foot).reshape(-1, 12) for foot in (np.zeros(4), np.eye(4)))
+    constant = np.concatenate([[0.0, -GRAVITY, 0.0], at_rest[0]])
+    feet = np.pad(by_unit - at_rest, [(0, 0), (3, 0)])
+    bias = [as_perceptron(net, slice(0, 3), 1.0) for net in (weights.h1, weights.h2)]
+    contact = Phase(constant, feet, (bias[0], as_perceptron(weights.g1, slice(3, 15), LIKE_CONTROL)))
+    in_air = Phase(np.pad(constant[:3], (0, 12)), 0 * feet, (bias[1],))
+    purpose = Purpose(GRIDS["k10"], ContactSchedule(), "", "")
+    return ExportedModel("random", purpose, contact, in_air)
+
+
+def as_perceptron(net: Layers, outputs: slice, scale: float) -> Perceptron:
+    """A network on all known inputs whose outputs are some of the fifteen, scaled."""
+    hidden = [(weight.T, bias) for weight, bias in net[:-1]]
+    hidden[0] = ((SELECT @ hidden[0][0]).astype(np.float32), hidden[0][1])
+    last, last_bias = np.zeros((len(net[-1][0][0]), 15), np.float32), np.zeros(15, np.float32)
+    last[:, outputs], last_bias[outputs] = net[-1][0].T * scale, net[-1][1] * scale
+    return Perceptron(tuple((np.ascontiguousarray(w), b) for w, b in [*hidden, (last, last_bias)]))
 
 
 class Plain:
@@ -270,19 +299,19 @@ def measure(
 ) -> dict[str, Timings]:
     """All versions at all recorded states, taking turns jump by jump."""
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
-    kinds = {
-        "daqp": (weights, "daqp"),
-        "osqp": (weights, "osqp"),
-        "daqp_small_networks": (small, "daqp"),
+    kinds: dict[str, tuple[PredictionModel, MpcConfig]] = {
+        "daqp": (Networks(weights), MpcConfig(grid)),
+        "osqp": (Networks(weights), MpcConfig(grid, qp=QpConfig("osqp"))),
+        "daqp_small_networks": (Networks(small), MpcConfig(grid)),
     }
+    if compiler.AVAILABLE:
+        kinds["compiled"] = (exported(weights), MpcConfig(grid, compiled=True))
+        kinds["compiled_small_networks"] = (exported(small), MpcConfig(grid, compiled=True))
     plain_kinds = {"torch_osqp": weights, "torch_osqp_small_networks": small}
     timed = {name: Timings() for name in (*plain_kinds, *kinds)}
     for reference, told in jumps * rounds:
         warm, ours = (
-            {
-                name: JumpMpc(reference, robot, PhaseGains(), Networks(w), MpcConfig(grid, qp=QpConfig(backend)))
-                for name, (w, backend) in kinds.items()
-            }
+            {name: JumpMpc(reference, robot, PhaseGains(), model, config) for name, (model, config) in kinds.items()}
             for _ in range(2)
         )
         plain = {name: Plain(reference, robot, w, MpcConfig(grid)) for name, w in plain_kinds.items()}
@@ -311,26 +340,28 @@ def follow_jump(mpc: JumpMpc, told: list[StateEstimate], timed: Timings) -> list
     for estimate in told:
         timed.tick(lambda estimate=estimate: mpc.command(estimate))
         plan = mpc.plan_now
-        if plan is None or plan.solution is None or plan.fallback is not None:
+        if plan is None or plan.fallback is not None:
             raise SystemExit(f"at {estimate.time_s:g} s: {plan.fallback if plan else 'no plan'}")
-        timed.qp_microseconds.append(1e6 * plan.solution.seconds)
+        if plan.solution is not None:
+            timed.qp_microseconds.append(1e6 * plan.solution.seconds)
         plans.append(plan)
     return plans
 
 
 def judge(plans: dict[str, list[ForcePlan]], forces: dict[str, list[np.ndarray]], timed: dict[str, Timings]) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
-    for name, of_jump in plans.items():
-        for i, plan in enumerate(of_jump):
-            if plan.solution is None:
-                continue
-            x = by_least_distance(plan.solution.problem)
-            timed[name].error_n = max(timed[name].error_n, float(np.abs(plan.solution.x - x).max()))
-            plain = name.replace("daqp", "torch_osqp")
-            if plain in forces:
-                pushing = per_axis(plan.horizon.share > 0)
-                error = float(np.abs(forces[plain][i][pushing] - x).max())
-                timed[plain].error_n = max(timed[plain].error_n, error)
+    for name in ("daqp", "daqp_small_networks"):
+        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "compiled", "torch_osqp")]
+        for i, exact in enumerate(plans[name]):
+            if exact.solution is None:
+                raise SystemExit(f"{name}: a plan without its problem")
+            x = by_least_distance(exact.solution.problem)
+            pushing = per_axis(exact.horizon.share > 0)
+            for kind in same_networks:
+                force = plans[kind][i].force if kind in plans else forces[kind][i] if kind in forces else None
+                if force is not None:
+                    error = float(np.abs(force[pushing] - x).max())
+                    timed[kind].error_n = max(timed[kind].error_n, error)
 
 
 def main() -> None:
@@ -345,35 +376,65 @@ def main() -> None:
     source, jumps = recorded_jumps(robot, 1 if chosen.tiny else 4)
     jumps, rounds = (jumps[:1], 1) if chosen.tiny else (jumps, ROUNDS)
     results = {name: measure(grid, jumps, robot, rounds) for name, grid in GRIDS.items()}
-    of_ours = {k: results[k]["daqp"].row() for k in GRIDS}
-    ratio = {k: round(of_ours[k]["median"] / results[k]["torch_osqp"].row()["median"], 3) for k in GRIDS}
-    cpu = {k: {n: results[k][n].row()["cpu_median"] for n in ("daqp", "torch_osqp")} for k in GRIDS}
-    cpu_ratio = {k: round(cpu[k]["daqp"] / cpu[k]["torch_osqp"], 3) for k in GRIDS}
+    with busy_cores():
+        loaded = measure(GRIDS["k10"], jumps[:4], robot, 1)
+    compiled = "compiled" if compiler.AVAILABLE else "daqp"
+    ours = {k: results[k][compiled].row() for k in GRIDS}
     result = {
-        "tick_us_median": {k: of_ours[k]["median"] for k in GRIDS},
-        "tick_us_p99": {k: of_ours[k]["p99"] for k in GRIDS},
-        "tick_us_p99_9": {k: of_ours[k]["p99_9"] for k in GRIDS},
-        "tick_us_worst": {k: of_ours[k]["worst"] for k in GRIDS},
+        **{f"tick_us_{part}": {k: ours[k][part] for k in GRIDS} for part in ("median", "p99", "p99_9", "worst")},
         "qp_us_median": {
             b: {k: round(float(np.median(results[k][b].qp_microseconds)), 1) for k in GRIDS} for b in ("daqp", "osqp")
         },
-        "force_error_n": {
-            b: {k: results[k][b].row()["force_error_n"] for k in GRIDS} for b in ("daqp", "osqp", "torch_osqp")
-        },
-        "ratio_to_torch_osqp": ratio,
-        "ratio_to_torch_osqp_cpu": cpu_ratio,
+        "force_error_n": {name: {k: results[k][name].row()["force_error_n"] for k in GRIDS} for name in results["k10"]},
+        "ratio_to_torch_osqp": {k: ratio(results[k], compiled, "torch_osqp", "median") for k in GRIDS},
+        "ratio_to_torch_osqp_cpu": {k: ratio(results[k], compiled, "torch_osqp", "cpu_median") for k in GRIDS},
+        "bars": bars(results["k10"], compiled),
         "versions": {k: {name: timed.row() for name, timed in results[k].items()} for k in GRIDS},
+        "under_load": {"k10": {name: timed.row() for name, timed in loaded.items()}},
         "updates": {k: len(results[k]["daqp"].microseconds) for k in GRIDS},
         "states": f"{len(jumps)} {source} jumps",
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread, torch {torch.__version__}",
     }
     write_json(file, result)
-    for k in GRIDS:
+    for k, versions in {**results, "k10, one busy process a core": loaded}.items():
         print(f"{k}, µs a tick (median, p99, p99.9, worst; the same of this thread) and largest force error, N:")
-        for name, timed in results[k].items():
+        for name, timed in versions.items():
             print(f"  {name:27}" + "".join(f" {value:9.3g}" for value in timed.row().values()))
-        print(f"  ratio to torch_osqp: {ratio[k]}, of this thread {cpu_ratio[k]}")
+    for bar, figures in result["bars"].items():
+        print(f"  {bar:33} " + ", ".join(f"{name} {value}" for name, value in figures.items()))
     print(f"{result['states']}, {result['machine']}")
+
+
+def ratio(versions: dict[str, Timings], ours: str, plain: str, part: str, plain_part: str | None = None) -> float:
+    """A figure of one version as a share of one of another."""
+    return round(versions[ours].row()[part] / versions[plain].row()[plain_part or part], 4)
+
+
+def bars(versions: dict[str, Timings], compiled: str) -> dict[str, dict[str, float]]:
+    """What a tick may take, as shares of the median of torch + OSQP in this run, and what it took."""
+    shares = {}
+    for networks, limits in (("paper", {"median": 160, "p99": 300}), ("small", {"median": 100, "p99": 150})):
+        ours = compiled + ("_small_networks" if networks == "small" else "")
+        for part, limit_us in limits.items():
+            shares[f"{networks}_networks_{part}"] = {
+                "bar": round(limit_us / PLAIN_WHERE_BARS_WERE_SET_US, 4),
+                "share": ratio(versions, ours, "torch_osqp", part, "median"),
+                "share_cpu": ratio(versions, ours, "torch_osqp", f"cpu_{part}", "cpu_median"),
+            }
+    return shares
+
+
+@contextlib.contextmanager
+def busy_cores() -> Iterator[None]:
+    """A process on every core that computes and reads memory without end."""
+    work = "import numpy\na = numpy.ones(1 << 21)\nwhile True: a += numpy.tanh(a)"
+    running = [subprocess.Popen([sys.executable, "-c", work]) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
 
 
 if __name__ == "__main__":

@@ -44,6 +44,11 @@ class ContactSchedule:
         t = np.asarray(time_s, dtype=float) + 1e-6
         return np.stack([t < self.front_lift_off_s, t < self.take_off_s], axis=-1)
 
+    def pairs_in_contact(self, time_s: float) -> tuple[bool, bool]:
+        """``in_contact`` of the front and the rear pair at one moment."""
+        t = time_s + 1e-6
+        return t < self.front_lift_off_s, t < self.take_off_s
+
 
 @dataclass(frozen=True)
 class Target:

@@ -6,23 +6,28 @@ import numpy as np
 import pytest
 
 from leapgap import effects
+from leapgap.jumping.control import compiler
+from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
+from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.run_metrics import pair_force
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
 from leapgap.jumping.experiments.trial_spec import landing_pose, landing_samples
 from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 from leapgap.jumping.task import ContactSchedule, Target
+from tests.conftest import A1_BODY
 
 TASK = JumpTask("jump_50", 0.5)
 
 
 def outcome(
-    bench: Bench, method: JointPdMethod | AimingMethod, task: JumpTask = TASK, **changed: tuple
+    bench: Bench, method: JointPdMethod | AimingMethod | MpcMethod, task: JumpTask = TASK, **changed: tuple
 ) -> TrialOutcome:
     found = changed.get("effects", ())
     return attempt_task(task, method, bench.level, found, bench.world, np.random.default_rng(0))
@@ -34,6 +39,20 @@ def test_a_planned_jump_of_the_robot_itself_lands_where_it_is_planned(bench: Ben
     assert abs(landed.error_cm) < 6  # what the planner's planar robot and the joint PD leave
     weak = (effects.effect("torque_gain", scale=0.7),)
     assert outcome(bench, joint_pd, effects=weak).landings[0].error_cm > landed.error_cm + 4
+
+
+@pytest.mark.skipif(not compiler.AVAILABLE, reason="numba is not installed")
+def test_a_compiled_mpc_lands_where_the_other_does(bench: Bench) -> None:
+    """Forces differ in their seventh digit; a jump amplifies that to micrometres."""
+    weak = (effects.effect("torque_gain", scale=0.9),)
+    errors = []
+    for compiled in (False, True):
+        config = MpcConfig(compiled=compiled)
+        method = MpcMethod(bench.robot, bench.references, model=RigidBodyModel(A1_BODY), config=config)
+        found = outcome(bench, method, effects=weak)
+        assert not found.fallbacks
+        errors.append(found.landings[0].error_cm)
+    assert errors[1] == pytest.approx(errors[0], abs=1e-3)
 
 
 def test_jumps_in_a_row_are_each_judged_from_their_own_take_off(bench: Bench, joint_pd: JointPdMethod) -> None:

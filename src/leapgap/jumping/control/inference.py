@@ -26,24 +26,30 @@ OUTPUTS = 15
 PHASES = ("contact", "flight")
 
 
-def perceptron(arrays: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    """tanh between layers ``weight_i`` (in, out), ``bias_i`` (out,); single precision, as it was trained."""
-    count = sum(name.startswith("weight_") for name in arrays)
-    layers = [
-        tuple(np.ascontiguousarray(arrays[f"{kind}_{i}"], np.float32) for kind in ("weight", "bias"))
-        for i in range(count)
-    ]
+@dataclass(frozen=True)
+class Perceptron:
+    """tanh between layers; single precision, as it was trained."""
 
-    def outputs(known: np.ndarray) -> np.ndarray:
+    layers: tuple[tuple[np.ndarray, np.ndarray], ...]
+    """Weight (in, out) and bias (out,) of each."""
+
+    @staticmethod
+    def of(arrays: Mapping[str, np.ndarray]) -> "Perceptron":
+        """From ``weight_i`` and ``bias_i``."""
+        count = sum(name.startswith("weight_") for name in arrays)
+        kinds = ("weight", "bias")
+        layers = [[np.ascontiguousarray(arrays[f"{kind}_{i}"], np.float32) for kind in kinds] for i in range(count)]
+        return Perceptron(tuple((weight, bias) for weight, bias in layers))
+
+    def __call__(self, known: np.ndarray) -> np.ndarray:
+        """Outputs (n, 15) of the known inputs (n, 17)."""
         hidden = known.astype(np.float32)
-        for weight, bias in layers[:-1]:
+        for weight, bias in self.layers[:-1]:
             hidden = hidden @ weight
             hidden += bias
             np.tanh(hidden, out=hidden)
-        weight, bias = layers[-1]
+        weight, bias = self.layers[-1]
         return hidden @ weight + bias
-
-    return outputs
 
 
 def kernel(arrays: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
@@ -61,7 +67,8 @@ def kernel(arrays: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarra
     return outputs
 
 
-PARTS = {"perceptron": perceptron, "kernel": kernel}
+PARTS: dict[str, Callable[[Mapping[str, np.ndarray]], Callable[[np.ndarray], np.ndarray]]]
+PARTS = {"perceptron": Perceptron.of, "kernel": kernel}
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,16 @@
 """Positions of the feet, and joint torques for ground forces, for one pose at a time."""
 
+from typing import TYPE_CHECKING
+
 import mujoco
 import numpy as np
 
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
+from leapgap.simulation.controller import StateEstimate
+
+if TYPE_CHECKING:
+    from leapgap.jumping.control.reference import StartFrame
 
 
 class LegKinematics:
@@ -43,6 +49,16 @@ class LegKinematics:
             mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], body)
         of_feet = (self._share @ pair_force).ravel()
         return -(of_feet @ self._jacobian.reshape(len(of_feet), -1))[self.robot.joint_dofs]
+
+    def planar(self, estimate: StateEstimate, frame: "StartFrame") -> tuple[np.ndarray, np.ndarray]:
+        """Measured state (6,) and foot − base (4,) in a frame, as in ``Reference``."""
+        return frame.state(estimate), frame.foot(estimate, self)
+
+    def planar_torque(
+        self, base_quaternion: np.ndarray, joint_pos: np.ndarray, force: np.ndarray, frame: "StartFrame"
+    ) -> np.ndarray:
+        """``torque`` for planar pair forces (4,) along the heading of a frame."""
+        return self.torque(base_quaternion, joint_pos, frame.in_world(force))
 
     def _place(self, base_quaternion: np.ndarray, joint_pos: np.ndarray) -> None:
         qpos = self._data.qpos

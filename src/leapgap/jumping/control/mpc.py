@@ -4,6 +4,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,9 @@ class MpcConfig:
     limits: ForceLimits = field(default_factory=ForceLimits)
     qp: QpConfig = field(default_factory=QpConfig)
     demands: SolutionRequirements = field(default_factory=SolutionRequirements)
+    compiled: bool = False
+    """Whether updates are compiled (extra ``compiled``): the same forces to rounding, several times as fast. Of ``qp``
+    only ``max_iterations`` counts then."""
     plan_valid_s: float = 0.1
     """An update without a solution uses the last plan if it is no older than this, else the reference."""
 
@@ -76,6 +80,14 @@ class ForcePlan:
         return self.force[step] if 0 <= step < len(self.force) else np.zeros(FORCES)
 
 
+class Solved(NamedTuple):
+    """Result of an update: its variables (n,), the solver's solution if any, and why it must not be used, or None."""
+
+    x: np.ndarray | None
+    solution: QpSolution | None
+    fault: str | None
+
+
 class ForcePlanner:
     """Solves the MPC's problem along one reference with one prediction model.
 
@@ -102,15 +114,20 @@ class ForcePlanner:
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self._prepared.get(microseconds(time_s)) or self._prepare(time_s)
+        x, solution, fault = self._solve(time_s, prepared, state, foot)
+        if fault is None and x is not None:
+            self._good = ForcePlan(prepared.horizon, prepared.forces(x), solution)
+            return self._good
+        reason = fault or NOT_FINITE
+        self.fallbacks[reason] += 1
+        return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), solution, reason)
+
+    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
+        """Solve the update of this time from a measured state and feet."""
         result = guarded_solve(
             lambda: self._problem(prepared, state, foot), self.solver, self.config.demands, self.clock
         )
-        if result.fault is None and result.solution is not None:
-            self._good = ForcePlan(prepared.horizon, prepared.forces(result.solution.x), result.solution)
-            return self._good
-        reason = result.fault or NOT_FINITE
-        self.fallbacks[reason] += 1
-        return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), result.solution, reason)
+        return Solved(None if result.solution is None else result.solution.x, result.solution, result.fault)
 
     def _problem(self, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):

@@ -1,12 +1,16 @@
 """The paper's controller of a jump: variable-frequency MPC for the ground forces, joint PD at every tick."""
 
+import math
 import time
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 
+from leapgap.jumping.control.compiled_planner import CompiledPlanner
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import ROUNDING_S
+from leapgap.jumping.control.leg_chains import CompiledLegs
 from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner, MpcConfig
 from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.control.tracking import JumpController
@@ -16,6 +20,8 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
 
 POSE_NOT_FINITE = "pose not finite"
+PUSHING = {pairs: per_axis(np.array(pairs)) for pairs in product((False, True), repeat=2)}
+"""Which of the four forces push, by the contact of the front and the rear pair."""
 
 
 class JumpMpc(JumpController):
@@ -37,7 +43,9 @@ class JumpMpc(JumpController):
     ) -> None:
         super().__init__(reference, robot, gains, level_m)
         self.config = config
-        self.planner = ForcePlanner(reference, model, config, clock)
+        planner = CompiledPlanner if config.compiled else ForcePlanner
+        self.planner: ForcePlanner = planner(reference, model, config, clock)
+        self.legs = CompiledLegs(robot) if config.compiled else self.legs
         self.fallbacks = self.planner.fallbacks
         self.plan_now: ForcePlan | None = None
         self._updates = 0
@@ -45,26 +53,26 @@ class JumpMpc(JumpController):
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
-        push = per_axis(self.reference.schedule.in_contact(np.array(time_s)))
-        if not push.any():
+        contact = self.reference.schedule.pairs_in_contact(time_s)
+        if not any(contact):
             return self.zero_feed_forward()
         if time_s > self._updates * self.config.period_s - ROUNDING_S:
             self._update(time_s, estimate, frame)
         assert self.plan_now is not None
-        force = self.plan_now.force[0] * push
-        return self.legs.torque(*self._measured_pose(time_s, estimate), frame.in_world(force)), force
+        force = self.plan_now.force[0] * PUSHING[contact]
+        return self.legs.planar_torque(*self._measured_pose(time_s, estimate), force, frame), force
 
     def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
         """Plan again; the next update is due at the next whole period."""
         self._updates = int((time_s + ROUNDING_S) / self.config.period_s) + 1
-        self.plan_now = self.planner.plan(time_s, frame.state(estimate), frame.foot(estimate, self.legs))
+        self.plan_now = self.planner.plan(time_s, *self.legs.planar(estimate, frame))
         if self.plan_now.fallback is not None:
             self.substituted.append((time_s, self.plan_now.fallback))
 
     def _measured_pose(self, time_s: float, estimate: StateEstimate) -> tuple[np.ndarray, np.ndarray]:
         """Quaternion (4,) and joints (joints,), measured; where not finite, the last finite ones or the reference's."""
         pose = (estimate.base_quaternion, estimate.joint_pos)
-        if np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all():
+        if math.isfinite(pose[0] @ pose[0] + pose[1] @ pose[1]):  # of limited size, by the border
             self._pose = pose
             return pose
         self.fallbacks[POSE_NOT_FINITE] += 1

@@ -1,5 +1,6 @@
 """Controllers of one jump: joint PD along the reference, with a feed-forward that each of them decides."""
 
+import math
 from abc import abstractmethod
 from collections import Counter
 
@@ -55,7 +56,8 @@ class JumpController(Controller):
         """The command for a judged estimate."""
         if self.start_s is None:
             self.start_s = estimate.time_s
-        if self.frame is None and np.isfinite([*estimate.base_position, *estimate.base_quaternion]).all():
+        place, turned = estimate.base_position, estimate.base_quaternion
+        if self.frame is None and math.isfinite(place @ place + turned @ turned):  # of limited size, by the border
             self.frame = self._start_frame(estimate)
         time_s = estimate.time_s - self.start_s
         self._jump_time_s = time_s
@@ -82,7 +84,8 @@ class JumpController(Controller):
         They are those of the reference, without velocities after the planned landing.
         """
         row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s
-        return self.targets.position[row], self.targets.velocity[row] * moving
+        velocity = self.targets.velocity[row]
+        return self.targets.position[row], velocity if moving else 0.0 * velocity
 
     def _start_frame(self, estimate: StateEstimate) -> StartFrame:
         level = float(estimate.base_position[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m

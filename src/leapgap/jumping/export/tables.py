@@ -8,13 +8,13 @@ root of the Hessian, and the constraints scaled by their norm in it.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.border import LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import SLACKS, GoalShiftPlanner
+from leapgap.jumping.control.leg_chains import LegChains
 from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback, features
 from leapgap.jumping.experiments.landing_model import LandingModel
@@ -249,52 +249,8 @@ def effort_tables(rows: np.ndarray, room: np.ndarray, norms: np.ndarray) -> dict
 
 
 def leg_tables(robot: Robot) -> dict[str, np.ndarray]:
-    """Kinematics of the legs: for each foot the links from the base to it, and the joints that turn them."""
-    model, hinge = robot.model, int(mujoco.mjtJoint.mjJNT_HINGE)
-    numbers = {int(body): i for i, body in enumerate(robot.joint_bodies)}
-    links: list[tuple[np.ndarray, np.ndarray, int, np.ndarray, np.ndarray, float]] = []
-    begins = [0]
-    for geom in robot.foot_geoms:
-        chain, body = [], int(model.geom_bodyid[geom])
-        while body != robot.base_body:
-            chain.append(body)
-            body = int(model.body_parentid[body])
-        for body in reversed(chain):
-            joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
-            if len(joints) > 1 or any(model.jnt_type[joint] != hinge for joint in joints):
-                found = f"{len(joints)} joints at {model.body(body).name}"
-                raise InputError(robot.path, found, "at most one hinge at each link of a leg", "split the link")
-            place, turn = model.body_pos[body], rotation_matrix(model.body_quat[body])
-            if not len(joints):
-                links.append((place, turn, -1, np.zeros(3), np.zeros(3), 0.0))
-                continue
-            joint = joints[0]
-            zero = float(model.qpos0[model.jnt_qposadr[joint]])
-            links.append((place, turn, numbers[body], model.jnt_axis[joint], model.jnt_pos[joint], zero))
-        begins.append(len(links))
-    share = np.zeros((len(robot.feet), len(PAIRS)))
+    """Kinematics of the legs, and the pair that each joint belongs to."""
     pair_of_joint = np.full(len(robot.joints), -1, np.int32)
     for pair, name in enumerate(PAIRS):
-        feet = robot.feet_at(name)
-        share[feet, pair] = 1 / len(feet)
         pair_of_joint[robot.joints_at(name)] = pair
-    position, rotation, joint_of, axis, anchor, zeros = zip(*links, strict=True)
-    return {
-        "links_of_foot": np.array(begins, np.int32),
-        "link_position": np.array(position),
-        "link_rotation": np.array(rotation),
-        "link_joint": np.array(joint_of, np.int32),
-        "link_axis": np.array(axis),
-        "link_anchor": np.array(anchor),
-        "link_zero": np.array(zeros),
-        "foot_point": model.geom_pos[robot.foot_geoms].copy(),
-        "foot_share": share,
-        "pair_of_joint": pair_of_joint,
-    }
-
-
-def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Matrix of a quaternion w x y z, row by row, (9,)."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix
+    return {**LegChains.of(robot).tables, "pair_of_joint": pair_of_joint}
