@@ -85,10 +85,32 @@ class BestSimulator:
         """The numbers that are to be believed."""
         return tuple(one for one in self.numbers if one.believed)
 
+    @property
+    def is_answer(self) -> bool:
+        """Whether it is the answer itself, or the nominal robot where there is none."""
+        return self.source == "answer"
+
+    @property
+    def in_words(self) -> str:
+        """What it closes beside the answer, and how much of it is to be believed."""
+        if self.is_answer:
+            whose = "the answer" if self.candidate.hypotheses else "the nominal robot"
+            left = "no fit of all effects replays held-out logs better" if self.tried > 1 else "no gap is left to fit"
+            return f"{whose}; {left}"
+        share = self.closure.capped_at_one
+        value, low, high, answer = (
+            f"{100 * part:.0f}" for part in (share.value, share.low, share.high, min(self.closure_of_answer, 1.0))
+        )
+        return (
+            f"all effects fitted together close {value} % (95 %: {low} to {high}) of the gap on logs not fitted on, "
+            f"the answer {answer} %; {len(self.believed)} of its {len(self.numbers)} numbers are to be believed"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``, but for the form of the closure."""
         return {
             "source": self.source,
+            "says": self.in_words,
             "gap": self.gap,
             "closure_of_answer": self.closure_of_answer,
             "candidates": self.tried,
