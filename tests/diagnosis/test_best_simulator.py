@@ -129,7 +129,7 @@ def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_i
     fit = BestFit(gap, short.whiten_for(short.on_every_log(())), nothing, hypotheses, model_error=0.03)
     at = fit.linearised(fit.at_all_places(), whole=True)
     fits = LinearFits(at.about, fit.linear_model(at, lambda _: False), np.zeros(fit.shape(at)))
-    numbers = fit.judged(fits.candidate(Weighting(1.0, True)), None)
+    numbers = fit.judged(fits.candidate(Weighting(1.0, True)), np.zeros(len(KINDS)))
     assert len(numbers) == len(KINDS)
     assert all(one.ci95[0] <= one.nominal <= one.ci95[1] for one in numbers)
     assert not any(one.believed for one in numbers)
@@ -192,17 +192,17 @@ def test_reasons_not_to_believe_a_number(robot: Robot) -> None:
     candidate = Candidate(hypotheses, numbers, alike * np.outer(spread, spread), np.array([numbers] * 4))
     gap = heldout_gap(noisy_logs(robot.path, lambda _: None, rows=300), robot)
     fit = BestFit(gap, None, candidate, hypotheses, model_error=0.03)  # type: ignore[arg-type]
-    friction, armature, damping, gain = fit.judged(candidate, np.array([1.0, 0.02, 0.4, 0.06]))
+    friction, armature, damping, gain = fit.judged(candidate, np.array([0.01, 0.05, 0.03, 0.8]))
     assert friction.believed and friction.why == ()
     assert armature.why == ("torque_gain scale does the same (correlation 0.93)",)
     assert damping.why == ("at the end of its range",)
     assert gain.why == (
-        "the logs hardly determine it, so that it stays near nominal",
+        "the logs hardly determine it, so that it stays where it was expected",
         "armature inertia does the same (correlation 0.93)",
         "its interval holds the nominal value",
     )
     others = replace(fit, answer=replace(candidate, hypotheses=hypotheses[1:]))
-    assert others.judged(candidate, None)[0].why == ("the answer does without it",)
+    assert others.judged(candidate, np.zeros(4))[0].why == ("the answer does without it",)
 
 
 def one(name: str, robot: Robot) -> Hypothesis:

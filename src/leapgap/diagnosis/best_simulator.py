@@ -38,7 +38,7 @@ MOST_PARTS = 8
 SIGMAS = 1.96
 """Half width of a 95 % interval in standard deviations."""
 LEAST_INFORMED = 0.5
-"""A number is drawn to nominal where the logs leave a larger share of the spread that it had beforehand."""
+"""The logs hardly determine a number of whose standard deviation beforehand they leave a larger share."""
 ALIKE = 0.9
 """Correlation from which on two numbers do the same to the logs."""
 MADE_UP = 0.95
@@ -129,12 +129,9 @@ class JointCandidate:
     """Factor on its squares where candidates are compared."""
 
     @property
-    def beforehand(self) -> np.ndarray:
-        """Standard deviation of each number before any log was seen, 0 where evidence tells it, (numbers,)."""
-        about = self.fits.about
-        found = np.zeros(len(about.centre))
-        found[about.fitted] = self.fits.model.spreads(self.weighting) * about.scale
-        return found
+    def spread_left(self) -> np.ndarray:
+        """Share of the standard deviation beforehand that the logs leave of each number, (numbers,)."""
+        return self.fits.spread_left(self.weighting, self.candidate.numbers)
 
 
 @dataclass(frozen=True)
@@ -240,7 +237,7 @@ class BestFit:
         if not chosen or gap.closure_value(heldout) - answer < LEAST_BETTER:
             chosen, heldout = 0, before
         candidate = candidates[chosen]
-        numbers = self.judged(candidate, fits[chosen - 1].beforehand if chosen else None)
+        numbers = self.judged(candidate, fits[chosen - 1].spread_left if chosen else np.zeros(len(candidate.numbers)))
         best = BestSimulator(
             candidate,
             "joint fit" if chosen else "answer",
@@ -254,23 +251,22 @@ class BestFit:
         self.progress(f"best simulator: {best.source}, closes {best.closure.value:.2f}, the answer {answer:.2f}")
         return best
 
-    def judged(self, candidate: Candidate, beforehand: np.ndarray | None) -> list[BestNumber]:
+    def judged(self, candidate: Candidate, left: np.ndarray) -> list[BestNumber]:
         """Each number of a candidate with the reasons not to believe it.
 
-        ``beforehand`` (numbers,) is the standard deviation that each had before any log was seen, 0 where evidence
-        tells it; None: any number was possible.
+        ``left`` (numbers,) is the share of the standard deviation beforehand that the logs leave of each.
         """
         if not candidate.hypotheses:
             return []
-        spread = np.sqrt(np.maximum(np.diag(candidate.covariance), 0.0))
+        covariance = np.nan_to_num(candidate.covariance)
+        spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         nominal = np.concatenate([h.nominal for h in candidate.hypotheses])
         error = self.model_error * np.abs(candidate.numbers - nominal)
         half = SIGMAS * np.hypot(np.maximum(spread, scatter(candidate.fold_numbers)), error)
         with np.errstate(divide="ignore", invalid="ignore"):
-            alike = np.nan_to_num(candidate.covariance / np.outer(spread, spread)) - np.eye(len(spread))
-            share = 1 / (np.diag(candidate.covariance) * np.diag(np.linalg.pinv(candidate.covariance)))
+            alike = np.nan_to_num(covariance / np.outer(spread, spread)) - np.eye(len(spread))
+            share = 1 / (np.diag(covariance) * np.diag(np.linalg.pinv(covariance)))
             together = np.sqrt(np.clip(np.nan_to_num(1 - share), 0.0, 1.0))
-            left = np.zeros(len(spread)) if beforehand is None else np.nan_to_num(spread / beforehand, posinf=0.0)
         labels = [f"{in_place(h)} {p.name}" for h in candidate.hypotheses for p in h.effect_parameters]
         found, at = [], 0
         for h, own, by in zip(candidate.hypotheses, candidate.split(), candidate.split(half), strict=True):
@@ -279,7 +275,7 @@ class BestFit:
                 pair = abs(alike[at, like]) > ALIKE
                 why = {
                     "at the end of its range": h.at_bound(own),
-                    "the logs hardly determine it, so that it stays near nominal": left[at] > LEAST_INFORMED,
+                    "the logs hardly determine it, so that it stays where it was expected": left[at] > LEAST_INFORMED,
                     f"{labels[like]} does the same (correlation {alike[at, like]:.2f})": pair,
                     f"other numbers together do the same (correlation {together[at]:.2f})": not pair
                     and together[at] > MADE_UP,

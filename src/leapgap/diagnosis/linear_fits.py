@@ -5,7 +5,7 @@ kept as inner products, so that fits with other weights, without a fold or witho
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,9 @@ ITERATIONS = 10
 """Largest number of reweighted least-squares steps of a fit."""
 SETTLED = 1e-4
 """A fit has converged when no number moves by more than this share of its moderate departure."""
+USUAL_SPREAD = 1.0
+"""Least standard deviation beforehand by which the interval of a number is told: however much a fit distrusts
+departures, so much was possible."""
 FREE_SPREAD = 3.0
 """Standard deviation beforehand of a number that may depart far, in moderate departures."""
 
@@ -136,8 +139,17 @@ class LinearFits:
         departs = model.fit(weighting, own, held=held)
         folds = [model.fit(weighting, expected, fold, held) for fold, expected in enumerate(without)]
         numbers, *of_folds = (self.about.moved(self.about.centre.copy(), one) for one in (departs, *folds))
-        covariance = self.about.covariance(model.covariance(weighting, departs))
+        usual = replace(weighting, spread=max(weighting.spread, USUAL_SPREAD))
+        covariance = self.about.covariance(model.covariance(usual, departs))
         return Candidate(self.about.hypotheses, numbers, covariance, np.array(of_folds))
+
+    def spread_left(self, weighting: Weighting, numbers: np.ndarray) -> np.ndarray:
+        """Share of the standard deviation beforehand that the logs leave of each number, (numbers,); 0 where held."""
+        about, model = self.about, self.model
+        found = np.zeros(len(numbers))
+        covariance = model.covariance(weighting, about.departs(numbers))
+        found[about.fitted] = np.sqrt(np.diag(covariance)) / model.spreads(weighting)
+        return found
 
 
 def columns_of(errors: np.ndarray, slopes: np.ndarray, departs: np.ndarray) -> np.ndarray:
