@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from leapgap.atomic_io import read_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
@@ -15,8 +16,9 @@ from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting, bounded_minimum
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
-from leapgap.simulation.corrected import write_corrected
+from leapgap.simulation.corrected import read_corrected, write_corrected
 from leapgap.simulation.replay import Replayer
 from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs
 from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
@@ -45,10 +47,15 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 
 @pytest.fixture(scope="module")
-def found(robot: Robot) -> Diagnosis:
-    """A diagnosis of the worn arm that may name one cause."""
+def report(robot: Robot) -> Report:
+    """The report on the worn arm of a diagnosis that may name one cause."""
     settings = Settings(effects=KINDS, plan=SearchSettings(most_causes=1), noise_draws=1, bootstrap_draws=100)
-    return diagnose(noisy_logs(robot.path, worn), robot, settings, threads=2)
+    return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
+
+
+@pytest.fixture(scope="module")
+def found(report: Report) -> Diagnosis:
+    return report.diagnosis
 
 
 def best_of(found: Diagnosis) -> BestSimulator:
@@ -110,6 +117,24 @@ def test_its_model_reproduces_a_motion_that_it_never_saw_in_plain_mujoco(
     )
     assert best < 0.1 * nominal
     assert best < 0.2 * corrected
+
+
+def test_a_report_has_it_in_print_on_its_page_and_in_a_folder(report: Report, tmp_path: Path) -> None:
+    best = best_of(report.diagnosis)
+    report.save(tmp_path / "out")
+    (line,) = [one for one in str(report).splitlines() if one.startswith("best simulator: ")]
+    assert line.startswith("best simulator: all effects fitted together close 99 % (95 %: ")
+    assert line.endswith(f"; {len(best.believed)} of its {len(best.numbers)} numbers are to be believed")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Simulate with it, and do not explain with it." in page
+    assert page.count('<td class="bad">no</td>') == len(best.numbers) - len(best.believed)
+    stored = read_json(tmp_path / "out" / "report.json")["best_simulator"]
+    assert [one["why"] for one in stored["numbers"]] == [list(one.why) for one in best.numbers]
+    robot, effects = read_corrected(tmp_path / "out" / "best")
+    assert effects == report.best == best.effects
+    assert (tmp_path / "out" / "best" / "robot.xml").is_file()
+    assert read_corrected(tmp_path / "out" / "corrected")[1] == report.correction != effects
+    assert robot.joints == ("L_shoulder", "L_elbow")
 
 
 def test_a_robot_with_nothing_wrong_keeps_its_nominal_numbers(robot: Robot) -> None:
