@@ -11,7 +11,9 @@ from leapgap.atomic_io import read_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting, bounded_minimum
 from leapgap.diagnosis.selection import SearchSettings
@@ -158,6 +160,27 @@ def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_i
     assert len(numbers) == len(KINDS)
     assert all(one.ci95[0] <= one.nominal <= one.ci95[1] for one in numbers)
     assert not any(one.believed for one in numbers)
+
+
+def test_where_a_joint_fit_has_ended_no_other_is_made(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Derivatives of the joint fit are used again, and a number that evidence tells is held, in every fold."""
+    gap = heldout_gap(noisy_logs(robot.path, worn), robot)
+    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
+    short = short.whiten_for(short.on_every_log(()))
+    told = Evidence("a test", "joint_damping.damping", 0.2, 0.01, "N·m·s/rad", {}, "said here")
+    joint = JointFit(gap, short, (told,))
+    hypotheses = list_hypotheses(KINDS, robot, None)
+    every = tuple(h for h in hypotheses if h.location == "all")
+    joint.fit(every, joint.numbers(every).centre, 3)
+    assert [end.about.hypotheses for end in joint.ends] == [every]
+    nothing = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
+    fit = BestFit(gap, short, nothing, hypotheses, 0.03, joint.told, joint.ends[0])
+    monkeypatch.delattr(BestFit, "linearised")
+    best = fit.search()
+    assert best.source == "joint fit" and best.closure_of_answer == pytest.approx(0.0)
+    assert best.closure.value > 0.5
+    at = best.candidate.names.index("joint_damping")
+    assert best.candidate.numbers[at] == 0.2 and (best.candidate.fold_numbers[:, at] == 0.2).all()
 
 
 def linear_model(robot: Robot, errors: np.ndarray, slopes: np.ndarray) -> LinearModel:
