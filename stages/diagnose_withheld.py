@@ -96,9 +96,9 @@ def diagnose_withheld(config: DictConfig) -> None:
 
 
 def diagnosis_settings(config: DictConfig, overrides: Mapping[str, Any]) -> Diagnosing:
-    """The settings of stage ``diagnose`` with overrides."""
+    """The settings of stage ``diagnose`` with overrides, without a best simulator: answers are judged."""
     merged = OmegaConf.merge(config.diagnose.settings, overrides)
-    return read_config(Diagnosing, merged, "diagnose_withheld.settings")
+    return replace(read_config(Diagnosing, merged, "diagnose_withheld.settings"), best=False)
 
 
 def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 
 LEAST_SPREADS = 2.0
@@ -105,6 +106,8 @@ class SearchResult:
     """Number of compared values of a piece."""
     profiles: tuple["ProfileLikelihood", ...]
     """Profile likelihoods of the first round, one an effect."""
+    short: ShortRollouts | None = None
+    """The pieces of the search, whitened for the robot that it began with."""
 
     def before(self, number: int) -> Fit:
         """The fit of the first ``number`` selected hypotheses."""

@@ -7,6 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from leapgap import effects
+from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.checks import CheckResult, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.decision import DecisionThresholds, Judgement, judge, judge_jointly
@@ -89,6 +90,8 @@ class Settings:
     """Settings of the fit of all effects together, used where logs have a clock of their own."""
     outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
     """Settings of the search for forces from outside; rows in which they act are left out."""
+    best: bool = True
+    """Whether all effects are fitted together for the best simulator, beside the answer."""
     rows_threshold: float = 0.15
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01
@@ -219,6 +222,7 @@ def diagnose(
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
         set_aside=dict(set_aside),
+        best_simulator=answer.best,
     )
     return Diagnosis(
         with_outside_forces(report, outside, ready.given, heldout_gap, corrected),
@@ -283,6 +287,8 @@ class FoundAnswer:
     """At the horizon at which the answer is judged."""
     evidence: Sequence[Evidence]
     by_source: ClosureBySource | None
+    best: BestSimulator | None
+    """None where the settings ask for none."""
 
 
 def find_answer(
@@ -309,12 +315,18 @@ def find_answer(
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     if clock is None:
-        return FoundAnswer(judgement, heldout_gap, evidence, None)
+        short = result.short or whole.whiten_for(whole.on_every_log(()))
+        fit = BestFit(heldout_gap, short, judgement.selected, hypotheses, settings.model_error, progress=progress)
+        return FoundAnswer(judgement, heldout_gap, evidence, None, fit.search() if settings.best else None)
     joint = JointFit(heldout_gap, every.whiten_for(every.on_every_log(())), evidence, settings.joint, progress)
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
     by_source = closure_by_source(joint, judgement.selected)
     judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
-    return FoundAnswer(judgement, heldout_gap, evidence, by_source)
+    ended = joint.ends[0] if joint.ends else None
+    fit = BestFit(
+        heldout_gap, joint.short, judgement.selected, hypotheses, settings.model_error, joint.told, ended, progress
+    )
+    return FoundAnswer(judgement, heldout_gap, evidence, by_source, fit.search() if settings.best else None)
 
 
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:

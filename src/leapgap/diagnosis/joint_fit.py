@@ -17,7 +17,7 @@ from leapgap.diagnosis.evidence.base import Evidence, sure
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.joint_likelihood import JointLikelihood, LogErrors, Numbers, damped_step
+from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers, damped_step
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
@@ -77,6 +77,8 @@ class JointFit:
     progress: Callable[[str], None] = lambda _: None
     losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
     """Minus the logarithm of the likelihood by names and numbers, of sets that were replayed."""
+    ends: list[Linearised] = field(default_factory=list)
+    """Where fits to whole logs have ended, in turn; the first is that of all effects that short pieces leave."""
 
     def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
         """Fit all effects, take away those that do not matter, and return the rest, what matters most first.
@@ -152,6 +154,8 @@ class JointFit:
                 stale = [log for log in every if log not in current]
             else:
                 break
+        if whole:
+            self.ends.append(Linearised(about, numbers, errors, slopes))
         return self.judged_fit(about, numbers, errors, slopes, whole)
 
     def renewed(

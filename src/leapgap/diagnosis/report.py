@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from leapgap.diagnosis.best_simulator import BestSimulator
 from leapgap.diagnosis.checks import CheckResult
 from leapgap.diagnosis.closure_by_source import ClosureBySource
 from leapgap.diagnosis.descriptions import DescriptionFigures
@@ -125,6 +126,8 @@ class ReportContent:
     """Forces and moments from outside, by log and time."""
     notes: tuple[str, ...] = ()
     """What is unusual, left out or changed of the robot's file and of the logs, such as gravity that is not Earth's."""
+    best_simulator: BestSimulator | None = None
+    """All effects fitted together; None where the settings ask for none."""
 
     @property
     def median_log(self) -> str:
@@ -181,6 +184,7 @@ class ReportContent:
                 "set_aside": dict(self.set_aside),
                 "notes": list(self.notes),
                 "outside_forces": [one.to_json() for one in self.outside_forces],
+                "best_simulator": best_to_json(self.best_simulator) if self.best_simulator else None,
                 "gap_per_log": self.gap_per_log,
                 "landing_misplaced_m": self.landing_misplaced_m,
                 "provenance": asdict(self.provenance),
@@ -201,10 +205,16 @@ class ReportContent:
                 "landing_misplaced_nominal_cm": self.landing_off_cm("nominal"),
                 "landing_misplaced_corrected_cm": self.landing_off_cm("corrected"),
                 "jumps": len(self.gap_per_log),
+                **({"closure_best": self.best_simulator.closure.value} if self.best_simulator else {}),
                 **{f"closure_{source}": one.value for source, one in self.closures_by_source.items()},
                 **{f"closure_described/{one.robot}": one.closure.value for one in self.descriptions},
             }
         )
+
+
+def best_to_json(best: BestSimulator) -> dict[str, Any]:
+    """The best simulator in the form of ``report.json``."""
+    return {"closure": closure_to_json(best.closure), **best.to_json()}
 
 
 def closure_to_json(interval: Interval) -> dict[str, Any]:

@@ -153,6 +153,7 @@ class Search:
             self.evidence.log_of_piece,
             self.nominal.columns.shape[1],
             self.profiles(first),
+            self.evidence,
         )
 
     def profiles(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:

@@ -33,7 +33,7 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.corrected import write_corrected
 from leapgap.simulation.replay import Replayer
 
-REPORT, PAGE, CORRECTED, RECORDING = "report.json", "report.html", "corrected", "diagnosis.rrd"
+REPORT, PAGE, CORRECTED, BEST, RECORDING = "report.json", "report.html", "corrected", "best", "diagnosis.rrd"
 """What ``Report.save`` writes into a folder."""
 SAVED_BY = "leapgap diagnose"
 """What the marker of a saved report says that wrote it."""
@@ -96,6 +96,12 @@ class Report:
         """The answer as effects to simulate with, fitted on all logs."""
         return self.diagnosis.correction
 
+    @property
+    def best(self) -> tuple[Effect, ...]:
+        """The best simulator as effects to simulate with, fitted on all logs; the answer's where none was fitted."""
+        best = self.content.best_simulator
+        return best.effects if best else self.correction
+
     def __str__(self) -> str:
         """The sentence, the gap, the first causes with their numbers, and what could not be judged."""
         content = self.content
@@ -105,6 +111,8 @@ class Report:
             "gap {:.3g}, corrected {:.3g}, noise floor {:.3g}".format(*gaps) + f" ({len(self.logs)} logs)",
         ]
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
+        if content.best_simulator:
+            lines.append(f"best simulator: {content.best_simulator.in_words}")
         lines += [f"from outside: {one.in_words}" for one in content.outside_forces]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
         lines += [f"left out {name}: {reason}" for name, reason in content.set_aside.items()]
@@ -114,7 +122,7 @@ class Report:
         return "\n".join(lines)
 
     def save(self, folder: Path | str, viewer: str = LIGHT) -> Path:
-        """Write report, page, corrected robot and, where Rerun is installed, a recording; the folder.
+        """Write report, page, corrected robot, best simulator and, where Rerun is installed, a recording; the folder.
 
         Files of an earlier report in the folder are replaced; nothing else in it is touched. A file of yours that has
         the name of one of the report's is an ``InputError``. ``viewer``: ``light``, or ``embedded`` for the Rerun
@@ -128,13 +136,18 @@ class Report:
 
     @one_blas_thread()
     def write(self, folder: Path, viewer: str = LIGHT) -> None:
-        """Write ``report.json``, ``report.html`` and ``corrected/`` into a folder; ``viewer`` as of ``save``."""
+        """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
+
+        ``best/`` is left out where no best simulator was asked for. ``viewer`` as of ``save``.
+        """
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
         write_json(folder / REPORT, self.content.to_json())
         page = html(self.content, self.logs, self.robot, self.nominal, self.corrected, inside)
         write_text(folder / PAGE, page)
         write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
+        if self.content.best_simulator:
+            write_corrected(folder / BEST, self.robot, self.best, gains_of(self.logs[0]))
 
     def embedded(self) -> EmbeddedViewer:
         """The viewer with the recording of this report."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from leapgap.diagnosis.best_simulator import BestNumber
 from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
 from leapgap.diagnosis.localisation import phase_names
 from leapgap.diagnosis.report import Cause, ReportContent
@@ -97,6 +98,7 @@ def html(
         title=channel_title,
         kind=kind_of(report, robot),
         brief=brief,
+        split_numbers=split_numbers,
         fitted=partial(fitted_value, report.causes[: len(report.answer)]),
         number_of_logs=len(logs),
         viewer=viewer,
@@ -113,6 +115,13 @@ def fitted_value(causes: Sequence[Cause], quantity: str) -> str:
     own = (cause.parameters[parameter] for cause in causes if cause.effect == effect and parameter in cause.parameters)
     found = next(own, None)
     return "–" if found is None else f"{found.value:.4g} {found.unit}"
+
+
+def split_numbers(numbers: Sequence[BestNumber]) -> tuple[list[BestNumber], list[BestNumber]]:
+    """Numbers of the best simulator to show, those to believe first, and those whose interval holds nominal."""
+    hidden = [one for one in numbers if one.ci95[0] <= one.nominal <= one.ci95[1]]
+    shown = sorted((one for one in numbers if one not in hidden), key=lambda one: not one.believed)
+    return shown, hidden
 
 
 def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Figure:

@@ -30,7 +30,8 @@ QUATERNION_NORMS = (0.9, 1.1)
 LONGEST_GAP_S = 1.0
 """Longest time between two ticks that follow each other."""
 LARGEST_TIME_S = 1e9
-NUMBERS, FLOAT, BOOL = (int, float, np.number), np.dtype(np.float64), np.dtype(bool)
+NUMBERS = (int, float, np.floating, np.integer)
+FLOAT, BOOL = np.dtype(np.float64), np.dtype(bool)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,265 @@
+"""The best simulator: all effects fitted together, on logs that plain MuJoCo simulated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap.atomic_io import read_json
+from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.joint_fit import JointFit
+from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers
+from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting, bounded_minimum
+from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.reports.diagnosis import Report, diagnose_logs
+from leapgap.robot.model import Robot
+from leapgap.simulation.corrected import read_corrected, write_corrected
+from leapgap.simulation.replay import Replayer
+from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs
+from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
+from tests.plain_simulation import Pd, by_motors, simulate
+
+KINDS = ["joint_damping", "joint_friction", "armature", "torque_gain", "encoder_bias", "leg_mass"]
+UNSEEN = Pd(18, 0.6, 0.6, 1.5)
+"""A motion that no diagnosis sees."""
+
+
+def worn(model: mujoco.MjModel) -> None:
+    """What is hidden: damping at both joints, friction and armature more at the elbow, a heavier lower link."""
+    model.dof_damping[:] += 0.2
+    model.dof_frictionloss[:] = [0.1, 0.25]
+    model.dof_armature[:] += [0.01, 0.03]
+    model.body_mass[2] *= 1.15
+    model.body_inertia[2] *= 1.15
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    path = tmp_path_factory.mktemp("arm") / "arm.xml"
+    path.write_text(two_link_arm(TORQUE_MOTOR))
+    return Robot.load(path)
+
+
+@pytest.fixture(scope="module")
+def report(robot: Robot) -> Report:
+    """The report on the worn arm of a diagnosis that may name one cause."""
+    settings = Settings(effects=KINDS, plan=SearchSettings(most_causes=1), noise_draws=1, bootstrap_draws=100)
+    return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
+
+
+@pytest.fixture(scope="module")
+def found(report: Report) -> Diagnosis:
+    return report.diagnosis
+
+
+def best_of(found: Diagnosis) -> BestSimulator:
+    assert found.report.best_simulator is not None
+    return found.report.best_simulator
+
+
+def test_it_closes_more_of_held_out_logs_than_an_answer_of_fewer_causes(found: Diagnosis) -> None:
+    best, report = best_of(found), found.report
+    assert best.source == "joint fit"
+    assert report.closure_of_answer is not None and len(report.answer) == 1
+    assert best.closure.value > report.closure_of_answer.value + 0.1
+    assert best.closure_of_answer == pytest.approx(report.closure_of_answer.value)
+    assert best.closure.value > 0.95
+    assert report.to_json()["best_simulator"]["closure"]["heldout"] == pytest.approx(best.closure.value, rel=1e-5)
+
+
+def test_its_numbers_are_those_that_were_hidden_at_each_joint(found: Diagnosis) -> None:
+    """To a share of 5 %: a torque gain, masses and armatures that rise together leave a motion nearly as it is."""
+    values = {(one.effect, one.location): one.value for one in best_of(found).numbers}
+    hidden = {
+        ("joint_damping", "L_shoulder"): 0.2,
+        ("joint_damping", "L_elbow"): 0.2,
+        ("joint_friction", "L_shoulder"): 0.1,
+        ("joint_friction", "L_elbow"): 0.25,
+        ("armature", "L_shoulder"): 0.01,
+        ("armature", "L_elbow"): 0.03,
+        ("leg_mass", "L_elbow"): 1.15,
+    }
+    for which, true in hidden.items():
+        assert values[which] == pytest.approx(true, rel=0.1), which
+    assert values["torque_gain", "L_elbow"] == pytest.approx(1, abs=0.05)
+
+
+def test_numbers_that_make_up_for_each_other_are_not_to_be_believed(found: Diagnosis) -> None:
+    """The torque gain of the elbow, which is nominal, is fitted together with its armature and mass."""
+    numbers = {(one.effect, one.location): one for one in best_of(found).numbers}
+    gain = numbers["torque_gain", "L_elbow"]
+    assert not gain.believed
+    assert any("do the same" in why or "does the same" in why for why in gain.why)
+    named = {name for names in found.report.answer for name in names}
+    assert {one.effect for one in best_of(found).believed} <= named
+
+
+def test_its_model_reproduces_a_motion_that_it_never_saw_in_plain_mujoco(
+    robot: Robot, found: Diagnosis, tmp_path: Path
+) -> None:
+    """``robot.xml`` of ``best/`` simulated by ``mj_step`` with the joint PD of the test, beside the worn arm."""
+    write_corrected(tmp_path / "best", robot, best_of(found).effects)
+    write_corrected(tmp_path / "corrected", robot, found.correction)
+
+    def swing(path: Path, change=lambda _: None) -> np.ndarray:
+        return simulate(path, by_motors, UNSEEN, rows=1500, change=change).qpos
+
+    true = swing(robot.path, worn)
+    nominal, corrected, best = (
+        float(np.sqrt(np.mean((swing(path) - true) ** 2)))
+        for path in (robot.path, tmp_path / "corrected" / "robot.xml", tmp_path / "best" / "robot.xml")
+    )
+    assert best < 0.1 * nominal
+    assert best < 0.2 * corrected
+
+
+def test_a_report_has_it_in_print_on_its_page_and_in_a_folder(report: Report, tmp_path: Path) -> None:
+    best = best_of(report.diagnosis)
+    report.save(tmp_path / "out")
+    (line,) = [one for one in str(report).splitlines() if one.startswith("best simulator: ")]
+    assert line.startswith("best simulator: all effects fitted together close 99 % (95 %: ")
+    assert line.endswith(f"; {len(best.believed)} of its {len(best.numbers)} numbers are to be believed")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Simulate with it, and do not explain with it." in page
+    assert page.count('<td class="bad">no</td>') == len(best.numbers) - len(best.believed)
+    stored = read_json(tmp_path / "out" / "report.json")["best_simulator"]
+    assert [one["why"] for one in stored["numbers"]] == [list(one.why) for one in best.numbers]
+    robot, effects = read_corrected(tmp_path / "out" / "best")
+    assert effects == report.best == best.effects
+    assert (tmp_path / "out" / "best" / "robot.xml").is_file()
+    assert read_corrected(tmp_path / "out" / "corrected")[1] == report.correction != effects
+    assert robot.joints == ("L_shoulder", "L_elbow")
+
+
+def test_a_robot_with_nothing_wrong_keeps_its_nominal_numbers(robot: Robot) -> None:
+    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100)
+    diagnosis = diagnose(noisy_logs(robot.path, lambda _: None), robot, settings, threads=2)
+    best = best_of(diagnosis)
+    assert diagnosis.report.verdict == "none"
+    assert (best.source, best.effects, best.numbers) == ("answer", (), ())
+    assert best.in_words.startswith("the nominal robot; no ")
+
+
+def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_intervals(robot: Robot) -> None:
+    gap = heldout_gap(noisy_logs(robot.path, lambda _: None), robot)
+    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
+    nothing = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
+    hypotheses = list_hypotheses(KINDS, robot, None)
+    fit = BestFit(gap, short.whiten_for(short.on_every_log(())), nothing, hypotheses, model_error=0.03)
+    at = fit.linearised(fit.at_all_places(), whole=True)
+    fits = LinearFits(at.about, fit.linear_model(at, lambda _: False), np.zeros(fit.shape(at)))
+    numbers = fit.judged(fits.candidate(Weighting(1.0, True)), np.zeros(len(KINDS)))
+    assert len(numbers) == len(KINDS)
+    assert all(one.ci95[0] <= one.nominal <= one.ci95[1] for one in numbers)
+    assert not any(one.believed for one in numbers)
+
+
+def test_where_a_joint_fit_has_ended_no_other_is_made(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Derivatives of the joint fit are used again, and a number that evidence tells is held, in every fold."""
+    gap = heldout_gap(noisy_logs(robot.path, worn), robot)
+    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
+    short = short.whiten_for(short.on_every_log(()))
+    told = Evidence("a test", "joint_damping.damping", 0.2, 0.01, "N·m·s/rad", {}, "said here")
+    joint = JointFit(gap, short, (told,))
+    hypotheses = list_hypotheses(KINDS, robot, None)
+    every = tuple(h for h in hypotheses if h.location == "all")
+    joint.fit(every, joint.numbers(every).centre, 3)
+    assert [end.about.hypotheses for end in joint.ends] == [every]
+    nothing = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
+    fit = BestFit(gap, short, nothing, hypotheses, 0.03, joint.told, joint.ends[0])
+    monkeypatch.delattr(BestFit, "linearised")
+    best = fit.search()
+    assert best.source == "joint fit" and best.closure_of_answer == pytest.approx(0.0)
+    assert best.closure.value > 0.5
+    at = best.candidate.names.index("joint_damping")
+    assert best.candidate.numbers[at] == 0.2 and (best.candidate.fold_numbers[:, at] == 0.2).all()
+
+
+def linear_model(robot: Robot, errors: np.ndarray, slopes: np.ndarray) -> LinearModel:
+    """Of one piece a log in as many folds; errors (logs, values), slopes (logs, values, 2)."""
+    about = Numbers.of(tuple(list_hypotheses(["joint_damping", "armature"], robot, None)[:1]) * 2, {})
+    of = [LogErrors(np.zeros(0), own[None]) for own in errors]
+    by = [LogErrors(np.zeros((0, 2)), own[None]) for own in slopes]
+    return LinearModel.of(about, about.centre, of, by, np.arange(len(errors)), np.zeros(2, bool))
+
+
+def test_the_numbers_of_a_fold_know_nothing_of_its_own_log(robot: Robot) -> None:
+    rng = np.random.default_rng(0)
+    errors, slopes = rng.standard_normal((4, 20)), rng.standard_normal((4, 20, 2))
+    other_errors, other_slopes = errors.copy(), slopes.copy()
+    other_errors[1], other_slopes[1] = 5 + rng.standard_normal(20), rng.standard_normal((20, 2))
+    one, other = linear_model(robot, errors, slopes), linear_model(robot, other_errors, other_slopes)
+    weighting, expected = Weighting(1.0, False), np.zeros(2)
+    assert np.array_equal(one.fit(weighting, expected, 1), other.fit(weighting, expected, 1))
+    assert not np.allclose(one.fit(weighting, expected, 0), other.fit(weighting, expected, 0))
+    assert not np.allclose(one.fit(weighting, expected), other.fit(weighting, expected))
+
+
+def test_numbers_that_the_logs_do_not_show_stay_as_expected(robot: Robot) -> None:
+    """Errors of −3 along the first column, none along the second, and no column in which they would show."""
+    slopes = np.zeros((3, 50, 2))
+    slopes[:, :, 0] = 10.0
+    model = linear_model(robot, slopes[:, :, 0] * -0.03, slopes)
+    found = model.fit(Weighting(1.0, False), np.array([0.0, 0.02]))
+    assert found == pytest.approx([0.03, 0.02], rel=1e-3)
+    shrunk = model.fit(Weighting(1e-4, False), np.array([0.0, 0.02]))
+    assert 0 < shrunk[0] < 0.001
+
+
+def test_a_candidate_that_is_best_by_one_log_alone_is_not_used_on_that_log() -> None:
+    """The second candidate wins by the first log; judged by the other logs it loses, and there it is worse."""
+    squares = np.array([[10.0, 4.0, 4.0], [1.0, 5.0, 5.0]])
+    assert chosen_without(squares, np.ones(2), np.arange(3)).tolist() == [10.0, 5.0, 5.0]
+    assert chosen_without(squares, np.array([1.0, 9.0]), np.arange(3)).tolist() == [10.0, 4.0, 4.0]
+
+
+def test_a_minimum_within_limits_is_that_of_a_fine_grid() -> None:
+    curvature, slope = np.array([[4.0, 3.0], [3.0, 3.0]]), np.array([-8.0, -5.0])
+    lower, upper = np.array([-1.0, -0.5]), np.array([1.0, 2.0])
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 401), np.linspace(-0.5, 2, 501)), axis=-1).reshape(-1, 2)
+    loss = 0.5 * np.einsum("ni,ij,nj->n", grid, curvature, grid) + grid @ slope
+    assert bounded_minimum(curvature, slope, lower, upper) == pytest.approx(grid[loss.argmin()], abs=0.01)
+
+
+def test_reasons_not_to_believe_a_number(robot: Robot) -> None:
+    """Of a crafted fit: one that is sure, one that another stands in for, one at its end, one that is not told."""
+    hypotheses = tuple(one(name, robot) for name in ("joint_friction", "armature", "joint_damping", "torque_gain"))
+    end = hypotheses[2].bounds[1][0]
+    numbers = np.array([0.5, 0.02, end, 0.99])
+    spread = np.array([0.01, 0.001, 0.01, 0.05])
+    alike = np.eye(4)
+    alike[1, 3] = alike[3, 1] = 0.93
+    candidate = Candidate(hypotheses, numbers, alike * np.outer(spread, spread), np.array([numbers] * 4))
+    gap = heldout_gap(noisy_logs(robot.path, lambda _: None, rows=300), robot)
+    fit = BestFit(gap, None, candidate, hypotheses, model_error=0.03)  # type: ignore[arg-type]
+    friction, armature, damping, gain = fit.judged(candidate, np.array([0.01, 0.05, 0.03, 0.8]))
+    assert friction.believed and friction.why == ()
+    assert armature.why == ("torque_gain scale does the same (correlation 0.93)",)
+    assert damping.why == ("at the end of its range",)
+    assert gain.why == (
+        "the logs hardly determine it, so that it stays where it was expected",
+        "armature inertia does the same (correlation 0.93)",
+        "its interval holds the nominal value",
+    )
+    others = replace(fit, answer=replace(candidate, hypotheses=hypotheses[1:]))
+    assert others.judged(candidate, np.zeros(4))[0].why == ("the answer does without it",)
+
+
+def one(name: str, robot: Robot) -> Hypothesis:
+    """An effect at all places."""
+    return list_hypotheses([name], robot, None)[0]
+
+
+def test_where_nothing_is_asked_for_nothing_is_fitted(robot: Robot) -> None:
+    settings = Settings(effects=["joint_damping"], best=False, noise_draws=1, bootstrap_draws=20)
+    diagnosis = diagnose(noisy_logs(robot.path, worn, rows=400), robot, settings, threads=2)
+    assert diagnosis.report.best_simulator is None
+    assert diagnosis.report.to_json()["best_simulator"] is None
