@@ -1,0 +1,441 @@
+"""The next experiment: the one that would tell apart what these logs cannot, by simulating what each cause foretells.
+
+The answer's robot makes each experiment in simulation. Its logs are cut to the short pieces that a diagnosis fits, and
+each rival is replayed in them. A rival may adapt its numbers as far as today's logs leave them open, and the model's
+tolerances may move too; what then remains of the difference is what a further diagnosis could see.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.channels import displaced
+from leapgap.diagnosis.decision import Judgement
+from leapgap.diagnosis.experiments import (
+    Experiment,
+    Given,
+    OtherJumps,
+    Repetition,
+    candidates_for,
+    is_possible,
+)
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.robust_least_squares import Products
+from leapgap.diagnosis.selection import differences
+from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs
+from leapgap.diagnosis.short_rollouts import Effects, ShortRollouts
+from leapgap.logs.log import Log
+from leapgap.logs.schema import BASE_QUATERNION
+from leapgap.logs.state import States
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, Rollout
+
+MOST_LOGS, MOST_S = 3, 4.0
+"""An experiment is foretold from so many of its logs, and from this long a part of each, s."""
+PIECES = 12
+"""Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger."""
+ENOUGH = 60.0
+"""Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause."""
+LEAST, LEAST_TIMES = 15.0, 2.0
+"""Least loss that is worth an experiment where none is enough, and by what factor it must exceed today's."""
+UNSURE, SHRINKS = 0.25, 2.0
+"""A number is unsure where its standard deviation is this share of its departure from nominal. An experiment for it must
+shrink that deviation by this factor."""
+MOST_CANDIDATES = 14
+SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}
+"""Noise of a sensor that nobody has read yet, m/s² and N."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A set of causes that could stand in place of the answer."""
+
+    name: str
+    """Name of the effect that it has instead."""
+    stands_for: str
+    """Name of the answer's effect that it stands in place of."""
+    fit: Candidate
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How far a rival's prediction is from the answer's in one experiment, with its numbers and tolerances adapted."""
+
+    rival: str
+    loss: float
+    """Expected loss of its log likelihood, over the pieces in which the experiment was foretold."""
+    channel: str
+    """Channel in which the two differ most."""
+    noises: float
+    """Root mean square of that difference, in standard deviations of the channel's noise."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What an experiment would show."""
+
+    experiment: Experiment
+    separations: tuple[Separation, ...]
+    spread: np.ndarray
+    """Standard deviation of the answer's numbers after the experiment, (numbers,)."""
+
+    @property
+    def least(self) -> float:
+        """Expected loss of the rival that is told apart worst."""
+        return min((one.loss for one in self.separations), default=0.0)
+
+
+@dataclass(frozen=True)
+class Forecaster:
+    """Simulates experiments of the answer's robot, and what rivals make of them."""
+
+    judged: JudgedLogs
+    replayer: Replayer
+    answer: Candidate
+    rivals: tuple[Rival, ...]
+    tolerances: Mapping[str, float]
+    horizon_s: float
+    every_s: float
+    seed: int
+
+    @cached_property
+    def given(self) -> Given:
+        """What experiments start from."""
+        fits = (self.answer, *(rival.fit for rival in self.rivals))
+        places = dict.fromkeys(h.location for fit in fits for h in fit.hypotheses)
+        return Given(tuple(states.log for states in self.judged.states), self.robot, tuple(places))
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.judged.robot
+
+    def forecast(self, experiment: Experiment) -> Forecast | None:
+        """What an experiment would show; None where the robot could not make it."""
+        replayer = self.replayer
+        if experiment.sensors:
+            columns = (*replayer.sensors, *experiment.sensors)
+            replayer = Replayer(self.robot, replayer.slots, replayer.threads, sensors=columns)
+        plans = [short_plan(plan) for plan in experiment.plans(self.given)[:MOST_LOGS]]
+        logs = self.simulate(experiment, plans, replayer)
+        if logs is None or max(len(log) * log.info.sample_period_s for log in logs) <= 2 * self.horizon_s:
+            return None
+        states = [States.of(log, self.robot, replayer.sensors) for log in logs]
+        short = ShortRollouts.of(states, replayer, self.horizon_s, self.every_s, PIECES)
+        around = [(h, n) for h, n in zip(self.answer.hypotheses, self.answer.split(), strict=True)]
+        around += [
+            (Hypothesis(type(effect), self.robot, effect.location), np.array(list(effect.values.values())))
+            for effect in experiment.known
+        ]
+        seen = Sensitivities.of(short, (), self.tolerances, around)
+        slopes = self.slopes(seen.evidence, self.answer, experiment.known)
+        separations = tuple(self.separation(rival, seen, experiment.known) for rival in self.rivals)
+        return Forecast(experiment, separations, self.spread_after(slopes, seen))
+
+    def simulate(self, experiment: Experiment, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
+        """Logs of the plans by the answer's robot, with the noise of the given logs; None where it cannot follow."""
+        acting = (*self.effects_of(self.answer, self.answer.numbers), *experiment.known)
+        motions = replayer.motions([Rollout(plan, acting) for plan in plans])
+        pairs = list(zip(plans, motions, strict=True))
+        if not all(is_possible(plan, motion, self.robot) for plan, motion in pairs):
+            return None
+        rng = np.random.default_rng(self.seed)
+        return [self.noisy(replayer.as_log(self.disturb(motion, replayer, rng), plan)) for plan, motion in pairs]
+
+    def disturb(self, motion: Motion, replayer: Replayer, rng: np.random.Generator) -> Motion:
+        """The motion with the noise of the given logs."""
+        by = np.zeros((len(motion), 2 * self.robot.model.nv))
+        for channel in (channel for channel in self.judged.logged if channel.is_state):
+            sigma = float(np.median([of_log[channel.name] for of_log in self.judged.noise]))
+            by[:, channel.entry] = sigma * rng.standard_normal(len(motion))
+        noisy = displaced(motion, by, self.robot)
+        if motion.sensors is None:
+            return noisy
+        sizes = np.array([next(s for name, s in SENSOR_NOISE.items() if c.startswith(name)) for c in replayer.sensors])
+        return replace(noisy, sensors=motion.sensors + sizes * rng.standard_normal(motion.sensors.shape))
+
+    def noisy(self, log: Log) -> Log:
+        """The log with the measured columns that every given log has."""
+        measured = {channel.name for channel in self.judged.logged}
+        measured |= set(BASE_QUATERNION)
+        given = self.given.logs
+        columns = {
+            name: values
+            for name, values in log.columns.items()
+            if name == "time"
+            or name.startswith(("cmd_", "imu_acc", "foot_force"))
+            or (all(name in one for one in given) and (name in measured or name.startswith("base_")))
+        }
+        return replace(log, columns=columns)
+
+    def effects_of(self, fit: Candidate, numbers: np.ndarray) -> Effects:
+        """Effects of a fit with some numbers."""
+        return tuple(h.on("", own) for h, own in zip(fit.hypotheses, fit.split(numbers), strict=True))
+
+    def residuals(self, short: ShortRollouts, effects: Sequence[Effects]) -> list[np.ndarray]:
+        """Whitened errors (pieces, values) of several robots."""
+        found = short.residuals([short.on_every_log(one) for one in effects])
+        return [concatenate_logs(one) for one in found]
+
+    def slopes(self, short: ShortRollouts, fit: Candidate, known: Effects) -> np.ndarray:
+        """Whitened errors of a fit, then their derivatives by its numbers, (pieces, values, 1 + numbers)."""
+        steps = differences(fit.hypotheses, fit.numbers)
+        tried = [fit.numbers, *(fit.numbers + by for by in steps)]
+        base, *changed = self.residuals(short, [(*self.effects_of(fit, numbers), *known) for numbers in tried])
+        by_number = [(one - base) / by.sum() for one, by in zip(changed, steps, strict=True)]
+        return np.stack([base, *by_number], axis=2)
+
+    def separation(self, rival: Rival, seen: Sensitivities, known: Effects) -> Separation:
+        """How far a rival is from the answer."""
+        short = seen.evidence
+        (truth,) = self.residuals(short, [(*self.effects_of(self.answer, self.answer.numbers), *known)])
+        columns = self.slopes(short, rival.fit, known)
+        columns[:, :, 0] -= truth
+        both = np.concatenate([columns, seen.nuisances], axis=2)
+        variance = np.maximum(np.diag(rival.fit.covariance), 1e-300)
+        prior = np.concatenate([1 / variance, np.ones(seen.nuisances.shape[2])])
+        products = Products.of(both)
+        weights = products.fit(prior, np.ones(len(both), bool))
+        chi2, values = products.chi2(weights), products.values
+        loss = float((values * np.log1p(chi2 / (2 * values))).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
+        channel, noises = largest_difference(both @ weights, short)
+        return Separation(rival.name, loss, channel, noises)
+
+    def spread_after(self, slopes: np.ndarray, seen: Sensitivities) -> np.ndarray:
+        """Standard deviation of the answer's numbers once the experiment is fitted too, (numbers,)."""
+        numbers = slopes.shape[2] - 1
+        columns = np.concatenate([slopes[:, :, 1:], seen.nuisances], axis=2).reshape(
+            -1, slopes.shape[2] - 1 + seen.nuisances.shape[2]
+        )
+        normal = columns.T @ columns
+        normal[numbers:, numbers:] += np.eye(len(normal) - numbers)
+        told = normal[:numbers, :numbers] - normal[:numbers, numbers:] @ np.linalg.solve(
+            normal[numbers:, numbers:], normal[numbers:, :numbers]
+        )
+        before = np.linalg.pinv(self.answer.covariance)
+        return np.sqrt(np.maximum(np.diag(np.linalg.pinv(before + told)), 0.0))
+
+
+def largest_difference(whitened: np.ndarray, short: ShortRollouts) -> tuple[str, float]:
+    """Channel with the largest root mean square error over its noise, from whitened errors (pieces, values)."""
+    squares, first = [], 0
+    for own, whitening in zip(short.pieces, short.whitening, strict=True):
+        pieces = whitened[first : first + len(whitening)]
+        first += len(whitening)
+        raw = np.linalg.solve(whitening, pieces[:, :, None])[:, :, 0].reshape(len(pieces), len(own.ages), -1)
+        squares.append(((raw / own.noise) ** 2).mean(axis=1))
+    of_channels = np.sqrt(np.concatenate(squares).mean(axis=0))
+    worst = int(of_channels.argmax())
+    return short.state.channels[worst].name, float(of_channels[worst])
+
+
+def short_plan(plan: Log) -> Log:
+    """The first part of a plan."""
+    return plan.first_rows(min(len(plan), plan.info.rows(MOST_S) + 1))
+
+
+def rivals_of(judgement: Judgement) -> tuple[Rival, ...]:
+    """For each name that the answer leaves open, the best fit that has it in place of the answer's own."""
+    names = judgement.selected.names
+    found = []
+    for own, *others in judgement.conclusion.answer:
+        rest = set(names) - {own}
+        for other in others:
+            fits = [
+                fit
+                for fit in judgement.result.alternatives
+                if other in fit.names and own not in fit.names and (rest <= set(fit.names) or len(fit.names) == 1)
+            ]
+            exact = [fit for fit in fits if set(fit.names) == rest | {other}]
+            if exact:
+                found.append(Rival(other, own, exact[0]))
+            elif fits and own in names:
+                found.append(Rival(other, own, in_place_of(judgement.selected, own, fits[0])))
+    return tuple(found)
+
+
+def in_place_of(answer: Candidate, own: str, single: Candidate) -> Candidate:
+    """The answer with the one cause of another fit in place of one of its own."""
+    kept = [k for k, name in enumerate(answer.names) if name != own]
+    parts, spreads = answer.split(), answer.split(np.diag(answer.covariance))
+    hypotheses = (*(answer.hypotheses[k] for k in kept), single.hypotheses[-1])
+    numbers = np.concatenate([*(parts[k] for k in kept), single.split()[-1]])
+    variances = np.concatenate([*(spreads[k] for k in kept), single.split(np.diag(single.covariance))[-1]])
+    return Candidate(hypotheses, numbers, np.diag(variances), np.tile(numbers, (1, 1)))
+
+
+def without_clocks(fit: Candidate) -> Candidate:
+    """The fit without causes whose values are those of single logs: they are the same in every experiment."""
+    kept = [k for k, h in enumerate(fit.hypotheses) if h.per_log is None]
+    if len(kept) == len(fit.hypotheses):
+        return fit
+    lengths = [len(h.parameters) for h in fit.hypotheses]
+    ends = np.cumsum([0, *lengths])
+    which = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in kept] or [np.zeros(0, int)]).astype(int)
+    covariance = fit.covariance[np.ix_(which, which)]
+    return Candidate(tuple(fit.hypotheses[k] for k in kept), fit.numbers[which], covariance, fit.fold_numbers[:, which])
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """A proposal, with the figures that speak for it."""
+
+    sentence: str
+    separates: tuple[str, ...]
+    experiment: Experiment | None = None
+    """None where none tells the causes apart, or none could be foretold."""
+    expected: tuple[Mapping[str, Any], ...] = ()
+    """For each rival what the experiment would show, beside what the logs show today."""
+    tried: tuple[Mapping[str, Any], ...] = ()
+    """Every experiment that was foretold, with its smallest loss over the rivals."""
+    collect: tuple[str, ...] = ()
+    """Settings of ``stages.collect``, where these make it."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of ``report.json``."""
+        entry: dict[str, Any] = {"sentence": self.sentence, "separates": list(self.separates)}
+        if self.experiment is not None:
+            entry["settings"] = self.experiment.settings
+        if self.collect:
+            entry["collect"] = list(self.collect)
+        entry["expected"] = [dict(one) for one in self.expected]
+        entry["tried"] = [dict(one) for one in self.tried]
+        return entry
+
+
+def propose(
+    judgement: Judgement,
+    judged: JudgedLogs,
+    replayer: Replayer,
+    tolerances: Mapping[str, float],
+    horizon_s: float,
+    every_s: float,
+    seed: int,
+    progress: Callable[[str], None] = lambda _: None,
+) -> NextExperiment | None:
+    """The next experiment of a diagnosis; None where nothing is open.
+
+    ``horizon_s`` and ``every_s`` are those of the short rollouts that a further diagnosis would make.
+    """
+    open_names = next((names for names in judgement.conclusion.answer if len(names) > 1), None)
+    answer = without_clocks(judgement.selected)
+    rivals = tuple(replace(rival, fit=without_clocks(rival.fit)) for rival in rivals_of(judgement))
+    rivals = tuple(rival for rival in rivals if rival.fit.names != answer.names)
+    forecaster = Forecaster(judged, replayer, answer, rivals, tolerances, horizon_s, every_s, seed)
+    if open_names is None:
+        return sharpen(forecaster, progress) if judgement.conclusion.answer and answer.hypotheses else None
+    if not rivals:
+        return by_experience(open_names, forecaster.given)
+    return separate(open_names, forecaster, progress)
+
+
+def by_experience(names: Sequence[str], given: Given) -> NextExperiment:
+    """A proposal without figures, where no rival has a fit that could be simulated."""
+    trace = f"These logs leave the same trace for {' and '.join(names)}: "
+    jumps = OtherJumps.candidates(given)
+    if not jumps:
+        return NextExperiment(f"{trace}log faster and slower motions, and diagnose all logs together.", tuple(names))
+    (jump,) = jumps
+    sentence = f"{trace}{jump.words(given)}, and diagnose all logs together."
+    return NextExperiment(sentence, tuple(names), jump, collect=tuple(OtherJumps().collect(given)))
+
+
+def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> list[Forecast]:
+    """What each possible experiment would show, the least effort first."""
+    found = []
+    for experiment in candidates_for(forecaster.given)[:MOST_CANDIDATES]:
+        forecast = forecaster.forecast(experiment)
+        if forecast is not None:
+            found.append(forecast)
+            progress(f"next experiment {experiment.short}: least loss {forecast.least:.0f}")
+    return found
+
+
+def separate(names: Sequence[str], forecaster: Forecaster, progress: Callable[[str], None]) -> NextExperiment:
+    """The experiment that tells the answer's causes from their rivals, or the statement that none does."""
+    given = forecaster.given
+    today = forecaster.forecast(Repetition())
+    found = forecasts_of(forecaster, progress)
+    trace = f"These logs leave the same trace for {' and '.join(names)}: "
+    least = today.least if today else 0.0
+    enough = [one for one in found if one.least >= max(ENOUGH, LEAST_TIMES * least)]
+    cheapest = [one for one in enough if one.experiment.cost == enough[0].experiment.cost] or found
+    best = max(cheapest, key=lambda one: one.least, default=None)
+    tried = tuple({"experiment": one.experiment.short, "least_loss": one.least} for one in found)
+    if best is None or best.least < max(LEAST, LEAST_TIMES * least):
+        sentence = (
+            f"{trace}none of {len(found)} experiments that were simulated tells them apart beyond noise and the "
+            "tolerances of the model."
+        )
+        return NextExperiment(sentence, tuple(names), tried=tried)
+    expected = expected_of(best, today)
+    worst = min(expected, key=lambda one: float(one["loss"]))
+    together = "" if best.experiment.known else ", and diagnose all logs together"
+    was = "" if worst["noises_today"] is None else f"; today by {worst['noises_today']:.2g}"
+    sentence = (
+        f"{trace}{best.experiment.words(given)}{together}. There {names[0]} and {worst['rival']} differ by "
+        f"{worst['noises']:.2g} times the noise in {worst['channel']}{was}."
+    )
+    return NextExperiment(sentence, tuple(names), best.experiment, expected, tried, collect_of(best.experiment, given))
+
+
+def collect_of(experiment: Experiment, given: Given) -> tuple[str, ...]:
+    """Settings of ``stages.collect`` for an experiment; empty where it cannot make it."""
+    return tuple(experiment.collect(given)) if isinstance(experiment, OtherJumps) else ()
+
+
+def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any], ...]:
+    """Each rival's separation in an experiment beside today's."""
+    before = {one.rival: one for one in today.separations} if today else {}
+    return tuple(
+        {
+            "rival": one.rival,
+            "channel": one.channel,
+            "noises": one.noises,
+            "loss": one.loss,
+            "noises_today": before[one.rival].noises if one.rival in before else None,
+            "loss_today": before[one.rival].loss if one.rival in before else None,
+        }
+        for one in best.separations
+    )
+
+
+def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExperiment | None:
+    """The experiment that shrinks the interval of the least sure number of the answer most; None where all are sure."""
+    answer = forecaster.answer
+    spread = np.sqrt(np.maximum(np.diag(answer.covariance), 0.0))
+    nominal = np.concatenate([h.nominal for h in answer.hypotheses])
+    unsure = spread / np.maximum(np.abs(answer.numbers - nominal), 1e-12)
+    which = int(unsure.argmax())
+    if unsure[which] < UNSURE:
+        return None
+    found = forecasts_of(forecaster, progress)
+    enough = [one for one in found if spread[which] >= SHRINKS * one.spread[which]]
+    if not enough:
+        return None
+    best = min(
+        (one for one in enough if one.experiment.cost == enough[0].experiment.cost), key=lambda one: one.spread[which]
+    )
+    labels = [(h.name, p) for h in answer.hypotheses for p in h.parameters]
+    name, parameter = labels[which]
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    given, value = forecaster.given, f"{answer.numbers[which]:.3g} ± {spread[which]:.2g}{unit}"
+    sentence = (
+        f"The least sure number is {parameter.name} of {name}, {value}: "
+        f"{best.experiment.words(given)}. That should leave ± {best.spread[which]:.2g}{unit}."
+    )
+    tried = tuple({"experiment": one.experiment.short, "spread": float(one.spread[which])} for one in found)
+    expected = (
+        {
+            "number": f"{name}.{parameter.name}",
+            "spread": float(best.spread[which]),
+            "spread_today": float(spread[which]),
+        },
+    )
+    return NextExperiment(sentence, (), best.experiment, expected, tried, collect_of(best.experiment, given))
