@@ -12,25 +12,24 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.effects.base import Effect
-from leapgap.effects.link_payload import LinkPayload
 from leapgap.effects.links import links_at
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import FOOT_FORCE, IMU_ACCELERATION, sensor_columns
 from leapgap.robot.motion import Motion
+from leapgap.simulation.known_loads import LOAD
 from leapgap.simulation.open_loop import Course, MotionPlan, raise_front, with_block
 
 OTHER_GAINS, OTHER_GAINS_FLOATING = (0.5, 2.0), (0.7, 1.4)
 """Factors on kp and kd; less far from what was logged where a robot stands on its feet by them."""
 OTHER_SPEEDS = (0.5, 2.0)
 LOG_S, ONSET_S = 2.0, 0.25
-"""Length of a log of sines, and the time in which their amplitude grows."""
-SLOW_HZ, FAST_HZ, RATIOS = 0.7, 3.0, (0.8, 1.0, 1.25)
+"""Least length of a log of sines, and the time in which their amplitude grows; a slow sine is logged for a period."""
+WIDE_HZ, SLOW_HZ, FAST_HZ, RATIOS = 0.25, 0.7, 3.0, (0.8, 1.0, 1.25)
 """Frequencies of sines; each experiment has three logs, at these multiples."""
-RANGE_SHARE, LARGEST_RAD, LARGEST_STANDING_RAD = 0.3, 0.5, 0.15
-"""Amplitude of a slow sine: this share of what the joint can turn from its pose to its nearer end, and no more."""
+RANGE_SHARE, LARGEST_RAD, LARGEST_STANDING_RAD = 0.6, 1.2, 0.15
+"""Amplitude of a sine: at most this share of what the joint can turn from its pose to its nearer end, and no more."""
 FASTEST_SHARE = 1.5
 """A sine is at most so many times faster than the fastest joint of the logs."""
 LEAST_RAD = 0.02
@@ -39,8 +38,8 @@ APART = 0.13
 MOST_PLACES = 3
 FINER_RATE, COARSE_S = 4, 0.004
 """Rows of at least this length, s, may be logged and sent so many times as often."""
-LOAD_SHARE = 0.3
-"""A known load, as a share of the mass of all that moves with the link that carries it."""
+LOAD_SHARES = (0.3, 1.0)
+"""Known loads, as shares of the mass of all that moves with the link that carries them."""
 OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
 """Distances of further jumps, and how near one counts as logged already."""
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
@@ -143,11 +142,6 @@ class Experiment(ABC):
         return self.kind.replace("_", " ")
 
     @property
-    def known(self) -> tuple[Effect, ...]:
-        """What it adds to the robot, and everybody knows."""
-        return ()
-
-    @property
     def sensors(self) -> tuple[str, ...]:
         """Columns of sensors that are logged besides."""
         return ()
@@ -217,9 +211,10 @@ class OtherJumps(Experiment):
     def words(self, given: Given) -> str:
         """Distances and blocks."""
         low, high = OTHER_BLOCKS_M
+        centimetres = ", ".join(f"{100 * x:g}" for x in self.distances(given))
         return (
-            f"log {self.number(given)} further jumps, to {', '.join(f'{100 * x:g}' for x in self.distances(given))} cm, "
-            f"with the front feet on blocks of {100 * low:g} to {100 * high:g} cm"
+            f"log {self.number(given)} further jumps, to {centimetres} cm, with the front feet on blocks "
+            f"of {100 * low:g} to {100 * high:g} cm"
         )
 
     @property
@@ -352,7 +347,7 @@ class FinerRate(Experiment):
 
 @dataclass(frozen=True)
 class Sines(Experiment):
-    """Sines of some joints about the pose of the logs, the other joints held; three logs of two seconds."""
+    """Sines of some joints about the pose of the logs, the other joints held; three logs."""
 
     kind = "sines"
     cost = 2
@@ -364,12 +359,12 @@ class Sines(Experiment):
 
     @classmethod
     def candidates(cls, given: Given) -> list[Experiment]:
-        """Slow and fast, at the places of the causes and at all joints."""
+        """Wide, slow and fast, at the places of the causes and at all joints; a standing robot cannot move wide."""
         if not (given.has_gains and given.is_even):
             return []
         found: list[Experiment] = []
         for joints in given.sine_places:
-            for frequency in (SLOW_HZ, FAST_HZ):
+            for frequency in (SLOW_HZ, FAST_HZ) if given.robot.has_free_base else (WIDE_HZ, SLOW_HZ, FAST_HZ):
                 sizes = tuple(amplitude(joint, frequency, given) for joint in joints)
                 if max(sizes) >= LEAST_RAD:
                     found.append(cls(joints, sizes, frequency))
@@ -379,10 +374,15 @@ class Sines(Experiment):
         """One log at each multiple of the frequency, by the median gains and feed-forward torque of the logs."""
         return [self.plan(k, self.frequency_hz * ratio, given) for k, ratio in enumerate(RATIOS)]
 
+    @property
+    def length_s(self) -> float:
+        """Length of each log, s."""
+        return max(LOG_S, 1 / self.frequency_hz)
+
     def plan(self, number: int, frequency_hz: float, given: Given) -> Log:
         """One log."""
         robot, period = given.robot, given.logs[0].info.sample_period_s
-        time = np.arange(round(LOG_S / period) + 1) * period
+        time = np.arange(round(self.length_s / period) + 1) * period
         onset = np.clip(time / ONSET_S, 0, 1)
         growth, rate = onset**2 * (3 - 2 * onset), 6 * onset * (1 - onset) / ONSET_S
         columns = standing_commands(given, len(time))
@@ -401,7 +401,7 @@ class Sines(Experiment):
         size = f"{most:.2g}" if most - least < 0.05 * most else f"{least:.2g} to {most:.2g}"
         others = "all joints" if self.joints == given.joints else f"{names_of(self.joints, given.robot)} alone"
         return (
-            f"log {len(RATIOS)} sines of {LOG_S:g} s at {others}, {size} rad, {low:.2g} to {high:.2g} Hz, "
+            f"log {len(RATIOS)} sines of {self.length_s:g} s at {others}, {size} rad, {low:.2g} to {high:.2g} Hz, "
             f"{OtherGains(1.0).gains(given)}, about the pose of the logs"
         )
 
@@ -465,7 +465,7 @@ class TorqueSines(Experiment):
 
 @dataclass(frozen=True)
 class KnownLoad(Experiment):
-    """The same motions with a known mass at the centre of mass of a link, which the model is then given too."""
+    """The same motions with a known mass at the centre of mass of a link, which the metadata of the logs state."""
 
     kind = "load"
     cost = 3
@@ -477,29 +477,23 @@ class KnownLoad(Experiment):
 
     @classmethod
     def candidates(cls, given: Given) -> list[Experiment]:
-        """At the last link of each limb that the causes touch, for a robot that is held."""
-        robot = given.robot
+        """At the last link of a robot that is held, a light one and a heavy one."""
+        robot, joint = given.robot, given.joints[-1]
         if robot.has_free_base:
             return []
-        joint = given.joints[-1]
         (link,) = links_at(robot, joint)
-        mass = float(f"{LOAD_SHARE * robot.model.body_subtreemass[link]:.2g}")
-        return [cls(joint, robot.model.body(link).name, mass)] if mass > 0 else []
+        masses = [float(f"{share * robot.model.body_subtreemass[link]:.2g}") for share in LOAD_SHARES]
+        return [cls(joint, robot.model.body(link).name, mass) for mass in masses if mass > 0]
 
     def plans(self, given: Given) -> list[Log]:
-        """The logs' own commands."""
-        return Repetition().plans(given)
-
-    @property
-    def known(self) -> tuple[Effect, ...]:
-        """The mass."""
-        return (LinkPayload(location=self.joint, mass_kg=self.mass_kg),)
+        """The logs' own commands, with the load in their metadata."""
+        return [with_load(plan, {self.joint: self.mass_kg}) for plan in Repetition().plans(given)]
 
     def words(self, given: Given) -> str:
         """Mass and body."""
         return (
-            f"log the same motions with {self.mass_kg:g} kg fastened at the centre of mass of {self.body}, and diagnose "
-            "these logs by themselves, with the mass in the model"
+            f"log the same motions with {self.mass_kg:g} kg fastened at the centre of mass of {self.body}, and state "
+            f'"load": {{"{self.joint}": {self.mass_kg:g}}} in the metadata of these logs'
         )
 
     @property
@@ -598,6 +592,12 @@ def standing_commands(given: Given, rows: int) -> dict[str, np.ndarray]:
         values = {"tau": push if given.has_gains else 0.0, "pos": held, "vel": 0.0, "kp": kp[joint], "kd": kd[joint]}
         commands |= {f"cmd_{name}/{joint}": np.full(rows, value) for name, value in values.items()}
     return commands
+
+
+def with_load(plan: Log, load: Mapping[str, float]) -> Log:
+    """The plan with known masses, joint → kg, in its metadata."""
+    extra = {**plan.info.extra, LOAD: dict(load)}
+    return replace(plan, info=replace(plan.info, extra=extra))
 
 
 def commands_of(log: Log) -> list[str]:

@@ -23,7 +23,6 @@ from leapgap.diagnosis.experiments import (
     candidates_for,
     is_possible,
 )
-from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.diagnosis.selection import differences
@@ -45,9 +44,10 @@ ENOUGH = 60.0
 LEAST, LEAST_TIMES = 15.0, 2.0
 """Least loss that is worth an experiment where none is enough, and by what factor it must exceed today's."""
 UNSURE, SHRINKS = 0.25, 2.0
-"""A number is unsure where its standard deviation is this share of its departure from nominal. An experiment for it must
-shrink that deviation by this factor."""
-MOST_CANDIDATES = 14
+"""A number is unsure where its standard deviation is this share of its departure from nominal.
+
+An experiment for it must shrink that deviation by this factor."""
+MOST_CANDIDATES = 18
 SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}
 """Noise of a sensor that nobody has read yet, m/s² and N."""
 
@@ -73,7 +73,7 @@ class Separation:
     channel: str
     """Channel in which the two differ most."""
     noises: float
-    """Root mean square of that difference, in standard deviations of the channel's noise."""
+    """Root mean square of that difference, in standard deviations of the channel's noise, with today's numbers."""
 
 
 @dataclass(frozen=True)
@@ -123,24 +123,20 @@ class Forecaster:
             columns = (*replayer.sensors, *experiment.sensors)
             replayer = Replayer(self.robot, replayer.slots, replayer.threads, sensors=columns)
         plans = [short_plan(plan) for plan in experiment.plans(self.given)[:MOST_LOGS]]
-        logs = self.simulate(experiment, plans, replayer)
+        logs = self.simulate(plans, replayer)
         if logs is None or max(len(log) * log.info.sample_period_s for log in logs) <= 2 * self.horizon_s:
             return None
         states = [States.of(log, self.robot, replayer.sensors) for log in logs]
         short = ShortRollouts.of(states, replayer, self.horizon_s, self.every_s, PIECES)
         around = [(h, n) for h, n in zip(self.answer.hypotheses, self.answer.split(), strict=True)]
-        around += [
-            (Hypothesis(type(effect), self.robot, effect.location), np.array(list(effect.values.values())))
-            for effect in experiment.known
-        ]
         seen = Sensitivities.of(short, (), self.tolerances, around)
-        slopes = self.slopes(seen.evidence, self.answer, experiment.known)
-        separations = tuple(self.separation(rival, seen, experiment.known) for rival in self.rivals)
+        slopes = self.slopes(seen.evidence, self.answer)
+        separations = tuple(self.separation(rival, seen) for rival in self.rivals)
         return Forecast(experiment, separations, self.spread_after(slopes, seen))
 
-    def simulate(self, experiment: Experiment, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
+    def simulate(self, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
         """Logs of the plans by the answer's robot, with the noise of the given logs; None where it cannot follow."""
-        acting = (*self.effects_of(self.answer, self.answer.numbers), *experiment.known)
+        acting = self.effects_of(self.answer, self.answer.numbers)
         motions = replayer.motions([Rollout(plan, acting) for plan in plans])
         pairs = list(zip(plans, motions, strict=True))
         if not all(is_possible(plan, motion, self.robot) for plan, motion in pairs):
@@ -183,19 +179,19 @@ class Forecaster:
         found = short.residuals([short.on_every_log(one) for one in effects])
         return [concatenate_logs(one) for one in found]
 
-    def slopes(self, short: ShortRollouts, fit: Candidate, known: Effects) -> np.ndarray:
+    def slopes(self, short: ShortRollouts, fit: Candidate) -> np.ndarray:
         """Whitened errors of a fit, then their derivatives by its numbers, (pieces, values, 1 + numbers)."""
         steps = differences(fit.hypotheses, fit.numbers)
         tried = [fit.numbers, *(fit.numbers + by for by in steps)]
-        base, *changed = self.residuals(short, [(*self.effects_of(fit, numbers), *known) for numbers in tried])
+        base, *changed = self.residuals(short, [self.effects_of(fit, numbers) for numbers in tried])
         by_number = [(one - base) / by.sum() for one, by in zip(changed, steps, strict=True)]
         return np.stack([base, *by_number], axis=2)
 
-    def separation(self, rival: Rival, seen: Sensitivities, known: Effects) -> Separation:
+    def separation(self, rival: Rival, seen: Sensitivities) -> Separation:
         """How far a rival is from the answer."""
         short = seen.evidence
-        (truth,) = self.residuals(short, [(*self.effects_of(self.answer, self.answer.numbers), *known)])
-        columns = self.slopes(short, rival.fit, known)
+        (truth,) = self.residuals(short, [self.effects_of(self.answer, self.answer.numbers)])
+        columns = self.slopes(short, rival.fit)
         columns[:, :, 0] -= truth
         both = np.concatenate([columns, seen.nuisances], axis=2)
         variance = np.maximum(np.diag(rival.fit.covariance), 1e-300)
@@ -204,7 +200,9 @@ class Forecaster:
         weights = products.fit(prior, np.ones(len(both), bool))
         chi2, values = products.chi2(weights), products.values
         loss = float((values * np.log1p(chi2 / (2 * values))).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
-        channel, noises = largest_difference(both @ weights, short)
+        own = np.concatenate([columns[:, :, :1], seen.nuisances], axis=2)
+        of_tolerances = Products.of(own).fit(np.ones(seen.nuisances.shape[2]), np.ones(len(own), bool))
+        channel, noises = largest_difference(own @ of_tolerances, short)
         return Separation(rival.name, loss, channel, noises)
 
     def spread_after(self, slopes: np.ndarray, seen: Sensitivities) -> np.ndarray:
@@ -376,11 +374,10 @@ def separate(names: Sequence[str], forecaster: Forecaster, progress: Callable[[s
         return NextExperiment(sentence, tuple(names), tried=tried)
     expected = expected_of(best, today)
     worst = min(expected, key=lambda one: float(one["loss"]))
-    together = "" if best.experiment.known else ", and diagnose all logs together"
     was = "" if worst["noises_today"] is None else f"; today by {worst['noises_today']:.2g}"
+    differ = f"There {names[0]} and {worst['rival']} differ by {worst['noises']:.2g} times the noise"
     sentence = (
-        f"{trace}{best.experiment.words(given)}{together}. There {names[0]} and {worst['rival']} differ by "
-        f"{worst['noises']:.2g} times the noise in {worst['channel']}{was}."
+        f"{trace}{best.experiment.words(given)}, and diagnose all logs together. {differ} in {worst['channel']}{was}."
     )
     return NextExperiment(sentence, tuple(names), best.experiment, expected, tried, collect_of(best.experiment, given))
 

@@ -25,6 +25,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors, sensor_addresses
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.robot.rotors import carried_torque, rest_rotors
+from leapgap.simulation.known_loads import put_loads
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -494,6 +495,7 @@ class Replayer:
         actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
         model.opt.timestep = trial.period_s / self.substeps(log)
         self.drive(trial).put_into(model, self.robot)
+        put_loads(model, log, self.robot)
         for effect in trial.effects:
             effect.change_model(model, self.robot)
         return model
