@@ -93,8 +93,8 @@ def fit(robot: Robot, kind: type[Effect], number: float, spread: float) -> Candi
 
 def forecaster(logs: list[Log], robot: Robot, answer: Candidate, rival: Candidate) -> Forecaster:
     judged = JudgedLogs.of(logs, robot)
-    rivals = (Rival(rival.names[0], answer.names[0], rival),)
-    return Forecaster(judged, Replayer(robot), answer, rivals, {}, 0.1, 0.01, 1)
+    rivals = (Rival(rival.names[0], rival),)
+    return Forecaster(judged, Replayer(robot), answer.names[0], answer, rivals, {}, 0.1, 0.01, 1)
 
 
 def inertia(robot: Robot) -> float:
@@ -104,7 +104,7 @@ def inertia(robot: Robot) -> float:
 
 @pytest.fixture(scope="module")
 def weak_or_heavy(rod: Robot) -> Forecaster:
-    """A motor that gives 0.8 of its torque, or a rotor that makes the inertia 1/0.8: the same motion, whatever is asked."""
+    """A motor that gives 0.8 of its torque, or a rotor that makes the inertia 1/0.8: the same motion at any command."""
     logs = [swing(seed, GAIN) for seed in range(3)]
     heavy = inertia(rod) * (1 / GAIN - 1)
     return forecaster(logs, rod, fit(rod, TorqueGain, GAIN, 0.005), fit(rod, Armature, heavy, 0.0002))
@@ -154,11 +154,11 @@ def test_what_tolerances_of_the_model_could_do_does_not_count(rod: Robot) -> Non
     """The rotor's own inertia, known to a multiple of itself, makes the load no evidence."""
     logs = [swing(seed, GAIN) for seed in range(3)]
     heavy = fit(rod, JointFriction, 0.2, 0.01)
-    judged, rivals = JudgedLogs.of(logs, rod), (Rival("joint_friction", "torque_gain", heavy),)
+    judged, rivals = JudgedLogs.of(logs, rod), (Rival("joint_friction", heavy),)
     sure, unsure = (
-        Forecaster(judged, Replayer(rod), fit(rod, TorqueGain, 1.0, 0.01), rivals, tolerances, 0.1, 0.01, 1).forecast(
-            Repetition()
-        )
+        Forecaster(
+            judged, Replayer(rod), "torque_gain", fit(rod, TorqueGain, 1.0, 0.01), rivals, tolerances, 0.1, 0.01, 1
+        ).forecast(Repetition())
         for tolerances in ({}, {"joint_damping.damping": 0.1, "armature.inertia": 3.0})
     )
     assert sure is not None and unsure is not None

@@ -48,18 +48,18 @@ UNSURE, SHRINKS = 0.25, 2.0
 
 An experiment for it must shrink that deviation by this factor."""
 MOST_CANDIDATES = 18
+PLACES, NEAR, CHECKED = 2, 10.0, 5
+"""Places at which each open cause is tried, how near to its best held-out loss; experiments foretold for all truths."""
 SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}
 """Noise of a sensor that nobody has read yet, m/s² and N."""
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A set of causes that could stand in place of the answer."""
+    """A set of causes that could be true."""
 
     name: str
-    """Name of the effect that it has instead."""
-    stands_for: str
-    """Name of the answer's effect that it stands in place of."""
+    """Name of the effect that may be the one."""
     fit: Candidate
 
 
@@ -67,6 +67,8 @@ class Rival:
 class Separation:
     """How far a rival's prediction is from the answer's in one experiment, with its numbers and tolerances adapted."""
 
+    truth: str
+    """The cause of the robot that makes the experiment."""
     rival: str
     loss: float
     """Expected loss of its log likelihood, over the pieces in which the experiment was foretold."""
@@ -97,6 +99,8 @@ class Forecaster:
 
     judged: JudgedLogs
     replayer: Replayer
+    name: str
+    """Name of the cause that is taken for true."""
     answer: Candidate
     rivals: tuple[Rival, ...]
     tolerances: Mapping[str, float]
@@ -203,7 +207,7 @@ class Forecaster:
         own = np.concatenate([columns[:, :, :1], seen.nuisances], axis=2)
         of_tolerances = Products.of(own).fit(np.ones(seen.nuisances.shape[2]), np.ones(len(own), bool))
         channel, noises = largest_difference(own @ of_tolerances, short)
-        return Separation(rival.name, loss, channel, noises)
+        return Separation(self.name, rival.name, loss, channel, noises)
 
     def spread_after(self, slopes: np.ndarray, seen: Sensitivities) -> np.ndarray:
         """Standard deviation of the answer's numbers once the experiment is fitted too, (numbers,)."""
@@ -238,24 +242,35 @@ def short_plan(plan: Log) -> Log:
     return plan.first_rows(min(len(plan), plan.info.rows(MOST_S) + 1))
 
 
-def rivals_of(judgement: Judgement) -> tuple[Rival, ...]:
-    """For each name that the answer leaves open, the best fit that has it in place of the answer's own."""
-    names = judgement.selected.names
-    found = []
+def open_fits(judgement: Judgement) -> tuple[Rival, ...]:
+    """What may be true where the answer leaves names open: the answer, and fits with the other names in its place.
+
+    Each name stands with its fits at the best few places: a cause at one joint may be told from its rival where the
+    same cause at all joints is not.
+    """
+    found = [Rival(judgement.selected.names[0], judgement.selected)] if judgement.selected.hypotheses else []
     for own, *others in judgement.conclusion.answer:
-        rest = set(names) - {own}
+        if not others or own not in judgement.selected.names:
+            continue
+        found[0] = Rival(own, judgement.selected)
+        found += [Rival(own, fit) for fit in near_fits(judgement, own, own)[:PLACES]]
         for other in others:
-            fits = [
-                fit
-                for fit in judgement.result.alternatives
-                if other in fit.names and own not in fit.names and (rest <= set(fit.names) or len(fit.names) == 1)
-            ]
-            exact = [fit for fit in fits if set(fit.names) == rest | {other}]
-            if exact:
-                found.append(Rival(other, own, exact[0]))
-            elif fits and own in names:
-                found.append(Rival(other, own, in_place_of(judgement.selected, own, fits[0])))
-    return tuple(found)
+            found += [Rival(other, fit) for fit in near_fits(judgement, own, other)[:PLACES]]
+        break
+    return tuple(Rival(one.name, without_clocks(one.fit)) for one in found)
+
+
+def near_fits(judgement: Judgement, own: str, name: str) -> list[Candidate]:
+    """Fits of the answer's causes with ``name`` in place of ``own``, best first, the answer itself left out."""
+    selected, result = judgement.selected, judgement.result
+    wanted = sorted({*selected.names, name} - ({own} - {name}))
+    fits = [fit for fit in result.rivals if sorted(fit.names) == wanted and fit.hypotheses != selected.hypotheses]
+    best = min((float(fit.heldout.sum()) for fit in fits), default=0.0)
+    near: list[Candidate] = [fit for fit in fits if fit.heldout.sum() < best + NEAR]
+    if near or name == own:
+        return near
+    singles = [fit for fit in result.alternatives if fit.names == (name,)]
+    return [in_place_of(selected, own, fit) for fit in singles[:1]]
 
 
 def in_place_of(answer: Candidate, own: str, single: Candidate) -> Candidate:
@@ -322,15 +337,30 @@ def propose(
     ``horizon_s`` and ``every_s`` are those of the short rollouts that a further diagnosis would make.
     """
     open_names = next((names for names in judgement.conclusion.answer if len(names) > 1), None)
-    answer = without_clocks(judgement.selected)
-    rivals = tuple(replace(rival, fit=without_clocks(rival.fit)) for rival in rivals_of(judgement))
-    rivals = tuple(rival for rival in rivals if rival.fit.names != answer.names)
-    forecaster = Forecaster(judged, replayer, answer, rivals, tolerances, horizon_s, every_s, seed)
+    if not judgement.conclusion.answer:
+        return None
+    fits = open_fits(judgement)
+    if not fits or not fits[0].fit.hypotheses:
+        return None if open_names is None else by_experience(open_names, Given(judged.logs, judged.robot))
+    by_truth = [
+        Forecaster(
+            judged,
+            replayer,
+            truth.name,
+            truth.fit,
+            tuple(rival for rival in fits if rival.name != truth.name),
+            tolerances,
+            horizon_s,
+            every_s,
+            seed,
+        )
+        for truth in fits
+    ]
     if open_names is None:
-        return sharpen(forecaster, progress) if judgement.conclusion.answer and answer.hypotheses else None
-    if not rivals:
-        return by_experience(open_names, forecaster.given)
-    return separate(open_names, forecaster, progress)
+        return sharpen(by_truth[0], progress)
+    if not by_truth[0].rivals:
+        return by_experience(open_names, by_truth[0].given)
+    return separate(open_names, by_truth, progress)
 
 
 def by_experience(names: Sequence[str], given: Given) -> NextExperiment:
@@ -355,16 +385,26 @@ def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> lis
     return found
 
 
-def separate(names: Sequence[str], forecaster: Forecaster, progress: Callable[[str], None]) -> NextExperiment:
-    """The experiment that tells the answer's causes from their rivals, or the statement that none does."""
-    given = forecaster.given
-    today = forecaster.forecast(Repetition())
-    found = forecasts_of(forecaster, progress)
+def separate(names: Sequence[str], by_truth: Sequence[Forecaster], progress: Callable[[str], None]) -> NextExperiment:
+    """The experiment that tells the open causes apart, whichever is true, or the statement that none does.
+
+    All experiments are foretold for the answer's robot, the most promising ones for the robots of its rivals too.
+    """
+    answer, *others = by_truth
+    given, today = answer.given, answer.forecast(Repetition())
+    found = forecasts_of(answer, progress)
     trace = f"These logs leave the same trace for {' and '.join(names)}: "
     least = today.least if today else 0.0
-    enough = [one for one in found if one.least >= max(ENOUGH, LEAST_TIMES * least)]
-    cheapest = [one for one in enough if one.experiment.cost == enough[0].experiment.cost] or found
-    best = max(cheapest, key=lambda one: one.least, default=None)
+    enough = max(ENOUGH, LEAST_TIMES * least)
+    promising = sorted(
+        found, key=lambda one: (one.least < enough, one.experiment.cost * (one.least >= enough), -one.least)
+    )
+    best: Forecast | None = None
+    for one in promising[:CHECKED]:
+        whole = with_other_truths(one, others)
+        best = whole if best is None or whole.least > best.least else best
+        if best.least >= enough:
+            break
     tried = tuple({"experiment": one.experiment.short, "least_loss": one.least} for one in found)
     if best is None or best.least < max(LEAST, LEAST_TIMES * least):
         sentence = (
@@ -382,24 +422,39 @@ def separate(names: Sequence[str], forecaster: Forecaster, progress: Callable[[s
     return NextExperiment(sentence, tuple(names), best.experiment, expected, tried, collect_of(best.experiment, given))
 
 
+def with_other_truths(forecast: Forecast, others: Sequence[Forecaster]) -> Forecast:
+    """The forecast with the separations that it has where another cause is true."""
+    found = [other.forecast(forecast.experiment) for other in others]
+    if any(one is None for one in found):
+        return replace(forecast, separations=tuple(replace(one, loss=0.0) for one in forecast.separations))
+    more = [one for of in found if of is not None for one in of.separations]
+    return replace(forecast, separations=(*forecast.separations, *more))
+
+
 def collect_of(experiment: Experiment, given: Given) -> tuple[str, ...]:
     """Settings of ``stages.collect`` for an experiment; empty where it cannot make it."""
     return tuple(experiment.collect(given)) if isinstance(experiment, OtherJumps) else ()
 
 
 def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any], ...]:
-    """Each rival's separation in an experiment beside today's."""
-    before = {one.rival: one for one in today.separations} if today else {}
+    """Each rival's smallest separation in an experiment beside today's."""
+
+    def smallest(of: Forecast | None) -> dict[str, Separation]:
+        by_size = sorted(of.separations if of else (), key=lambda one: -one.loss)
+        first = best.separations[0].truth
+        return {one.rival if one.rival != first else one.truth: one for one in by_size}
+
+    before = smallest(today)
     return tuple(
         {
-            "rival": one.rival,
+            "rival": name,
             "channel": one.channel,
             "noises": one.noises,
             "loss": one.loss,
-            "noises_today": before[one.rival].noises if one.rival in before else None,
-            "loss_today": before[one.rival].loss if one.rival in before else None,
+            "noises_today": before[name].noises if name in before else None,
+            "loss_today": before[name].loss if name in before else None,
         }
-        for one in best.separations
+        for name, one in sorted(smallest(best).items())
     )
 
 
