@@ -1,7 +1,7 @@
 """Does the proposed experiment tell apart what a report leaves open? Each is made by the case's own robot.
 
-A pendulum and an arm, held, with one effect each, move in few ways; where the verdict is ambiguous the proposed experiment
-is simulated with the same robot, and all logs are diagnosed together. Run as
+A pendulum, a vertical and a horizontal arm with one effect each move in few ways. Where the verdict is ambiguous, the
+proposed experiment is simulated with the same robot, and all logs are diagnosed together. Run as
 ``python -m tests.benchmarks.next_experiment --json <file>``; takes about half an hour.
 """
 
@@ -50,9 +50,28 @@ ARM = """<mujoco model="arm">
   </actuator>
 </mujoco>
 """
+TABLE = """<mujoco model="table_arm">
+  <option timestep="0.0005"/>
+  <worldbody>
+    <body name="upper" pos="0 0 1">
+      <joint name="shoulder" axis="0 0 1" damping="0.02" frictionloss="0.02" armature="0.01" range="-120 120"/>
+      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="1.5" contype="0" conaffinity="0"/>
+      <body name="lower" pos="0.4 0 0">
+        <joint name="elbow" axis="0 0 1" damping="0.02" frictionloss="0.02" armature="0.01" range="-150 150"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder" forcerange="-60 60" ctrlrange="-60 60"/>
+    <motor joint="elbow" forcerange="-60 60" ctrlrange="-60 60"/>
+  </actuator>
+</mujoco>
+"""
+ROBOTS = {"pendulum": PENDULUM, "arm": ARM, "table_arm": TABLE}
 EFFECTS = (
-    "armature", "command_delay", "encoder_bias", "joint_damping", "joint_friction", "leg_mass", "link_com", "motor_lag",
-    "quadratic_damping", "torque_gain", "torque_offset", "velocity_filter",
+    "armature", "command_delay", "encoder_bias", "joint_damping", "joint_friction", "leg_mass", "link_com", "link_payload",
+    "motor_lag", "quadratic_damping", "static_friction", "torque_gain", "torque_offset", "velocity_filter",
 )  # fmt: skip
 """Effects that act in the cases, and that the diagnosis looks for."""
 LOGS = 2
@@ -70,8 +89,8 @@ def draw_case(robot: Robot, seed: int) -> OpenCase:
         tuple(joint for joint in robot.joints if joint in moving),
         kp=float(rng.choice([15, 30, 60])),
         kd=1.0,
-        amplitude=float(rng.uniform(0.15, 0.5)),
-        frequency_hz=float(rng.uniform(0.4, 0.8)),
+        amplitude=float(rng.uniform(0.2, 0.5)),
+        frequency_hz=float(rng.uniform(0.6, 1.2)),
         period_s=float(rng.choice([0.001, 0.002, 0.004])),
         logs=LOGS,
     )
@@ -110,15 +129,15 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--first", type=int, default=9000)
     parser.add_argument("--cases", type=int, default=300)
-    parser.add_argument("--robot", choices=("pendulum", "arm", "both"), default="both")
+    parser.add_argument("--robot", choices=(*ROBOTS, "all"), default="all")
     settings = parser.parse_args()
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         robots = []
-        for robot, text in (("pendulum", PENDULUM), ("arm", ARM)):
+        for robot, text in ROBOTS.items():
             path = Path(name) / f"{robot}.xml"
             path.write_text(text, encoding="utf-8")
-            robots += [Robot.load(path)] if settings.robot in (robot, "both") else []
+            robots += [Robot.load(path)] if settings.robot in (robot, "all") else []
         for seed in range(settings.first, settings.first + settings.cases):
             row = run(draw_case(robots[seed % len(robots)], seed))
             rows += [] if row is None else [row]

@@ -192,7 +192,9 @@ def diagnose(
     )
     # Short steps: what the nominal simulation's own step does is no part of the gap.
     fine = ready.replayer.with_steps(FINE * ready.replayer.largest_step_s)
-    places = localise(ready.judged, fine, settings.where_horizon_s, settings.noise_draws, rng)
+    # The map is of all rows: a force from outside is part of the gap, though nothing is fitted to its rows.
+    mapped = ready.given if ready.outside.logs else ready.judged
+    places = localise(mapped, fine, settings.where_horizon_s, settings.noise_draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     pieces = (settings.horizon_s, settings.every_s)
     proposal = propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)

@@ -21,7 +21,7 @@ from leapgap.validation.generator import Generator, Nuisance, generate_jumps
 UNMADE = ("sensor", "jumps")
 """Kinds of experiments that ``make`` cannot make: the generator has no sensors beside the state, and plans no jumps."""
 COURSE = Course(settle_s=0.5, after_landing_s=0.0)
-SIZES = (0.2, 1.5)
+SIZES = (0.4, 2.5)
 """Least and most departure from nominal of a drawn effect, in moderate departures; its logarithm is drawn evenly."""
 
 
@@ -41,6 +41,7 @@ class OpenCase:
     frequency_hz: float
     period_s: float
     logs: int = 3
+    length_s: float = 0.8
     noise: SensorNoise = NOISE
 
     @property
@@ -62,7 +63,8 @@ class OpenCase:
         found = []
         for k in range(self.logs):
             sines = Sines(self.joints, (self.amplitude,) * len(self.joints), self.frequency_hz)
-            found.append(replace(sines.plan(k, self.frequency_hz * (0.85 + 0.15 * k), given), name=f"log_{k}"))
+            plan = sines.plan(k, self.frequency_hz * (0.85 + 0.15 * k), given)
+            found.append(replace(plan.first_rows(round(self.length_s / self.period_s) + 1), name=f"log_{k}"))
         return found
 
     def make(self, plans: Sequence[Log], stream: int = 2) -> list[Log]:
