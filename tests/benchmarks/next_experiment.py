@@ -70,8 +70,9 @@ TABLE = """<mujoco model="table_arm">
 """
 ROBOTS = {"pendulum": PENDULUM, "arm": ARM, "table_arm": TABLE}
 EFFECTS = (
-    "armature", "command_delay", "encoder_bias", "joint_damping", "joint_friction", "leg_mass", "link_com", "link_payload",
-    "motor_lag", "quadratic_damping", "static_friction", "torque_gain", "torque_offset", "velocity_filter",
+    "armature", "command_delay", "encoder_bias", "joint_damping", "joint_friction", "leg_mass", "link_com",
+    "link_payload", "motor_lag", "quadratic_damping", "static_friction", "torque_gain", "torque_offset",
+    "velocity_filter",
 )  # fmt: skip
 """Effects that act in the cases, and that the diagnosis looks for."""
 LOGS = 2

@@ -38,8 +38,8 @@ APART = 0.13
 MOST_PLACES = 3
 FINER_RATE, COARSE_S = 4, 0.004
 """Rows of at least this length, s, may be logged and sent so many times as often."""
-LOAD_SHARES = (0.3, 1.0)
-"""Known loads, as shares of the mass of all that moves with the link that carries them."""
+LOAD_SHARE = 0.6
+"""A known load, as a share of the mass of all that moves with the link that carries it."""
 OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
 """Distances of further jumps, and how near one counts as logged already."""
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
@@ -465,7 +465,7 @@ class TorqueSines(Experiment):
 
 @dataclass(frozen=True)
 class KnownLoad(Experiment):
-    """The same motions with a known mass at the centre of mass of a link, which the metadata of the logs state."""
+    """Motions with a known mass at the centre of mass of a link, which the metadata of the logs state."""
 
     kind = "load"
     cost = 3
@@ -474,32 +474,44 @@ class KnownLoad(Experiment):
     """The joint that moves the link."""
     body: str
     mass_kg: float
+    frequency_hz: float | None = None
+    """Of sines of all joints; None: the motions of the logs."""
 
     @classmethod
     def candidates(cls, given: Given) -> list[Experiment]:
-        """At the last link of a robot that is held, a light one and a heavy one."""
+        """At the last link of a robot that is held, in the motions of the logs and in sines of all joints."""
         robot, joint = given.robot, given.joints[-1]
         if robot.has_free_base:
             return []
         (link,) = links_at(robot, joint)
-        masses = [float(f"{share * robot.model.body_subtreemass[link]:.2g}") for share in LOAD_SHARES]
-        return [cls(joint, robot.model.body(link).name, mass) for mass in masses if mass > 0]
+        body, mass = robot.model.body(link).name, float(f"{LOAD_SHARE * robot.model.body_subtreemass[link]:.2g}")
+        frequencies = [None, SLOW_HZ, FAST_HZ] if given.has_gains and given.is_even else [None]
+        return [cls(joint, body, mass, frequency) for frequency in frequencies] if mass > 0 else []
 
     def plans(self, given: Given) -> list[Log]:
-        """The logs' own commands, with the load in their metadata."""
-        return [with_load(plan, {self.joint: self.mass_kg}) for plan in Repetition().plans(given)]
+        """Sines of all joints, or the logs' own commands, with the load in their metadata."""
+        return [with_load(plan, {self.joint: self.mass_kg}) for plan in self.motion(given).plans(given)]
+
+    def motion(self, given: Given) -> Experiment:
+        """What the robot does with the load."""
+        if self.frequency_hz is None:
+            return Repetition()
+        return Sines(
+            given.joints, tuple(amplitude(j, self.frequency_hz, given) for j in given.joints), self.frequency_hz
+        )
 
     def words(self, given: Given) -> str:
-        """Mass and body."""
+        """Motion, mass and body."""
         return (
-            f"log the same motions with {self.mass_kg:g} kg fastened at the centre of mass of {self.body}, and state "
-            f'"load": {{"{self.joint}": {self.mass_kg:g}}} in the metadata of these logs'
+            f"{self.motion(given).words(given)}, with {self.mass_kg:g} kg fastened at the centre of mass of "
+            f'{self.body} (metadata of these logs: "load": {{"{self.joint}": {self.mass_kg:g}}})'
         )
 
     @property
     def short(self) -> str:
         """Mass and body."""
-        return f"with {self.mass_kg:g} kg at {self.body}"
+        sines = "" if self.frequency_hz is None else f", sines of {self.frequency_hz:g} Hz"
+        return f"with {self.mass_kg:g} kg at {self.body}{sines}"
 
 
 @dataclass(frozen=True)
