@@ -119,9 +119,13 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
     """Share of the squared gap by phase, in the order given, and channel; joints summed over the legs of a pair."""
     import plotly.graph_objects as go
 
+    phases = list(dict.fromkeys([*phases, *(place.phase for place in report.where)]))
     rows: dict[str, np.ndarray] = {}
+    ends: dict[str, np.ndarray] = {}
     for place in report.where:
-        rows.setdefault(row_of(place.channel, robot), np.zeros(len(phases)))[phases.index(place.phase)] += place.share
+        row, column = row_of(place.channel, robot), phases.index(place.phase)
+        rows.setdefault(row, np.zeros(len(phases)))[column] += place.share
+        ends.setdefault(row, np.zeros((len(phases), 2)))[column] += place.share_ci95
     order = [
         *(label for label in LABELS.values() if label in rows),
         *sorted(set(rows) - set(LABELS.values())),
@@ -137,7 +141,9 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
             zmin=0,
             text=np.vectorize(lambda v: f"{v:.1f}" if v >= 0.05 else "")(values),
             texttemplate="%{text}",
-            hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap<extra></extra>",
+            customdata=100 * np.array([[np.minimum(ends[name][p], 1.0) for p in shown] for name in order]),
+            hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap, at most from %{customdata[0]:.1f} to %{customdata[1]:.1f}"
+            "<extra></extra>",
             colorbar={"title": "%"},
             xgap=2,
             ygap=2,

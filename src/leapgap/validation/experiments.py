@@ -1,6 +1,6 @@
 """Proposed experiments, made: the case's own robot does what a report asks for, and all logs are diagnosed together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,12 +10,13 @@ from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis
 from leapgap.diagnosis.experiments import Given, Sines, experiment_of, planned
 from leapgap.diagnosis.hypotheses import places, usable
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.sensors import SensorNoise
-from leapgap.validation.case import NOISE
+from leapgap.validation.case import NOISE, CaseSetup, further_logs
 from leapgap.validation.generator import Generator, Nuisance, generate_jumps
 
 UNMADE = ("sensor", "jumps")
@@ -122,3 +123,12 @@ def follow(
     further = case.make(experiment.plans(given), stream=3)
     again = diagnose_again([*logs, *further], case.robot).report
     return Resolution(case.effect.name, report.answer, dict(proposal), again.verdict, again.answer)
+
+
+def proposed_logs(
+    truth: Mapping[str, Any], proposal: Mapping[str, Any], logs: Sequence[Log], robot: Robot, setup: CaseSetup
+) -> list[Log]:
+    """Logs of the experiment that a report on some logs proposes, by the robot of a withheld case."""
+    given = Given(JudgedLogs.of(logs, robot).logs, robot)
+    plans = [MotionPlan(plan.name, plan) for plan in experiment_of(proposal).plans(given)]
+    return further_logs(truth, plans, robot, setup, np.random.default_rng([truth["seed"], 1]))
