@@ -17,6 +17,9 @@ OUTSIDE = "outside"
 """Name of the rows that are in none of the log's segments."""
 RESAMPLES = 200
 """Number of resamples of logs and noise for the intervals of the shares."""
+ALIKE = 0.15
+"""Left and right that differ by less than this share of their sum are alike: a few logs give too narrow intervals,
+and the noise that shares are measured in is known to some per cent."""
 
 
 @dataclass(frozen=True)
@@ -160,11 +163,12 @@ class Shares:
         return np.maximum(np.percentile(self.sample, 97.5, axis=0), self.value)
 
     def with_sides(self, twins: Mapping[int, int]) -> "Shares":
-        """The same with left and right as one where the interval of their difference holds zero."""
+        """The same with left and right as one where their difference may be less than ``ALIKE`` of their sum."""
         value, sample, twin = self.value.copy(), self.sample.copy(), self.twin.copy()
         for left, right in twins.items():
             low, high = np.percentile(self.sample[:, :, left] - self.sample[:, :, right], [2.5, 97.5], axis=0)
-            one = (low <= 0) & (high >= 0) & (self.value[:, left] + self.value[:, right] > 0)
+            both = self.value[:, left] + self.value[:, right]
+            one = (low <= ALIKE * both) & (high >= -ALIKE * both) & (both > 0)
             for of in (value, sample):
                 mean = (of[..., left] + of[..., right]) / 2
                 of[..., left], of[..., right] = np.where(one, mean, of[..., left]), np.where(one, mean, of[..., right])

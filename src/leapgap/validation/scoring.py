@@ -52,7 +52,6 @@ SHARES = {
     "none_correct": ScoreCondition(lambda o: o.kind == "none", lambda o: o.verdict == "none"),
     "where_right": ScoreCondition(lambda o: o.is_ordinary and o.detectable, lambda o: o.where_right),
     "where_right_mirrored": ScoreCondition(lambda o: o.is_ordinary and o.detectable, lambda o: o.where_mirrored),
-    "where_top_three": ScoreCondition(lambda o: o.is_ordinary and o.detectable, lambda o: o.where_top_three),
     "pairs_both_named": ScoreCondition(detectable_pair, lambda o: o.verdict in CLAIMS and set(o.true) <= o.answered),
 }
 """The scores that are shares of cases of the ordinary kinds."""
@@ -157,6 +156,7 @@ def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng:
         **{name: value for name, value in shares.items() if name not in ("named_first", "named_in_set", "named_alone")},
         "where_overlap": mean_overlap(outcomes, CLEAR_FLOORS),
         "where_overlap_detectable": mean_overlap(outcomes, 0.0),
+        "where_top_three": share(o.where_top_three for o in outcomes if o.detectable and o.where_overlap is not None),
         "parameter_error_median": median(c.error for c in compared),
         "coverage": share(c.interval_holds_truth for c in compared),
         "brier": with_interval(outcomes, brier, draws, rng),
