@@ -7,6 +7,7 @@ proposed experiment is simulated with the same robot, and all logs are diagnosed
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -80,10 +81,10 @@ FAMILIES = (
 LOGS = 2
 
 
-def draw_case(robot: Robot, seed: int) -> OpenCase:
+def draw_case(robot: Robot, seed: int, family: Sequence[str]) -> OpenCase:
     """A case with an effect, joints that move, gains, amplitude, frequency and rate of its own."""
     rng = np.random.default_rng(seed)
-    effect = draw_effect(robot, rng, family_of(seed))
+    effect = draw_effect(robot, rng, family)
     moving = {str(joint) for joint in rng.choice(robot.joints, rng.integers(1, len(robot.joints) + 1), replace=False)}
     return OpenCase(
         robot,
@@ -99,20 +100,14 @@ def draw_case(robot: Robot, seed: int) -> OpenCase:
     )
 
 
-def family_of(seed: int) -> tuple[str, ...]:
-    """The family of a case; each robot meets all of them in turn."""
-    return FAMILIES[seed // len(ROBOTS) % len(FAMILIES)]
-
-
-def diagnosed(logs: list[Log], robot: Robot, family: tuple[str, ...]) -> Diagnosis:
+def diagnosed(logs: list[Log], robot: Robot, family: Sequence[str]) -> Diagnosis:
     """The diagnosis of some logs by the default settings and the effects of one family."""
     return diagnose(logs, robot, Settings(effects=list(family)), threads=1)
 
 
-def run(case: OpenCase) -> dict[str, Any] | None:
+def run(case: OpenCase, family: Sequence[str]) -> dict[str, Any] | None:
     """The row of one case; None where its verdict is not ambiguous, or leaves out the truth."""
     logs = case.make(case.plans())
-    family = family_of(case.seed)
     found = diagnosed(logs, case.robot, family)
     told = {name for names in found.report.answer for name in names}
     print(f"{case.seed} {case.robot.name} {case.effect}: {found.report.verdict} {found.report.answer}", flush=True)
@@ -139,6 +134,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=9000)
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--robot", choices=(*ROBOTS, "all"), default="all")
+    parser.add_argument("--families", type=int, nargs="+", default=list(range(len(FAMILIES))))
     settings = parser.parse_args()
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
@@ -148,7 +144,8 @@ def main() -> None:
             path.write_text(text, encoding="utf-8")
             robots += [Robot.load(path)] if settings.robot in (robot, "all") else []
         for seed in range(settings.first, settings.first + settings.cases):
-            row = run(draw_case(robots[seed % len(robots)], seed))
+            family = FAMILIES[settings.families[seed // len(robots) % len(settings.families)]]
+            row = run(draw_case(robots[seed % len(robots)], seed, family), family)
             rows += [] if row is None else [row]
             made = [one for one in rows if one["made"]]
             figures = {

@@ -23,17 +23,20 @@ from leapgap.diagnosis.experiments import (
 )
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.next_experiment import Forecaster, Rival
+from leapgap.diagnosis.next_experiment import Forecaster, Rival, sharpen
+from leapgap.diagnosis.outside_forces.inverse_dynamics import inverse_dynamics, without_constraints
+from leapgap.diagnosis.outside_forces.residuals import instants_of, without_loads
 from leapgap.effects.armature import Armature
 from leapgap.effects.base import Effect
 from leapgap.effects.joint_damping import JointDamping
 from leapgap.effects.joint_friction import JointFriction
 from leapgap.effects.torque_gain import TorqueGain
+from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.state import motion_of
+from leapgap.logs.state import States, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer
+from leapgap.simulation.replay import Replayer, Rollout
 
 ROD = """<mujoco model="rod">
   <option timestep="0.0005" gravity="0 0 0"/>
@@ -219,3 +222,67 @@ def test_a_report_proposes_the_load_and_says_by_how_much(rod: Robot, tmp_path: P
     (expected,) = proposal["expected"]
     assert expected["loss"] > 60 > 10 * expected["loss_today"]
     json.dumps(report.to_json(), allow_nan=False)
+
+
+def test_the_least_sure_number_is_sharpened_by_what_at_least_halves_its_spread(rod: Robot) -> None:
+    """A damping that these logs know to four fifths of itself; a faster motion shows it more."""
+    logs = [swing(seed, damping=0.05) for seed in range(3)]
+    unsure, sure = (fit(rod, JointDamping, 0.05, spread) for spread in (0.04, 0.001))
+    judged = JudgedLogs.of(logs, rod)
+    asked, nothing = (
+        sharpen(Forecaster(judged, Replayer(rod), "joint_damping", of, (), {}, 0.1, 0.01, 1), lambda _: None)
+        for of in (unsure, sure)
+    )
+    assert nothing is None
+    assert asked is not None and asked.experiment is not None
+    assert asked.sentence.startswith("The least sure number is damping of joint_damping, 0.05 ± 0.04 N·m·s/rad: log ")
+    (expected,) = asked.expected
+    assert expected["spread"] <= expected["spread_today"] / 2
+    assert asked.to_json()["separates"] == []
+
+
+def loaded(gain: float, mass_kg: float) -> Log:
+    """A log of the rod with a mass at its centre of mass, by plain MuJoCo, which states it."""
+    model = mujoco.MjModel.from_xml_string(ROD.format(damping=0.0))
+    model.body_mass[1] += mass_kg
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    plan = swing(0, gain)
+    data, position, velocity = mujoco.MjData(model), np.empty(len(plan)), np.empty(len(plan))
+    data.qvel[0] = plan["cmd_vel/hinge"][0]
+    for row in range(len(plan)):
+        position[row], velocity[row] = data.qpos[0], data.qvel[0]
+        wanted, speed = plan["cmd_pos/hinge"][row], plan["cmd_vel/hinge"][row]
+        for _ in range(round(PERIOD_S / model.opt.timestep)):
+            data.ctrl[0] = gain * (KP * (wanted - data.qpos[0]) + KD * (speed - data.qvel[0]))
+            mujoco.mj_step(model, data)
+    info = LogInfo("rod", PERIOD_S, "plain MuJoCo", extra={"load": {"hinge": mass_kg}})
+    return Log("loaded", dict(plan.columns) | {"joint_pos/hinge": position, "joint_vel/hinge": velocity}, info)
+
+
+def test_a_replay_carries_the_load_that_a_log_states(rod: Robot) -> None:
+    log = loaded(1.0, 0.5)
+    silent = Log("silent", log.columns, LogInfo("rod", PERIOD_S, "plain MuJoCo"))
+    with_it, without = (motion.qpos[:, 0] for motion in Replayer(rod).motions([Rollout(log), Rollout(silent)]))
+    off = np.abs(with_it - log["joint_pos/hinge"]).max()
+    assert off < 0.01
+    assert np.abs(without - log["joint_pos/hinge"]).max() > 4 * off
+
+
+def test_a_stated_load_is_no_force_from_outside(rod: Robot) -> None:
+    """Inverse dynamics of the loaded motion leaves the rod just the torque that it would need by itself."""
+    log = loaded(1.0, 0.5)
+    states = States.of(log, rod)
+    motion = instants_of(states, rod, 0.01)
+    bare = inverse_dynamics(without_constraints(rod.model), motion)
+    inside = slice(10, -10)  # the ends of a smoothed motion are less sure
+    left = np.abs(without_loads(motion, log, rod).torque - bare)[inside]
+    assert left.max() < 0.2 * np.abs(motion.torque - bare)[inside].max()
+
+
+@pytest.mark.parametrize("mass", [-0.1, "heavy", 1e9])
+def test_a_load_that_no_robot_carries_is_refused(mass: object) -> None:
+    text = json.dumps(
+        {"format_version": 2, "robot": "rod", "sample_period_s": 0.002, "source": "", "load": {"a": mass}}
+    )
+    with pytest.raises(InputError, match=r"load\.a"):
+        LogInfo.from_json(text, "a log")
