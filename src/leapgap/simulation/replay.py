@@ -495,9 +495,9 @@ class Replayer:
         actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
         model.opt.timestep = trial.period_s / self.substeps(log)
         self.drive(trial).put_into(model, self.robot)
-        put_loads(model, log, self.robot)
         for effect in trial.effects:
             effect.change_model(model, self.robot)
+        put_loads(model, log, self.robot)
         return model
 
     def _compiled(self, trial: Rollout) -> mujoco.MjModel:
