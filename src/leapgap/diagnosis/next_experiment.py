@@ -50,6 +50,8 @@ An experiment for it must shrink that deviation by this factor."""
 MOST_CANDIDATES = 18
 PLACES, NEAR, CHECKED = 2, 10.0, 5
 """Places at which each open cause is tried, how near to its best held-out loss; experiments foretold for all truths."""
+LEAST_NOISES = 0.01
+"""Smallest difference, in units of noise, that is told as a number."""
 SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}
 """Noise of a sensor that nobody has read yet, m/s² and N."""
 
@@ -414,12 +416,17 @@ def separate(names: Sequence[str], by_truth: Sequence[Forecaster], progress: Cal
         return NextExperiment(sentence, tuple(names), tried=tried)
     expected = expected_of(best, today)
     worst = min(expected, key=lambda one: float(one["loss"]))
-    was = "" if worst["noises_today"] is None else f"; today by {worst['noises_today']:.2g}"
-    differ = f"There {names[0]} and {worst['rival']} differ by {worst['noises']:.2g} times the noise"
+    was = "" if worst["noises_today"] is None else f"; today by {in_noises(worst['noises_today'])}"
+    differ = f"There {names[0]} and {worst['rival']} differ by {in_noises(worst['noises'])} times the noise"
     sentence = (
         f"{trace}{best.experiment.words(given)}, and diagnose all logs together. {differ} in {worst['channel']}{was}."
     )
     return NextExperiment(sentence, tuple(names), best.experiment, expected, tried, collect_of(best.experiment, given))
+
+
+def in_noises(size: float) -> str:
+    """A difference in units of noise to two digits: ``6.3``, ``less than 0.01``."""
+    return f"{size:.2g}" if size >= LEAST_NOISES else f"less than {LEAST_NOISES:g}"
 
 
 def with_other_truths(forecast: Forecast, others: Sequence[Forecaster]) -> Forecast:

@@ -16,6 +16,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
 from leapgap.diagnosis.localisation import phase_names
+from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
 from leapgap.logs.log import Log
@@ -97,6 +98,7 @@ def html(
         title=channel_title,
         kind=kind_of(report, robot),
         brief=brief,
+        in_noises=in_noises,
         fitted=partial(fitted_value, report.causes[: len(report.answer)]),
         number_of_logs=len(logs),
         viewer=viewer,
