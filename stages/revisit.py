@@ -27,6 +27,7 @@ from leapgap.logs import log as jump_log
 from leapgap.output_folder import claim_folder
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, further_jumps
+from leapgap.validation.experiments import UNMADE, proposed_logs
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
 from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import open_truth
@@ -169,14 +170,19 @@ def experiment_cases(cases: list[Seen], number: int) -> list[Seen]:
         if case.first.kind in ("single", "pair")
         and case.first.verdict == "ambiguous"
         and case.first.detectable
-        and (case.report.get("next_experiment") or {}).get("collect")
+        and is_runnable(case.report.get("next_experiment") or {})
     ]
     return at_most(number, asking)
 
 
+def is_runnable(proposal: Mapping[str, Any]) -> bool:
+    """Whether the generator can make a proposal: by settings of ``collect``, or without new sensors."""
+    return bool(proposal.get("collect")) or proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
+
+
 def proposed_experiment(case: Seen) -> list[str]:
-    """The next experiment that a report proposes, as settings of ``collect``."""
-    return [str(line) for line in case.report["next_experiment"]["collect"]]
+    """The next experiment that a report proposes, as settings of ``collect``; empty for another experiment."""
+    return [str(line) for line in case.report["next_experiment"].get("collect", ())]
 
 
 def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
@@ -202,7 +208,9 @@ def make_experiment(
     robot: Robot,
     cache: ResultCache,
 ) -> Path:
-    """Generate further jumps of a case; return the folder of them and of the case's logs."""
+    """Generate further jumps of a case, or what its report proposes; return the folder of all its logs."""
+    if not overrides:
+        return make_proposal(place, case, config, settings, robot, cache)
     own = {"target": None, "targets": config.withhold.targets, "jumps": None}
     own |= {"block_height_m": config.withhold.world.block_height_m}
     experiment = OmegaConf.merge(own, OmegaConf.from_dotlist(overrides).collect)
@@ -230,6 +238,22 @@ def make_experiment(
     return cache.folder / place
 
 
+def make_proposal(
+    place: str, case: Seen, config: DictConfig, settings: RevisitSettings, robot: Robot, cache: ResultCache
+) -> Path:
+    """Make the experiment that a report proposes with the case's robot; return the folder of all logs."""
+    world = read_config(CaseSetup, config.withhold.world, "withhold.world")
+    world = replace(world, course=replace(world.course, after_landing_s=0.0))
+    proposal, logs = case.report["next_experiment"]["settings"], Path(settings.logs) / case.name
+    key = result_key(proposed_logs, [case.truth, proposal, robot, world, file_digests(logs)])
+    if cache.get(place, key) is None:
+        with cache.store(place, key) as made:
+            shutil.copytree(logs, made / case.name)
+            for log in proposed_logs(case.truth, proposal, jump_log.read_logs(logs), robot, world):
+                jump_log.write_log(log, made / case.name / f"{log.name}.parquet")
+    return cache.folder / place
+
+
 def extension_result(case: Seen, overrides: list[str], folder: Path) -> dict[str, Any]:
     """Result of a diagnosis of the first and the further jumps together.
 
@@ -240,6 +264,7 @@ def extension_result(case: Seen, overrides: list[str], folder: Path) -> dict[str
         "half": case.first.half,
         "truth": list(again.true),
         "collect": list(overrides),
+        "settings": (case.report.get("next_experiment") or {}).get("settings"),
         "before": {"verdict": case.first.verdict, "answer": [list(names) for names in case.first.answer]},
         "verdict": again.verdict,
         "answer": [list(names) for names in again.answer],

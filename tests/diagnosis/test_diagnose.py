@@ -8,9 +8,10 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.diagnosis.checks import clocks as local
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.experiments import Given
+from leapgap.diagnosis.next_experiment import by_experience
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.selection import SearchSettings
-from leapgap.diagnosis.summary import next_experiment
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.errors import InputError
 from leapgap.jumping.task import ContactSchedule, Target, jump_info, target_of
@@ -63,6 +64,7 @@ def test_diagnosis_names_the_effect_we_injected(diagnose_effects, name: str, val
 
 def test_diagnosis_of_the_nominal_robot_is_none(diagnose_effects) -> None:
     report = diagnose_effects().report
+    assert report.next_experiment is None
     assert report.verdict == "none"
     assert report.answer == ()
     assert report.closure_of_answer is None
@@ -257,11 +259,11 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
 
 
 def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Log) -> None:
-    """Other distances than were logged, as settings of `collect`; nothing where nothing is ambiguous."""
-    asked = next_experiment((("payload",), ("torque_gain", "leg_mass")), [reference] * 4)
-    assert asked is not None
+    """Other distances than were logged, as settings of `collect`."""
+    given = Given((reference,) * 4, robot)
+    asked = by_experience(("torque_gain", "leg_mass"), given).to_json()
+    assert asked["settings"] == {"kind": "jumps"}
     assert asked["separates"] == ["torque_gain", "leg_mass"]
     section = OmegaConf.from_dotlist(asked["collect"]).collect
     assert section.jumps == 8
     assert all(abs(target[0] - target_of(reference).x_m) > 0.02 for target in section.targets)
-    assert next_experiment((("payload",),), [reference]) is None

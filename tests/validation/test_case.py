@@ -1,5 +1,6 @@
 """Withheld cases: nothing but the motion tells them apart, and every effect moves it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from leapgap.simulation.open_loop import lift_out_of_ground
 from leapgap.simulation.replay import Replayer, Rollout
 from leapgap.validation.case import CaseSetup, WithheldCase, effect_from_json, effect_to_json, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, draw_cases
+from leapgap.validation.experiments import proposed_logs
 from leapgap.validation.generator import Generator, Nuisance, NuisanceSizes
 from leapgap.validation.off_table import families
 from leapgap.validation.off_table.loads import SLOSH_HZ, SloshingPayload
@@ -95,6 +97,23 @@ def test_truth_says_what_acts_and_how_much_it_shows(damped_case: WithheldCase, p
     assert sum(shares) == pytest.approx(1, abs=0.05)
     assert not plain.truth["detectable"]
     assert plain.truth["change"] == 0
+
+
+def test_a_proposed_experiment_is_made_by_the_robot_of_the_case(
+    damped_case: WithheldCase, robot: Robot, world: CaseSetup
+) -> None:
+    """Commands with 1.4 times the gains; the same effect and nuisances act, so that damped joints lag as before."""
+    settled = replace(world, course=replace(world.course, after_landing_s=0.0))
+    logs = list(damped_case.logs)
+    made = proposed_logs(damped_case.truth, {"kind": "gains", "factor": 1.4}, logs, robot, settled)
+    assert [log.name for log in made] == ["next_0", "next_1"]
+    for log, new in zip(logs, made, strict=True):
+        rows = len(new)
+        np.testing.assert_allclose(new["cmd_kp/FR_calf"], 1.4 * log["cmd_kp/FR_calf"][:rows])
+        np.testing.assert_array_equal(new["cmd_pos/FR_calf"], log["cmd_pos/FR_calf"][:rows])
+        assert np.isfinite(new["joint_pos/FR_calf"]).all()
+    again = proposed_logs(damped_case.truth, {"kind": "gains", "factor": 1.4}, logs, robot, settled)
+    assert all(np.array_equal(a["joint_pos/FR_calf"], b["joint_pos/FR_calf"]) for a, b in zip(made, again, strict=True))
 
 
 def test_nuisances_alone_stay_near_the_noise_floor(plain: WithheldCase, damped_case: WithheldCase) -> None:

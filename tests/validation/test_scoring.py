@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.robot.model import Robot
 from leapgap.validation import scoring
-from leapgap.validation.outcome import CaseOutcome, merge_sides, outcome
+from leapgap.validation.outcome import CaseOutcome, comparable_maps, merge_sides, outcome, overlap
 
 
 def report(verdict: str, answer: list[list[str]], probability: float = 0.9, **changed: Any) -> dict[str, Any]:
@@ -221,3 +221,38 @@ def test_what_is_right_for_further_kinds(further: list[CaseOutcome]) -> None:
     table = scoring.confusion(further)
     assert table["uneven: sample_period + joint_damping"] == {"sample_period": 2, "joint_damping": 1}
     assert table["third: none"] == {"foot_compliance": 1, "payload": 1}
+
+
+def entry(phase: str, channel: str, share: float, as_one_with: str | None = None) -> dict[str, Any]:
+    return {"phase": phase, "channel": channel, "share": share, "as_one_with": as_one_with}
+
+
+def test_overlap_of_maps_is_the_sum_of_minima() -> None:
+    true = [entry("flight", "base_pos_x", 0.6), entry("flight", "base_pos_z", 0.3), entry("stance", "base_pos_x", 0.1)]
+    said = [entry("stance", "base_pos_x", 0.5), entry("flight", "base_pos_x", 0.3), entry("flight", "base_pos_z", 0.2)]
+    maps = comparable_maps(true, said)
+    assert overlap(*maps) == pytest.approx(0.3 + 0.2 + 0.1)
+    assert overlap(maps[0], maps[0]) == pytest.approx(1)
+
+
+def test_sides_that_a_report_does_not_tell_apart_are_one_in_both_maps() -> None:
+    true = [entry("flight", "joint_vel/FL_calf", 0.9), entry("flight", "joint_vel/FR_calf", 0.1)]
+    halves = ("joint_vel/FL_calf", "joint_vel/FR_calf")
+    as_one = [entry("flight", a, 0.5, b) for a, b in (halves, halves[::-1])]
+    apart = [entry("flight", name, 0.5) for name in halves]
+    assert overlap(*comparable_maps(true, as_one)) == pytest.approx(1)
+    assert overlap(*comparable_maps(true, apart)) == pytest.approx(0.6)
+
+
+def test_overlap_is_scored_above_five_noise_floors_and_the_top_three_of_all() -> None:
+    def case(change: float, said: list[dict[str, Any]]) -> CaseOutcome:
+        of = truth("single", "payload", change=change) | {"where": [entry("flight", "base_pos_x", 1.0)]}
+        return outcome("c", of, report("named", [["payload"]], where=said), None)
+
+    others = [entry("stance", f"base_pos_{axis}", 0.2) for axis in "xyz"]
+    clear = case(0.6, [*others, entry("flight", "base_pos_x", 0.1)])
+    small = case(0.4, [entry("flight", "base_pos_x", 0.7), *others])
+    found = scoring.scores([clear, small], 5, 10, np.random.default_rng(1))
+    assert found["where_overlap"] == pytest.approx(0.1)
+    assert found["where_overlap_detectable"] == pytest.approx(0.4)
+    assert found["where_top_three"] == pytest.approx(0.5)

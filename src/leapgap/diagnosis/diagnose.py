@@ -20,6 +20,7 @@ from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
+from leapgap.diagnosis.next_experiment import propose
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
@@ -29,7 +30,7 @@ from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
 from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.short_rollouts import ShortRollouts
-from leapgap.diagnosis.summary import causes_of, next_experiment, not_judged, profiles_of, sentence
+from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect
 from leapgap.effects.model_field import ModelField, effect_class
 from leapgap.errors import InputError
@@ -194,8 +195,12 @@ def diagnose(
     )
     # Short steps: what the nominal simulation's own step does is no part of the gap.
     fine = ready.replayer.with_steps(FINE * ready.replayer.largest_step_s)
-    places = localise(ready.judged, fine, settings.where_horizon_s, settings.noise_draws, rng)
+    # The map is of all rows: a force from outside is part of the gap, though nothing is fitted to its rows.
+    mapped = ready.given if ready.outside.logs else ready.judged
+    places = localise(mapped, fine, settings.where_horizon_s, settings.noise_draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
+    pieces = (settings.horizon_s, settings.every_s)
+    proposal = propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, corrected, names),
@@ -215,7 +220,7 @@ def diagnose(
         checks=tuple(ready.checks),
         evidence=tuple(answer.evidence),
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
-        next_experiment=next_experiment(conclusion.answer, logs),
+        next_experiment=proposal.to_json() if proposal else None,
         not_judged=tuple(not_judged(judged)),
         profiles=tuple(profiles_of(judgement.result)),
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),

@@ -1,6 +1,6 @@
 """Localisation of the gap: its share by phase of the motion and channel, above sensor noise."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,11 +9,17 @@ from leapgap.diagnosis.channels import Channel, channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.logs.log import Log
 from leapgap.logs.segments import segment_of_rows
+from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer, Rollout
 
 OUTSIDE = "outside"
 """Name of the rows that are in none of the log's segments."""
+RESAMPLES = 200
+"""Number of resamples of logs and noise for the intervals of the shares."""
+ALIKE = 0.15
+"""Left and right that differ by less than this share of their sum are alike: a few logs give too narrow intervals,
+and the noise that shares are measured in is known to some per cent."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,10 @@ class Place:
     rms: float
     """Root mean square of the gap, noise included."""
     unit: str
+    share_ci95: tuple[float, float] = (0.0, 1.0)
+    """95 % interval of the share over resampled logs and draws of noise."""
+    as_one_with: str | None = None
+    """The channel of the other side, where these logs do not tell left from right; both then have half of their sum."""
 
 
 def phase_names(logs: Sequence[Log]) -> tuple[str, ...]:
@@ -70,18 +80,20 @@ class Piece:
 def localise(
     judged: JudgedLogs, replayer: Replayer, horizon_s: float, draws: int, rng: np.random.Generator
 ) -> list[Place]:
-    """The gap by phase and channel, largest share first.
+    """The gap by phase and channel, largest share first, with 95 % intervals over logs.
 
     Replays restart from the log every ``horizon_s``, so that an error counts in the phase in which it arises. The mean
-    effect of sensor noise over ``draws`` is subtracted from the shares.
+    effect of sensor noise over ``draws`` is subtracted from the shares. Left and right joints whose shares may be equal
+    get half of their sum each.
     """
     names, channels = phase_names(judged.logs), judged.mapped
-    pieces, starts = [], []
+    pieces, starts, of_log = [], [], []
     for log, sigma in enumerate(judged.noise_in(channels)):
         for piece, phases, first in pieces_of(judged.logs[log], names, horizon_s):
             measured = judged.motions[log][first : first + len(piece)]
             pieces.append(Piece(piece, measured, phases, len(names), sigma))
             starts.append(judged.start_noise(log, first))
+            of_log.append(log)
     least = np.array([least_noise(c) for c in channels])
     motions = replayer.motions([Rollout(piece.log, first_state=piece.measured.first_state) for piece in pieces])
     errors = [
@@ -91,19 +103,95 @@ def localise(
     of_noise = noise_errors(pieces, starts, motions, channels, replayer, draws, rng)
 
     def scaled(of: Sequence[np.ndarray]) -> np.ndarray:
-        return sum_of(p.squares(e / np.maximum(p.sigma, least)) for p, e in zip(pieces, of, strict=True))
+        """Sums of squares in units of noise by log, phase and channel, (logs, phases, channels)."""
+        found = np.zeros((len(judged.logs), len(names), len(channels)))
+        for log, piece, error in zip(of_log, pieces, of, strict=True):
+            found[log] += piece.squares(error / np.maximum(piece.sigma, least))
+        return found
 
-    above = np.maximum(scaled(errors) - sum_of(scaled(one) for one in of_noise) / draws, 0.0)
-    shares = above / max(above.sum(), 1e-300)
     number = sum_of(piece.counts for piece in pieces)
     square = sum_of(piece.squares(e) for piece, e in zip(pieces, errors, strict=True))
-    places = [
-        Place(names[p], c.name, float(shares[p, k]), float(np.sqrt(square[p, k] / number[p])), c.unit)
+    shares = Shares.of(scaled(errors), np.stack([scaled(one) for one in of_noise]), rng)
+    shares = shares.with_sides(twins_of(channels, judged.robot))
+    found = [
+        Place(
+            names[p],
+            c.name,
+            float(shares.value[p, k]),
+            float(np.sqrt(square[p, k] / number[p])),
+            c.unit,
+            (float(shares.low[p, k]), float(shares.high[p, k])),
+            channels[shares.twin[p, k]].name if shares.twin[p, k] >= 0 else None,
+        )
         for p in range(len(names))
         for k, c in enumerate(channels)
         if number[p]
     ]
-    return sorted(places, key=lambda place: -place.share)
+    return sorted(found, key=lambda place: -place.share)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shares of the squared gap above noise by phase and channel, and those of resampled logs and noise."""
+
+    value: np.ndarray
+    """(phases, channels)"""
+    sample: np.ndarray
+    """(resamples, phases, channels)"""
+    twin: np.ndarray
+    """Index of the channel of the other side that a channel is told as one with, (phases, channels); −1: none."""
+
+    @staticmethod
+    def of(squares: np.ndarray, noise: np.ndarray, rng: np.random.Generator) -> "Shares":
+        """From sums of squares (logs, phases, channels), and those that noise alone gives, (draws, logs, …)."""
+        logs, draws = len(squares), len(noise)
+        sample = []
+        for _ in range(RESAMPLES):
+            chosen, of_noise = rng.integers(logs, size=logs), rng.integers(draws, size=draws)
+            sample.append(normalised(squares[chosen].sum(axis=0) - noise[of_noise][:, chosen].sum(axis=1).mean(axis=0)))
+        value = normalised(squares.sum(axis=0) - noise.sum(axis=1).mean(axis=0))
+        return Shares(value, np.array(sample), np.full(value.shape, -1))
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lower end of the 95 % intervals, (phases, channels), at most the value."""
+        return np.minimum(np.percentile(self.sample, 2.5, axis=0), self.value)
+
+    @property
+    def high(self) -> np.ndarray:
+        """Upper end of the 95 % intervals, (phases, channels), at least the value."""
+        return np.maximum(np.percentile(self.sample, 97.5, axis=0), self.value)
+
+    def with_sides(self, twins: Mapping[int, int]) -> "Shares":
+        """The same with left and right as one where their difference may be less than ``ALIKE`` of their sum."""
+        value, sample, twin = self.value.copy(), self.sample.copy(), self.twin.copy()
+        for left, right in twins.items():
+            low, high = np.percentile(self.sample[:, :, left] - self.sample[:, :, right], [2.5, 97.5], axis=0)
+            both = self.value[:, left] + self.value[:, right]
+            one = (low <= ALIKE * both) & (high >= -ALIKE * both) & (both > 0)
+            for of in (value, sample):
+                mean = (of[..., left] + of[..., right]) / 2
+                of[..., left], of[..., right] = np.where(one, mean, of[..., left]), np.where(one, mean, of[..., right])
+            twin[one, left], twin[one, right] = right, left
+        return Shares(value, sample, twin)
+
+
+def normalised(squares: np.ndarray) -> np.ndarray:
+    """Shares of the positive sums of squares."""
+    above = np.maximum(squares, 0.0)
+    return np.asarray(above / max(above.sum(), 1e-300))
+
+
+def twins_of(channels: Sequence[Channel], robot: Robot) -> dict[int, int]:
+    """Pairs of channels of left and right joints: index of the one → index of the other."""
+    at = {channel.name: k for k, channel in enumerate(channels)}
+    found = {}
+    for name, k in at.items():
+        quantity, slash, joint = name.partition("/")
+        first = robot.topology.sides.get(joint, joint)
+        if slash and first != joint and f"{quantity}/{first}" in at:
+            found[at[f"{quantity}/{first}"]] = k
+    return found
 
 
 def noise_errors(

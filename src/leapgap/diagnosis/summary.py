@@ -1,25 +1,20 @@
 """Summary of a diagnosis: causes with their numbers, one sentence, the next experiment, and missing columns."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import is_logged, state_channels
-from leapgap.diagnosis.decision import Answer, Conclusion, Judgement
+from leapgap.diagnosis.decision import Conclusion, Judgement
 from leapgap.diagnosis.gap import HeldOutFigures, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
-from leapgap.logs.log import Log
 
 SIGMAS = 1.96
 """Half width of a 95 % interval in standard deviations."""
-OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
-"""Distances of further experiments that may tell causes apart, and how near one counts as logged already."""
-OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
 MOST_SAID = 4
 """The sentence names so many causes at most; all stand in the table below it."""
 NOTICEABLE = 0.05
@@ -148,31 +143,6 @@ def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, logs: Sequenc
         sizes.append(f"{name} {np.median(values):.3g}{by_log}")
     place = "" if hypothesis.location == "all" else f" at {hypothesis.location}"
     return f"{hypothesis.name}{place}: {', '.join(sizes)}"
-
-
-def next_experiment(answer: Answer, logs: Sequence[Log]) -> dict[str, Any] | None:
-    """Proposal of further experiments that tell apart causes that these logs cannot; None where it is not needed.
-
-    ``collect`` holds settings of ``stages.collect`` that make them on simulated hardware.
-    """
-    separates = next((list(names) for names in answer if len(names) > 1), None)
-    if separates is None:
-        return None
-    trace = f"These logs leave the same trace for {' and '.join(separates)}: "
-    if not all("target" in log.info.extra for log in logs):
-        sentence = f"{trace}log faster and slower motions, and diagnose all logs together."
-        return {"sentence": sentence, "separates": separates}
-    logged = np.array([log.info.extra["target"]["x_m"] for log in logs])
-    far = [x for x in OTHER_DISTANCES_M if np.abs(logged - x).min() > LOGGED_ALREADY_M] or list(OTHER_DISTANCES_M)
-    number = max(len(far), min(2 * len(logs), MOST_FURTHER_JUMPS))
-    low, high = OTHER_BLOCKS_M
-    sentence = (
-        f"{trace}log {number} further jumps, to {', '.join(f'{100 * x:g}' for x in far)} cm, with the front feet on "
-        f"blocks of {100 * low:g} to {100 * high:g} cm, and diagnose all logs together."
-    )
-    targets = ",".join(f"[{x:g},0.0]" for x in far)
-    collect = [f"collect.targets=[{targets}]", f"collect.jumps={number}", f"collect.block_height_m=[{low:g},{high:g}]"]
-    return {"sentence": sentence, "separates": separates, "collect": collect}
 
 
 def not_judged(judged: JudgedLogs) -> list[str]:

@@ -11,7 +11,7 @@ from leapgap.logs.segments import PHASE_LENGTHS
 MOST_CHARACTERS, LONGEST_TEXT = 1_000_000, 10_000
 DEEPEST, MOST_BOXES, MOST_SEGMENTS = 10, 100, 10_000
 SHORTEST_PERIOD_S, LONGEST_PERIOD_S, LONGEST_S = 1e-7, 60.0, 1e7
-FARTHEST_M = 1e5
+FARTHEST_M, HEAVIEST_KG = 1e5, 1e4
 DO = "correct the metadata, or import the log anew"
 
 
@@ -44,6 +44,8 @@ def check_entries(stated: Mapping[str, Any], where: str) -> None:
         check_segment(segment, f"{where}, segments[{number}]")
     check_numbers(stated, "schedule", PHASE_LENGTHS, 0.0, LONGEST_S, "s", where)
     check_numbers(stated, "target", ("x_m", "z_m"), -FARTHEST_M, FARTHEST_M, "m", where)
+    for joint, mass in mapping(stated, "load", where).items():
+        check_number(mass, 0.0, HEAVIEST_KG, "kg", f"{where}, load.{joint}")
     for quantity, how in mapping(stated, "derived", where).items():
         check_text(how, f"{where}, derived.{quantity}")
 

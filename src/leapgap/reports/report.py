@@ -17,6 +17,7 @@ import numpy as np
 from leapgap.diagnosis.best_simulator import BestNumber
 from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
 from leapgap.diagnosis.localisation import phase_names
+from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
 from leapgap.logs.log import Log
@@ -99,6 +100,7 @@ def html(
         kind=kind_of(report, robot),
         brief=brief,
         split_numbers=split_numbers,
+        in_noises=in_noises,
         fitted=partial(fitted_value, report.causes[: len(report.answer)]),
         number_of_logs=len(logs),
         viewer=viewer,
@@ -128,9 +130,13 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
     """Share of the squared gap by phase, in the order given, and channel; joints summed over the legs of a pair."""
     import plotly.graph_objects as go
 
+    phases = list(dict.fromkeys([*phases, *(place.phase for place in report.where)]))
     rows: dict[str, np.ndarray] = {}
+    ends: dict[str, np.ndarray] = {}
     for place in report.where:
-        rows.setdefault(row_of(place.channel, robot), np.zeros(len(phases)))[phases.index(place.phase)] += place.share
+        row, column = row_of(place.channel, robot), phases.index(place.phase)
+        rows.setdefault(row, np.zeros(len(phases)))[column] += place.share
+        ends.setdefault(row, np.zeros((len(phases), 2)))[column] += place.share_ci95
     order = [
         *(label for label in LABELS.values() if label in rows),
         *sorted(set(rows) - set(LABELS.values())),
@@ -146,7 +152,9 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
             zmin=0,
             text=np.vectorize(lambda v: f"{v:.1f}" if v >= 0.05 else "")(values),
             texttemplate="%{text}",
-            hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap<extra></extra>",
+            customdata=100 * np.array([[np.minimum(ends[name][p], 1.0) for p in shown] for name in order]),
+            hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap, at most from %{customdata[0]:.1f} to %{customdata[1]:.1f}"
+            "<extra></extra>",
             colorbar={"title": "%"},
             xgap=2,
             ygap=2,

@@ -19,6 +19,8 @@ BARS = {
     "wrongly_named": ("a wrong `named`, of all cases", 0.05, "<="),
     "unknown_recall": ("`unknown`, of detectable off-table effects", 0.80, ">="),
     "where_right": ("localisation right: phase and channel of the largest share", 0.90, ">="),
+    "where_overlap": ("overlap of the map with the true one, above five noise floors", 0.80, ">="),
+    "where_top_three": ("largest true share among the three largest of the map", None, ""),
     "pairs_both_named": ("both of a pair named", 0.75, ">="),
     "parameter_error_median": ("median parameter error", 0.10, "<="),
     "coverage": ("95 % intervals that contain the truth (0.90 to 0.98)", 0.90, ">="),

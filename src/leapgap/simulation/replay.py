@@ -25,6 +25,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors, sensor_addresses
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.robot.rotors import carried_torque, rest_rotors
+from leapgap.simulation.known_loads import put_loads
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -497,6 +498,7 @@ class Replayer:
         self.drive(trial).put_into(model, self.robot)
         for effect in trial.effects:
             effect.change_model(model, self.robot)
+        put_loads(model, log, self.robot)
         return model
 
     def _compiled(self, trial: Rollout) -> mujoco.MjModel:

@@ -257,19 +257,27 @@ def further_jumps(
     setup: CaseSetup,
 ) -> list[Log]:
     """Generate further jumps of a case's robot, with its effects and nuisances: one jump for each reference."""
-    seed, physics = truth["seed"], physics_of(truth.get("physics", USUAL.name))
-    nuisance = Nuisance(seed=int(np.random.default_rng(seed).integers(2**31)), sizes=setup.nuisances, physics=physics)
     rng = np.random.default_rng([truth["seed"], 1])
-    clock = truth.get("clock")
-    family_of_rows = clock and clock_family(clock["family"], clock["sizes"])
-    acting = [effect_from_json(entry) for entry in truth["effects"][1 if clock else 0 :]]
     heights = rng.uniform(*block_height_m, len(references))
     plans = [
         MotionPlan(f"next_{i}", r, round(float(h), 4)) for i, (r, h) in enumerate(zip(references, heights, strict=True))
     ]
+    return further_logs(truth, plans, robot, setup, rng)
+
+
+def further_logs(
+    truth: Mapping[str, Any], plans: Sequence[MotionPlan], robot: Robot, setup: CaseSetup, rng: np.random.Generator
+) -> list[Log]:
+    """Generate further logs of a case's robot, with its effects and nuisances: one for each plan."""
+    seed, physics = truth["seed"], physics_of(truth.get("physics", USUAL.name))
+    nuisance = Nuisance(seed=int(np.random.default_rng(seed).integers(2**31)), sizes=setup.nuisances, physics=physics)
+    clock = truth.get("clock")
+    family_of_rows = clock and clock_family(clock["family"], clock["sizes"])
+    acting = [effect_from_json(entry) for entry in truth["effects"][1 if clock else 0 :]]
     scatter = 1 + setup.period_scatter * rng.standard_normal(len(plans))
     own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in acting)) for s in scatter]
-    generator = Generator(robot, terrain_slots=1, step_s=physics.step_s or setup.step_s)
+    slots = 1 + max((len(plan.reference.info.terrain) for plan in plans), default=0)
+    generator = Generator(robot, terrain_slots=slots, step_s=physics.step_s or setup.step_s)
     rows = [planned_rows(plan, setup.course) for plan in plans]
     timings = draw_timings(family_of_rows, rows, robot, np.random.default_rng([seed, 1, CLOCK_SEED]))
     return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng, timings)]

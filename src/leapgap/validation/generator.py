@@ -79,7 +79,7 @@ class Nuisance(OffTableEffect):
         model.dof_damping[dofs] *= random_scale(sizes.damping, shape)
         model.dof_frictionloss[dofs] *= random_scale(sizes.friction, (len(dofs),))
         model.dof_armature[dofs] *= random_scale(sizes.armature, (len(dofs),))
-        feet = foot_geoms(model, robot, "all")
+        feet = foot_geoms(model, robot, "all") if robot.feet else np.zeros(0, int)
         model.geom_friction[feet, 0] *= random_scale(sizes.foot_friction, (len(feet),))
         model.geom_solref[feet, 0] *= random_scale(sizes.contact_time, (len(feet),))
         self.physics.change_model(model, feet)

@@ -86,6 +86,10 @@ class CaseOutcome:
     """Whether the report names the clock as its first cause."""
     effect_detectable: bool = False
     """Whether the effect beside uneven rows, switched off alone, changes the motion detectably."""
+    where_overlap: float | None = None
+    """Overlap of the reported map of the gap with the true one; None where nothing acted."""
+    where_top_three: bool = False
+    """Whether the largest share of the true map is one of the three largest of the reported one."""
 
     @property
     def is_ordinary(self) -> bool:
@@ -150,6 +154,7 @@ def outcome(
     in_answer = {name for names in answer for name in names}
     causes = {c["effect"]: c for c in reversed(report["causes"])}  # the most probable one of each name
     floor = truth.get("noise_floor") or 1.0
+    true_map, said_map = comparable_maps(truth["where"], report["where"])
     return CaseOutcome(
         case=case,
         half=truth["half"],
@@ -179,7 +184,39 @@ def outcome(
         accepted=tuple(truth.get("accepted", ())),
         clock_first=report["verdict"] in CLAIMS and [c["effect"] for c in report["causes"][:1]] == [CLOCK],
         effect_detectable="clock" in truth and len(truth["changes"]) > 1 and truth["changes"][1] >= 2 * floor,
+        where_overlap=overlap(true_map, said_map) if true_map else None,
+        where_top_three=bool(true_map) and largest(true_map, 1)[0] in largest(said_map, 3),
     )
+
+
+Map = Mapping[tuple[str, str], float]
+"""Phase and channel → share of the squared gap."""
+
+
+def comparable_maps(true: list[Mapping[str, Any]], said: list[Mapping[str, Any]]) -> tuple[Map, Map]:
+    """The true and the reported map; left and right are one in both where the report does not tell them apart."""
+    ones = {}
+    for entry in said:
+        twin = entry.get("as_one_with")
+        if twin is not None:
+            ones[entry["phase"], max(entry["channel"], twin)] = (entry["phase"], min(entry["channel"], twin))
+    found: tuple[dict[tuple[str, str], float], dict[tuple[str, str], float]] = ({}, {})
+    for of, entries in zip(found, (true, said), strict=True):
+        for entry in entries:
+            at = (entry["phase"], entry["channel"])
+            at = ones.get(at, at)
+            of[at] = of.get(at, 0.0) + entry["share"]
+    return found
+
+
+def overlap(true: Map, said: Map) -> float:
+    """Sum over phases and channels of the smaller of two shares: 1 where both maps are the same."""
+    return sum(min(share, said.get(at, 0.0)) for at, share in true.items())
+
+
+def largest(of: Map, number: int) -> list[tuple[str, str]]:
+    """Phases and channels with the largest shares."""
+    return sorted(of, key=lambda at: -of[at])[:number]
 
 
 def merge_sides(place: tuple[str, str] | None, sides: Mapping[str, str]) -> tuple[str, str] | None:

@@ -9,6 +9,8 @@ import numpy as np
 from leapgap.validation.outcome import CLAIMS, CLOCK, LEAVES_A_REST, CaseOutcome
 
 Scores = dict[str, Any]
+CLEAR_FLOORS = 5.0
+"""Change of the motion, in noise floors, from which on the overlap of the maps has a bar of its own."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,9 @@ def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng:
         "located": share(true == said for o in singles for true, said in o.locations),
         "set_size_mean": mean(len(names) for o in singles for names in o.answer),
         **{name: value for name, value in shares.items() if name not in ("named_first", "named_in_set", "named_alone")},
+        "where_overlap": mean_overlap(outcomes, CLEAR_FLOORS),
+        "where_overlap_detectable": mean_overlap(outcomes, 0.0),
+        "where_top_three": share(o.where_top_three for o in outcomes if o.detectable and o.where_overlap is not None),
         "parameter_error_median": median(c.error for c in compared),
         "coverage": share(c.interval_holds_truth for c in compared),
         "brier": with_interval(outcomes, brier, draws, rng),
@@ -159,6 +164,15 @@ def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng:
         "closure_promise_error": mean(errors),
         "closure_promise_within_5_points": share(e <= 0.05 for e in errors),
     }
+
+
+def mean_overlap(outcomes: Iterable[CaseOutcome], least_floors: float) -> float | None:
+    """Mean overlap of the maps of where the gap lies, of detectable effects that move at least so many noise floors."""
+    return mean(
+        o.where_overlap
+        for o in outcomes
+        if o.detectable and o.where_overlap is not None and o.change_floors >= least_floors
+    )
 
 
 def closure_errors(outcomes: Iterable[CaseOutcome]) -> list[float]:

@@ -6,17 +6,19 @@ tell them: the momentum that a replay of 20 ms lacks at its end, divided by that
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, without_constraints
+from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.model_errors import BODY_NUMBERS, ModelErrors, heavy_bodies
 from leapgap.diagnosis.short_rollouts import smooth_starts
+from leapgap.logs.log import Log
 from leapgap.logs.state import States, motor_torques
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, TWIST_SLICE, VELOCITY_SLICE
+from leapgap.simulation.known_loads import with_loads
 from leapgap.simulation.replay import Replayer, Rollout, Starts
 
 EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
@@ -81,7 +83,7 @@ class ByInverseDynamics:
     def of(states: Sequence[States], robot: Robot) -> "ByInverseDynamics":
         """Torques that the motions of some logs need."""
         model, every_s = without_constraints(robot.model), spacing(states, robot)
-        motions = [instants_of(of, robot, every_s) for of in states]
+        motions = [without_loads(instants_of(of, robot, every_s), of.log, robot) for of in states]
         return ByInverseDynamics(ModelErrors.of(model, motions), tuple(stops(of.qpos, robot) for of in motions))
 
     def residuals(self, pushed: Pushed) -> Residuals:
@@ -95,6 +97,15 @@ class ByInverseDynamics:
         # A stop of the model pushes back from its side.
         forces = [np.where(force * at < 0, 0.0, force) for force, at in zip(left, self.at_stop, strict=True)]
         return Residuals(together([of.time for of in motions], forces, rows, quiet), scale, friction)
+
+
+def without_loads(motion: Instants, log: Log, robot: Robot) -> Instants:
+    """The motion with the torque that is left for the robot itself beside the known loads of its log."""
+    loaded = with_loads(robot.model, log, robot)
+    if loaded is robot.model:
+        return motion
+    bare, whole = (inverse_dynamics(without_constraints(model), motion) for model in (robot.model, loaded))
+    return replace(motion, torque=motion.torque - (whole - bare))
 
 
 @dataclass(frozen=True)

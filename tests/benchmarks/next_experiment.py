@@ -1,0 +1,162 @@
+"""Does the proposed experiment tell apart what a report leaves open? Each is made by the case's own robot.
+
+A pendulum, a vertical and a horizontal arm with one effect each move in few ways. Where the verdict is ambiguous, the
+proposed experiment is simulated with the same robot, and all logs are diagnosed together. Run as
+``python -m tests.benchmarks.next_experiment --json <file>``; takes about half an hour.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.atomic_io import write_json
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.report import round_floats
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+from leapgap.validation.experiments import OpenCase, draw_effect, follow
+
+PENDULUM = """<mujoco model="pendulum">
+  <option timestep="0.0005"/>
+  <worldbody>
+    <body name="rod" pos="0 0 1">
+      <joint name="pivot" axis="0 1 0" damping="0.02" frictionloss="0.05" armature="0.003"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
+      <geom type="sphere" pos="0 0 -0.5" size="0.04" mass="0.5" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="pivot" forcerange="-20 20" ctrlrange="-20 20"/></actuator>
+</mujoco>
+"""
+ARM = """<mujoco model="arm">
+  <option timestep="0.0005"/>
+  <worldbody>
+    <body name="upper" pos="0 0 1">
+      <joint name="shoulder" axis="0 1 0" damping="0.05" frictionloss="0.1" armature="0.01" range="-120 120"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.03" mass="1.5" contype="0" conaffinity="0"/>
+      <body name="lower" pos="0 0 -0.4">
+        <joint name="elbow" axis="0 1 0" damping="0.05" frictionloss="0.05" armature="0.01" range="-150 150"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder" forcerange="-60 60" ctrlrange="-60 60"/>
+    <motor joint="elbow" forcerange="-60 60" ctrlrange="-60 60"/>
+  </actuator>
+</mujoco>
+"""
+TABLE = """<mujoco model="table_arm">
+  <option timestep="0.0005"/>
+  <worldbody>
+    <body name="upper" pos="0 0 1">
+      <joint name="shoulder" axis="0 0 1" damping="0.02" frictionloss="0.02" armature="0.01" range="-120 120"/>
+      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="1.5" contype="0" conaffinity="0"/>
+      <body name="lower" pos="0.4 0 0">
+        <joint name="elbow" axis="0 0 1" damping="0.02" frictionloss="0.02" armature="0.01" range="-150 150"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder" forcerange="-60 60" ctrlrange="-60 60"/>
+    <motor joint="elbow" forcerange="-60 60" ctrlrange="-60 60"/>
+  </actuator>
+</mujoco>
+"""
+ROBOTS = {"pendulum": PENDULUM, "arm": ARM, "table_arm": TABLE}
+FAMILIES = (
+    ("armature", "leg_mass", "link_com", "torque_gain"),
+    ("encoder_bias", "torque_offset"),
+    ("joint_damping", "joint_friction", "quadratic_damping", "static_friction"),
+    ("command_delay", "motor_lag", "velocity_filter"),
+)
+"""Effects that leave similar traces. One of a family acts in a case, and the diagnosis looks for all of the family."""
+LOGS = 2
+
+
+def draw_case(robot: Robot, seed: int, family: Sequence[str]) -> OpenCase:
+    """A case with an effect, joints that move, gains, amplitude, frequency and rate of its own."""
+    rng = np.random.default_rng(seed)
+    effect = draw_effect(robot, rng, family)
+    moving = {str(joint) for joint in rng.choice(robot.joints, rng.integers(1, len(robot.joints) + 1), replace=False)}
+    return OpenCase(
+        robot,
+        effect,
+        seed,
+        tuple(joint for joint in robot.joints if joint in moving),
+        kp=float(rng.choice([15, 30, 60])),
+        kd=1.0,
+        amplitude=float(rng.uniform(0.2, 0.5)),
+        frequency_hz=float(rng.uniform(0.6, 1.2)),
+        period_s=float(rng.choice([0.001, 0.002, 0.004])),
+        logs=LOGS,
+    )
+
+
+def diagnosed(logs: list[Log], robot: Robot, family: Sequence[str]) -> Diagnosis:
+    """The diagnosis of some logs by the default settings and the effects of one family."""
+    return diagnose(logs, robot, Settings(effects=list(family)), threads=1)
+
+
+def run(case: OpenCase, family: Sequence[str]) -> dict[str, Any] | None:
+    """The row of one case; None where its verdict is not ambiguous, or leaves out the truth."""
+    logs = case.make(case.plans())
+    found = diagnosed(logs, case.robot, family)
+    told = {name for names in found.report.answer for name in names}
+    print(f"{case.seed} {case.robot.name} {case.effect}: {found.report.verdict} {found.report.answer}", flush=True)
+    if found.report.verdict != "ambiguous":
+        return None
+    after = follow(case, logs, found, partial(diagnosed, family=family))
+    proposal = after.proposal or {}
+    print(f"    {proposal.get('sentence')}\n    -> {after.verdict} {after.after} resolved={after.resolved}", flush=True)
+    return {
+        **asdict(after),
+        "seed": case.seed,
+        "robot": case.robot.name,
+        "effect": str(case.effect),
+        "truth_told": case.effect.name in told,
+        "made": "settings" in proposal,
+        "resolved": after.resolved,
+    }
+
+
+def main() -> None:
+    """Run cases of one range of seeds until enough experiments were made."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--first", type=int, default=9000)
+    parser.add_argument("--cases", type=int, default=300)
+    parser.add_argument("--robot", choices=(*ROBOTS, "all"), default="all")
+    parser.add_argument("--families", type=int, nargs="+", default=list(range(len(FAMILIES))))
+    settings = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as name:
+        robots = []
+        for robot, text in ROBOTS.items():
+            path = Path(name) / f"{robot}.xml"
+            path.write_text(text, encoding="utf-8")
+            robots += [Robot.load(path)] if settings.robot in (robot, "all") else []
+        for seed in range(settings.first, settings.first + settings.cases):
+            family = FAMILIES[settings.families[seed // len(robots) % len(settings.families)]]
+            row = run(draw_case(robots[seed % len(robots)], seed, family), family)
+            rows += [] if row is None else [row]
+            made = [one for one in rows if one["made"]]
+            figures = {
+                "cases": seed + 1 - settings.first,
+                "ambiguous": len(rows),
+                "made": len(made),
+                "resolved": sum(one["resolved"] for one in made),
+                "rows": rows,
+            }
+            write_json(settings.json, round_floats(figures))
+
+
+if __name__ == "__main__":
+    main()
