@@ -72,9 +72,7 @@ def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
 def test_a_case_after_another_is_judged_against_the_robot_that_was_corrected_there(tmp_path: Path) -> None:
     loaded = RealCase("arm", "logs", "robot.xml", "200 g", {}, False, after="empty")
     assert corrected_by(replace(loaded, after=None), tmp_path, "loaded") is None
-    with pytest.raises(
-        InputError, match=r"^robots\.cases\.loaded\.after: found empty; expected the name"
-    ):
+    with pytest.raises(InputError, match=r"^robots\.cases\.loaded\.after: found empty; expected the name"):
         corrected_by(loaded, tmp_path, "loaded")
     model = tmp_path / "empty" / "corrected" / "robot.xml"
     model.parent.mkdir(parents=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
+from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.decision import DecisionThresholds, Judgement, judge, judge_jointly
@@ -16,7 +17,7 @@ from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.full_rollouts import FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
-from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
@@ -300,7 +301,7 @@ def find_answer(
     ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
 ) -> FoundAnswer:
     """Search for causes one by one, and where logs have a clock of their own for all together; judge them."""
-    judged, clock, heldout_gap = ready.judged, ready.clock, ready.heldout_gap
+    judged, clock = ready.judged, ready.clock
     kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
@@ -312,26 +313,31 @@ def find_answer(
     # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
     plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
     whole, coarse = (every, half) if clock is None else (half, quarter)
-    result = find_causes(whole, coarse, hypotheses, settings.tolerances, heldout_gap.folds, plan, progress)
-    heldout_gap = heldout_gap.at_stable_horizon(
+    result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
+    heldout_gap = ready.heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
-    if clock is None:
-        short = result.short or whole.whiten_for(whole.on_every_log(()))
-        fit = BestFit(heldout_gap, short, judgement.selected, hypotheses, settings.model_error, progress=progress)
-        return FoundAnswer(judgement, heldout_gap, evidence, None, fit.search() if settings.best else None)
-    joint = JointFit(heldout_gap, every.whiten_for(every.on_every_log(())), evidence, settings.joint, progress)
-    judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
-    by_source = closure_by_source(joint, judgement.selected)
-    judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
-    ended = joint.ends[0] if joint.ends else None
-    fit = BestFit(
-        heldout_gap, joint.short, judgement.selected, hypotheses, settings.model_error, joint.told, ended, progress
-    )
-    return FoundAnswer(judgement, heldout_gap, evidence, by_source, fit.search() if settings.best else None)
+    short = None if clock is not None else result.short
+    joint = JointFit(heldout_gap, short or every.whiten_for(every.on_every_log(())), evidence, settings.joint, progress)
+    by_source = None
+    if clock is not None:
+        judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
+        by_source = closure_by_source(joint, judgement.selected)
+        judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
+    best = best_simulator(joint, judgement.selected, hypotheses, settings, clock) if settings.best else None
+    return FoundAnswer(judgement, heldout_gap, evidence, by_source, best)
+
+
+def best_simulator(
+    joint: JointFit, answer: Candidate, hypotheses: Sequence[Hypothesis], settings: Settings, clock: OwnClock | None
+) -> BestSimulator:
+    """All effects fitted about the answer; by a clock of their own, logs have been fitted so already."""
+    told, ended = ({}, None) if clock is None else (joint.told, joint.ends[0] if joint.ends else None)
+    fit = BestFit(joint.heldout_gap, joint.short, answer, hypotheses, settings.model_error, told, ended, joint.progress)
+    return fit.search()
 
 
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:

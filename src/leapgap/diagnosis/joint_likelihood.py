@@ -15,9 +15,10 @@ from leapgap.diagnosis.short_rollouts import ShortRollouts
 
 DIFFERENCE = 0.1
 """Step of finite differences, as a share of the scale of a number."""
-INDEPENDENT_S = 0.6
-"""Errors of whole replays at one instant say little more than those up to 0.2 s before, and a robot that has drifted
-off has done so in all channels: of three, one counts."""
+INDEPENDENT_S = 0.2
+"""Errors of whole replays at one instant say little more than those so long before."""
+ALIKE = 3
+"""A robot that has drifted off has done so in all channels: of so many values at an instant one counts."""
 PIECE_VALUES = 6
 """A short piece counts as so many independent values."""
 USUAL = 1.0
@@ -135,7 +136,7 @@ class JointLikelihood:
     def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
         values = np.concatenate([of.whole for of in errors])
-        whole = independent(len(values)) / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
+        whole = independent(len(values)) / ALIKE / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
         chi2 = np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
         return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2).sum() + 0.5 * departs @ departs)
 
@@ -144,7 +145,7 @@ class JointLikelihood:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold."""
         values = np.concatenate([of.whole for of in errors])
-        of_whole = independent(len(values)) / max(float(values @ values), 1e-12)
+        of_whole = independent(len(values)) / ALIKE / max(float(values @ values), 1e-12)
         curvature, slope = np.eye(len(departs)), departs.copy()
         for own, of, by in zip(self.heldout_gap.folds, errors, slopes, strict=True):
             if own == fold:
