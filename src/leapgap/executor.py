@@ -1,11 +1,15 @@
 """Execution of independent cases: in this process, in parallel processes, or on a Ray cluster."""
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 from leapgap.errors import InputError, needs
 from leapgap.processes import starting_workers
+
+UNUSED = r"\d+ tasks (have been|which were)"
+"""What joblib warns of where an error ends the work; the error itself is the message."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -35,6 +39,7 @@ class Executor:
             with needs("pipeline"):
                 import joblib
 
+            warnings.filterwarnings("ignore", UNUSED)
             with starting_workers() as (initializer, arguments):
                 parallel = joblib.Parallel(
                     self.workers, return_as="generator", batch_size=1, initializer=initializer, initargs=arguments

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from leapgap.executor import Executor
 from leapgap.robot.model import Robot
 from tests import plain_arm
 from tests.code import ROOT
@@ -197,6 +198,14 @@ def test_a_full_disk_is_a_message_of_the_command_that_names_the_folder(tmp_path:
     assert done.stderr.startswith(f"leapgap replay: {out}: found ") and len(done.stderr.splitlines()) == 1, done.stderr
     assert "File too large" in done.stderr and f"{out} is as it was" in done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.xml", "logs"]
+
+
+@pytest.mark.filterwarnings("error")
+def test_work_of_others_that_an_error_leaves_unused_is_no_warning() -> None:
+    """A disk that is full while workers go on is one message; joblib would say how many results are lost."""
+    results = Executor("joblib", 2).map(abs, [-1, -2, -3, -4])
+    assert next(results) == 1
+    results.close()  # type: ignore[attr-defined]
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
