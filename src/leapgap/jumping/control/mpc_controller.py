@@ -7,10 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from leapgap.jumping.control.compiled_planner import CompiledPlanner
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.leg_chains import CompiledLegs
 from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner, MpcConfig
 from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.control.tracking import JumpController
@@ -43,9 +41,14 @@ class JumpMpc(JumpController):
     ) -> None:
         super().__init__(reference, robot, gains, level_m)
         self.config = config
-        planner = CompiledPlanner if config.compiled else ForcePlanner
-        self.planner: ForcePlanner = planner(reference, model, config, clock)
-        self.legs = CompiledLegs(robot) if config.compiled else self.legs
+        if config.compiled:  # numba is imported only where it is used
+            from leapgap.jumping.control.compiled_planner import CompiledPlanner
+            from leapgap.jumping.control.leg_chains import CompiledLegs
+
+            self.planner: ForcePlanner = CompiledPlanner(reference, model, config, clock)
+            self.legs = CompiledLegs(robot)
+        else:
+            self.planner = ForcePlanner(reference, model, config, clock)
         self.fallbacks = self.planner.fallbacks
         self.plan_now: ForcePlan | None = None
         self._updates = 0
