@@ -207,6 +207,16 @@ def test_a_motion_beyond_a_joint_stop_or_the_motor_is_not_proposed(rod: Robot) -
     assert not is_possible(plan, Motion(np.full_like(motion.qpos, np.nan), motion.qvel), rod)
 
 
+def test_a_sine_that_the_motor_cannot_follow_is_made_smaller(weak_or_heavy: Forecaster) -> None:
+    """At 6 Hz and 1 rad the rod asks for far more than its 30 N·m."""
+    wild = Sines(("hinge",), (1.0,), 6.0)
+    assert weak_or_heavy.forecast(wild) is None
+    found = weak_or_heavy.forecast_possible(wild)
+    assert found is not None and isinstance(found.experiment, Sines)
+    assert found.experiment.frequency_hz == 6.0
+    assert 0.1 < found.experiment.amplitude[0] <= 0.6
+
+
 def test_a_report_proposes_the_load_and_says_by_how_much(rod: Robot, tmp_path: Path) -> None:
     """End to end: either name fits these logs, so that the report asks for what separates them."""
     logs = [swing(seed, GAIN) for seed in range(4)]

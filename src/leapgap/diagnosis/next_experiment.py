@@ -47,7 +47,8 @@ UNSURE, SHRINKS = 0.25, 2.0
 """A number is unsure where its standard deviation is this share of its departure from nominal.
 
 An experiment for it must shrink that deviation by this factor."""
-MOST_CANDIDATES = 18
+MOST_CANDIDATES, GENTLER_STEPS = 18, 4
+"""Number of experiments that are simulated at most, and number of sizes of each."""
 PLACES, NEAR, CHECKED = 2, 10.0, 5
 """Places at which each open cause is tried, how near to its best held-out loss; experiments foretold for all truths."""
 LEAST_NOISES = 0.01
@@ -139,6 +140,16 @@ class Forecaster:
         slopes = self.slopes(seen.evidence, self.answer)
         separations = tuple(self.separation(rival, seen) for rival in self.rivals)
         return Forecast(experiment, separations, self.spread_after(slopes, seen))
+
+    def forecast_possible(self, experiment: Experiment) -> Forecast | None:
+        """What an experiment would show, made smaller until the robot can make it; None where it cannot."""
+        tried: Experiment | None = experiment
+        for _ in range(GENTLER_STEPS):
+            found = None if tried is None else self.forecast(tried)
+            if tried is None or found is not None:
+                return found
+            tried = tried.gentler()
+        return None
 
     def simulate(self, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
         """Logs of the plans by the answer's robot, with the noise of the given logs; None where it cannot follow."""
@@ -380,7 +391,7 @@ def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> lis
     """What each possible experiment would show, the least effort first."""
     found = []
     for experiment in candidates_for(forecaster.given)[:MOST_CANDIDATES]:
-        forecast = forecaster.forecast(experiment)
+        forecast = forecaster.forecast_possible(experiment)
         if forecast is not None:
             found.append(forecast)
             progress(f"next experiment {experiment.short}: least loss {forecast.least:.0f}")
