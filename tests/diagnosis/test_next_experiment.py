@@ -20,6 +20,7 @@ from leapgap.diagnosis.experiments import (
     candidates_for,
     experiment_of,
     is_possible,
+    plans_of,
 )
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -196,6 +197,8 @@ def test_candidates_stay_within_the_range_of_the_joint_and_can_be_read_back(rod:
         for plan, same in zip(one.plans(given), again.plans(given), strict=True):
             assert np.abs(plan["cmd_pos/hinge"]).max() < np.pi / 2
             assert all(np.array_equal(plan[name], same[name]) for name in plan.columns)
+        thrice = plans_of({**one.settings, "repeats": 3}, given)
+        assert [plan.name for plan in thrice] == [f"next_{k}" for k in range(3 * len(one.plans(given)))]
 
 
 def test_a_motion_beyond_a_joint_stop_or_the_motor_is_not_proposed(rod: Robot) -> None:

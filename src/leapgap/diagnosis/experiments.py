@@ -46,6 +46,10 @@ OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
 
 
+REPEATS = "repeats"
+"""Key of a proposal's settings: how many times each log is to be made."""
+
+
 @dataclass(frozen=True)
 class Given:
     """What experiments start from: the logs, the robot, and where the causes that are to be told apart act."""
@@ -582,8 +586,16 @@ def candidates_for(given: Given) -> list[Experiment]:
 def experiment_of(settings: Mapping[str, Any]) -> Experiment:
     """The experiment that a report proposes, from its settings."""
     (kind,) = (kind for kind in KINDS if kind.kind == settings["kind"])
-    values = {key: tuple(v) if isinstance(v, list) else v for key, v in settings.items() if key != "kind"}
+    values = {
+        key: tuple(v) if isinstance(v, list) else v for key, v in settings.items() if key not in ("kind", REPEATS)
+    }
     return kind(**values)
+
+
+def plans_of(settings: Mapping[str, Any], given: Given) -> list[Log]:
+    """The logs that a report proposes to make: those of the experiment, as many times as it asks for."""
+    plans = experiment_of(settings).plans(given) * int(settings.get(REPEATS, 1))
+    return [replace(plan, name=f"next_{k}") for k, plan in enumerate(plans)]
 
 
 def amplitude(joint: str, frequency_hz: float, given: Given) -> float:
