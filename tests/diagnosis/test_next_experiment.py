@@ -20,6 +20,7 @@ from leapgap.diagnosis.experiments import (
     candidates_for,
     experiment_of,
     is_possible,
+    plans_of,
 )
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -196,6 +197,8 @@ def test_candidates_stay_within_the_range_of_the_joint_and_can_be_read_back(rod:
         for plan, same in zip(one.plans(given), again.plans(given), strict=True):
             assert np.abs(plan["cmd_pos/hinge"]).max() < np.pi / 2
             assert all(np.array_equal(plan[name], same[name]) for name in plan.columns)
+        thrice = plans_of({**one.settings, "repeats": 3}, given)
+        assert [plan.name for plan in thrice] == [f"next_{k}" for k in range(3 * len(one.plans(given)))]
 
 
 def test_a_motion_beyond_a_joint_stop_or_the_motor_is_not_proposed(rod: Robot) -> None:
@@ -205,6 +208,16 @@ def test_a_motion_beyond_a_joint_stop_or_the_motor_is_not_proposed(rod: Robot) -
     assert not is_possible(plan, Motion(motion.qpos + 1.2, motion.qvel), rod)
     assert not is_possible(plan, Motion(motion.qpos, motion.qvel + 60.0), rod)
     assert not is_possible(plan, Motion(np.full_like(motion.qpos, np.nan), motion.qvel), rod)
+
+
+def test_a_sine_that_the_motor_cannot_follow_is_made_smaller(weak_or_heavy: Forecaster) -> None:
+    """At 6 Hz and 1 rad the rod asks for far more than its 30 N·m."""
+    wild = Sines(("hinge",), (1.0,), 6.0)
+    assert weak_or_heavy.forecast(wild) is None
+    found = weak_or_heavy.forecast_possible(wild)
+    assert found is not None and isinstance(found.experiment, Sines)
+    assert found.experiment.frequency_hz == 6.0
+    assert 0.1 < found.experiment.amplitude[0] <= 0.6
 
 
 def test_a_report_proposes_the_load_and_says_by_how_much(rod: Robot, tmp_path: Path) -> None:

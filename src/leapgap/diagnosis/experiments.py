@@ -32,7 +32,8 @@ RANGE_SHARE, LARGEST_RAD, LARGEST_STANDING_RAD = 0.6, 1.2, 0.15
 """Amplitude of a sine: at most this share of what the joint can turn from its pose to its nearer end, and no more."""
 FASTEST_SHARE = 1.5
 """A sine is at most so many times faster than the fastest joint of the logs."""
-LEAST_RAD = 0.02
+LEAST_RAD, GENTLER = 0.02, 0.6
+"""Smallest amplitude, and the factor on that of a sine that the motors or joints cannot follow."""
 APART = 0.13
 """Joints that move together differ in frequency by this share, so that each moves in its own way."""
 MOST_PLACES = 3
@@ -43,6 +44,10 @@ LOAD_SHARE = 0.6
 OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
 """Distances of further jumps, and how near one counts as logged already."""
 OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
+
+
+REPEATS = "repeats"
+"""Key of a proposal's settings: how many times each log is to be made."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +145,10 @@ class Experiment(ABC):
     def short(self) -> str:
         """The experiment in a few words, after "at" or "with"."""
         return self.kind.replace("_", " ")
+
+    def gentler(self) -> "Experiment | None":
+        """The same with a smaller motion, where the robot cannot make it; None where it has no size."""
+        return None
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -374,6 +383,10 @@ class Sines(Experiment):
         """One log at each multiple of the frequency, by the median gains and feed-forward torque of the logs."""
         return [self.plan(k, self.frequency_hz * ratio, given) for k, ratio in enumerate(RATIOS)]
 
+    def gentler(self) -> Experiment:
+        """Smaller amplitudes."""
+        return replace(self, amplitude=smaller(self.amplitude))
+
     @property
     def length_s(self) -> float:
         """Length of each log, s."""
@@ -476,6 +489,8 @@ class KnownLoad(Experiment):
     mass_kg: float
     frequency_hz: float | None = None
     """Of sines of all joints; None: the motions of the logs."""
+    share: float = 1.0
+    """Amplitude of the sines, as a share of that without a load."""
 
     @classmethod
     def candidates(cls, given: Given) -> list[Experiment]:
@@ -571,8 +586,16 @@ def candidates_for(given: Given) -> list[Experiment]:
 def experiment_of(settings: Mapping[str, Any]) -> Experiment:
     """The experiment that a report proposes, from its settings."""
     (kind,) = (kind for kind in KINDS if kind.kind == settings["kind"])
-    values = {key: tuple(v) if isinstance(v, list) else v for key, v in settings.items() if key != "kind"}
+    values = {
+        key: tuple(v) if isinstance(v, list) else v for key, v in settings.items() if key not in ("kind", REPEATS)
+    }
     return kind(**values)
+
+
+def plans_of(settings: Mapping[str, Any], given: Given) -> list[Log]:
+    """The logs that a report proposes to make: those of the experiment, as many times as it asks for."""
+    plans = experiment_of(settings).plans(given) * int(settings.get(REPEATS, 1))
+    return [replace(plan, name=f"next_{k}") for k, plan in enumerate(plans)]
 
 
 def amplitude(joint: str, frequency_hz: float, given: Given) -> float:
@@ -586,6 +609,11 @@ def amplitude(joint: str, frequency_hz: float, given: Given) -> float:
         most = min(most, RANGE_SHARE * max(0.0, min(at - float(low), float(high) - at)))
     speed = FASTEST_SHARE * given.fastest
     return float(f"{min(most, speed / (2 * np.pi * frequency_hz)):.2g}")
+
+
+def smaller(sizes: Sequence[float]) -> tuple[float, ...]:
+    """Sizes of the next gentler motion, to two digits."""
+    return tuple(float(f"{GENTLER * size:.2g}") for size in sizes)
 
 
 def standing_commands(given: Given, rows: int) -> dict[str, np.ndarray]:

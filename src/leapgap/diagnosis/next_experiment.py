@@ -5,6 +5,7 @@ each rival is replayed in them. A rival may adapt its numbers as far as today's 
 tolerances may move too; what then remains of the difference is what a further diagnosis could see.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +17,7 @@ from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.decision import Judgement
 from leapgap.diagnosis.experiments import (
+    REPEATS,
     Experiment,
     Given,
     OtherJumps,
@@ -41,13 +43,15 @@ PIECES = 12
 """Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger."""
 ENOUGH = 60.0
 """Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause."""
-LEAST, LEAST_TIMES = 15.0, 2.0
-"""Least loss that is worth an experiment where none is enough, and by what factor it must exceed today's."""
+MOST_REPEATS, LEAST_TIMES = 6, 2.0
+"""How many times an experiment is made at most, so that its losses add up to enough; and by what factor its loss must
+exceed today's."""
 UNSURE, SHRINKS = 0.25, 2.0
 """A number is unsure where its standard deviation is this share of its departure from nominal.
 
 An experiment for it must shrink that deviation by this factor."""
-MOST_CANDIDATES = 18
+MOST_CANDIDATES, GENTLER_STEPS = 18, 4
+"""Number of experiments that are simulated at most, and number of sizes of each."""
 PLACES, NEAR, CHECKED = 2, 10.0, 5
 """Places at which each open cause is tried, how near to its best held-out loss; experiments foretold for all truths."""
 LEAST_NOISES = 0.01
@@ -139,6 +143,16 @@ class Forecaster:
         slopes = self.slopes(seen.evidence, self.answer)
         separations = tuple(self.separation(rival, seen) for rival in self.rivals)
         return Forecast(experiment, separations, self.spread_after(slopes, seen))
+
+    def forecast_possible(self, experiment: Experiment) -> Forecast | None:
+        """What an experiment would show, made smaller until the robot can make it; None where it cannot."""
+        tried: Experiment | None = experiment
+        for _ in range(GENTLER_STEPS):
+            found = None if tried is None else self.forecast(tried)
+            if tried is None or found is not None:
+                return found
+            tried = tried.gentler()
+        return None
 
     def simulate(self, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
         """Logs of the plans by the answer's robot, with the noise of the given logs; None where it cannot follow."""
@@ -305,6 +319,8 @@ class NextExperiment:
     separates: tuple[str, ...]
     experiment: Experiment | None = None
     """None where none tells the causes apart, or none could be foretold."""
+    repeats: int = 1
+    """How many times each of its logs is to be made."""
     expected: tuple[Mapping[str, Any], ...] = ()
     """For each rival what the experiment would show, beside what the logs show today."""
     tried: tuple[Mapping[str, Any], ...] = ()
@@ -316,7 +332,7 @@ class NextExperiment:
         """The entry of ``report.json``."""
         entry: dict[str, Any] = {"sentence": self.sentence, "separates": list(self.separates)}
         if self.experiment is not None:
-            entry["settings"] = self.experiment.settings
+            entry["settings"] = self.experiment.settings | ({REPEATS: self.repeats} if self.repeats > 1 else {})
         if self.collect:
             entry["collect"] = list(self.collect)
         entry["expected"] = [dict(one) for one in self.expected]
@@ -380,7 +396,7 @@ def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> lis
     """What each possible experiment would show, the least effort first."""
     found = []
     for experiment in candidates_for(forecaster.given)[:MOST_CANDIDATES]:
-        forecast = forecaster.forecast(experiment)
+        forecast = forecaster.forecast_possible(experiment)
         if forecast is not None:
             found.append(forecast)
             progress(f"next experiment {experiment.short}: least loss {forecast.least:.0f}")
@@ -408,7 +424,7 @@ def separate(names: Sequence[str], by_truth: Sequence[Forecaster], progress: Cal
         if best.least >= enough:
             break
     tried = tuple({"experiment": one.experiment.short, "least_loss": one.least} for one in found)
-    if best is None or best.least < max(LEAST, LEAST_TIMES * least):
+    if best is None or best.least < max(ENOUGH / MOST_REPEATS, LEAST_TIMES * least):
         sentence = (
             f"{trace}none of {len(found)} experiments that were simulated tells them apart beyond noise and the "
             "tolerances of the model."
@@ -418,10 +434,14 @@ def separate(names: Sequence[str], by_truth: Sequence[Forecaster], progress: Cal
     worst = min(expected, key=lambda one: float(one["loss"]))
     was = "" if worst["noises_today"] is None else f"; today by {in_noises(worst['noises_today'])}"
     differ = f"There {names[0]} and {worst['rival']} differ by {in_noises(worst['noises'])} times the noise"
+    repeats = 1 if collect_of(best.experiment, given) else max(1, math.ceil(ENOUGH / best.least))
+    times = f", each {repeats} times" if repeats > 1 else ""
     sentence = (
-        f"{trace}{best.experiment.words(given)}, and diagnose all logs together. {differ} in {worst['channel']}{was}."
+        f"{trace}{best.experiment.words(given)}{times}, and diagnose all logs together. {differ} in "
+        f"{worst['channel']}{was}."
     )
-    return NextExperiment(sentence, tuple(names), best.experiment, expected, tried, collect_of(best.experiment, given))
+    collect = collect_of(best.experiment, given)
+    return NextExperiment(sentence, tuple(names), best.experiment, repeats, expected, tried, collect)
 
 
 def in_noises(size: float) -> str:
@@ -497,4 +517,4 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExpe
             "spread_today": float(spread[which]),
         },
     )
-    return NextExperiment(sentence, (), best.experiment, expected, tried, collect_of(best.experiment, given))
+    return NextExperiment(sentence, (), best.experiment, 1, expected, tried, collect_of(best.experiment, given))

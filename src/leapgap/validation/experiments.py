@@ -8,7 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis
-from leapgap.diagnosis.experiments import Given, Sines, experiment_of, planned
+from leapgap.diagnosis.experiments import Given, Sines, planned, plans_of
 from leapgap.diagnosis.hypotheses import places, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.effects.base import Effect
@@ -119,8 +119,7 @@ def follow(
     if proposal is None or settings is None or settings["kind"] in UNMADE:
         return Resolution(case.effect.name, report.answer, dict(proposal or {}), report.verdict, report.answer)
     given = Given(tuple(found.logs), case.robot)
-    experiment = experiment_of(settings)
-    further = case.make(experiment.plans(given), stream=3)
+    further = case.make(plans_of(settings, given), stream=3)
     again = diagnose_again([*logs, *further], case.robot).report
     return Resolution(case.effect.name, report.answer, dict(proposal), again.verdict, again.answer)
 
@@ -130,5 +129,5 @@ def proposed_logs(
 ) -> list[Log]:
     """Logs of the experiment that a report on some logs proposes, by the robot of a withheld case."""
     given = Given(JudgedLogs.of(logs, robot).logs, robot)
-    plans = [MotionPlan(plan.name, plan) for plan in experiment_of(proposal).plans(given)]
+    plans = [MotionPlan(plan.name, plan) for plan in plans_of(proposal, given)]
     return further_logs(truth, plans, robot, setup, np.random.default_rng([truth["seed"], 1]))
