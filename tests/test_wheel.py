@@ -29,6 +29,7 @@ HEAVY = {
     "joblib",
     "lightning",
     "mujoco_menagerie",
+    "numba",
     "omegaconf",
     "onnx",
     "onnxruntime",
