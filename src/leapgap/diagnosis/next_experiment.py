@@ -40,8 +40,9 @@ from leapgap.simulation.replay import Replayer, Rollout
 MOST_LOGS, MOST_S = 3, 4.0
 """An experiment is foretold from so many of its logs, and from this long a part of each, s."""
 PIECES, LEAST_PIECES, STATES = 12, 4, 100
-"""Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger. Robots of
-many degrees of freedom take fewer, so that pieces times degrees are at most about ``STATES``."""
+"""Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger.
+
+Robots of many degrees of freedom take fewer, so that pieces times degrees are at most about ``STATES``."""
 ENOUGH = 60.0
 """Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause."""
 MOST_REPEATS, LEAST_TIMES = 6, 2.0
