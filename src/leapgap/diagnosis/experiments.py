@@ -36,7 +36,8 @@ LEAST_RAD, GENTLER = 0.02, 0.6
 """Smallest amplitude, and the factor on that of a sine that the motors or joints cannot follow."""
 APART = 0.13
 """Joints that move together differ in frequency by this share, so that each moves in its own way."""
-MOST_PLACES = 3
+MOST_PLACES, MOST_PLACES_FLOATING = 3, 1
+"""Number of sets of joints that are moved by themselves."""
 FINER_RATE, COARSE_S = 4, 0.004
 """Rows of at least this length, s, may be logged and sent so many times as often."""
 LOAD_SHARE = 0.6
@@ -117,7 +118,7 @@ class Given:
             joints = tuple(robot.joints[i] for i in robot.joints_at(location) if robot.joints[i] in self.joints)
             if joints and joints != self.joints and joints not in found:
                 found.append(joints)
-        return [*found[:MOST_PLACES], self.joints]
+        return [*found[: MOST_PLACES_FLOATING if robot.has_free_base else MOST_PLACES], self.joints]
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,10 @@ from leapgap.simulation.replay import Replayer, Rollout
 
 MOST_LOGS, MOST_S = 3, 4.0
 """An experiment is foretold from so many of its logs, and from this long a part of each, s."""
-PIECES = 12
-"""Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger."""
+PIECES, LEAST_PIECES, STATES = 12, 4, 100
+"""Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger.
+
+Robots of many degrees of freedom take fewer, so that pieces times degrees are at most about ``STATES``."""
 ENOUGH = 60.0
 """Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause."""
 MOST_REPEATS, LEAST_TIMES = 6, 2.0
@@ -52,7 +54,7 @@ UNSURE, SHRINKS = 0.25, 2.0
 An experiment for it must shrink that deviation by this factor."""
 MOST_CANDIDATES, GENTLER_STEPS = 18, 4
 """Number of experiments that are simulated at most, and number of sizes of each."""
-PLACES, NEAR, CHECKED = 2, 10.0, 5
+PLACES, NEAR, CHECKED, CHECKED_FLOATING = 2, 10.0, 5, 2
 """Places at which each open cause is tried, how near to its best held-out loss; experiments foretold for all truths."""
 LEAST_NOISES = 0.01
 """Smallest difference, in units of noise, that is told as a number."""
@@ -137,7 +139,8 @@ class Forecaster:
         if logs is None or max(len(log) * log.info.sample_period_s for log in logs) <= 2 * self.horizon_s:
             return None
         states = [States.of(log, self.robot, replayer.sensors) for log in logs]
-        short = ShortRollouts.of(states, replayer, self.horizon_s, self.every_s, PIECES)
+        pieces = min(PIECES, max(LEAST_PIECES, STATES // self.robot.model.nv))
+        short = ShortRollouts.of(states, replayer, self.horizon_s, self.every_s, pieces)
         around = [(h, n) for h, n in zip(self.answer.hypotheses, self.answer.split(), strict=True)]
         seen = Sensitivities.of(short, (), self.tolerances, around)
         slopes = self.slopes(seen.evidence, self.answer)
@@ -418,7 +421,7 @@ def separate(names: Sequence[str], by_truth: Sequence[Forecaster], progress: Cal
         found, key=lambda one: (one.least < enough, one.experiment.cost * (one.least >= enough), -one.least)
     )
     best: Forecast | None = None
-    for one in promising[:CHECKED]:
+    for one in promising[: CHECKED_FLOATING if given.robot.has_free_base else CHECKED]:
         whole = with_other_truths(one, others)
         best = whole if best is None or whole.least > best.least else best
         if best.least >= enough:
