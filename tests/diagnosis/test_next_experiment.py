@@ -9,19 +9,14 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.experiments import (
-    Experiment,
-    Given,
-    KnownLoad,
-    OtherGains,
-    OtherSpeed,
-    Repetition,
-    Sines,
-    candidates_for,
-    experiment_of,
-    is_possible,
-    plans_of,
-)
+from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
+from leapgap.diagnosis.experiments.base import Experiment, Repetition
+from leapgap.diagnosis.experiments.gains import OtherGains
+from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiments.load import KnownLoad
+from leapgap.diagnosis.experiments.plans import is_possible
+from leapgap.diagnosis.experiments.sines import Sines
+from leapgap.diagnosis.experiments.speed import OtherSpeed
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.next_experiment import Forecaster, Rival, sharpen
@@ -189,7 +184,7 @@ def test_plans_are_what_they_say(rod: Robot) -> None:
 def test_candidates_stay_within_the_range_of_the_joint_and_can_be_read_back(rod: Robot) -> None:
     given = Given(tuple(swing(seed) for seed in range(2)), rod)
     found = candidates_for(given)
-    assert {one.kind for one in found} == {"gains", "speed", "sines", "load"}
+    assert {one.name for one in found} == {"gains", "speed", "sines", "load"}
     assert [one.cost for one in found] == sorted(one.cost for one in found)
     for one in found:
         again = experiment_of(json.loads(json.dumps(one.settings)))

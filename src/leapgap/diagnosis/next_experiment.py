@@ -16,15 +16,11 @@ import numpy as np
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.decision import Judgement
-from leapgap.diagnosis.experiments import (
-    REPEATS,
-    Experiment,
-    Given,
-    OtherJumps,
-    Repetition,
-    candidates_for,
-    is_possible,
-)
+from leapgap.diagnosis.experiments import candidates_for
+from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Repetition
+from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiments.jumps import OtherJumps
+from leapgap.diagnosis.experiments.plans import is_possible
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.diagnosis.selection import differences

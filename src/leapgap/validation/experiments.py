@@ -8,7 +8,10 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis
-from leapgap.diagnosis.experiments import Given, Sines, planned, plans_of
+from leapgap.diagnosis.experiments import plans_of
+from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiments.plans import planned
+from leapgap.diagnosis.experiments.sines import Sines
 from leapgap.diagnosis.hypotheses import places, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.effects.base import Effect

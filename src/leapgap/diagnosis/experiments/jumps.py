@@ -1,0 +1,73 @@
+"""Jumps to other distances, with the front feet on higher blocks."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.diagnosis.experiments.base import Experiment
+from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiments.plans import plan_of, with_start
+from leapgap.logs.log import Log
+from leapgap.logs.state import motion_of
+from leapgap.simulation.open_loop import Course, MotionPlan, raise_front, with_block
+
+OTHER_DISTANCES_M, LOGGED_ALREADY_M = (0.3, 0.5, 0.7), 0.03
+"""Distances of further jumps, and how near one counts as logged already."""
+OTHER_BLOCKS_M, MOST_FURTHER_JUMPS = (0.02, 0.08), 8
+
+
+@dataclass(frozen=True)
+class OtherJumps(Experiment):
+    """Jumps to other distances with the front feet on higher blocks."""
+
+    name = "jumps"
+    cost = 1
+
+    @classmethod
+    def candidates(cls, given: Given) -> list[Experiment]:
+        """For robots that jumped."""
+        return [cls()] if given.is_jumps else []
+
+    @staticmethod
+    def distances(given: Given) -> list[float]:
+        """Distances that were not logged yet, m."""
+        logged = np.array([log.info.extra["target"]["x_m"] for log in given.logs])
+        new = [x for x in OTHER_DISTANCES_M if np.abs(logged - x).min() > LOGGED_ALREADY_M]
+        return new or list(OTHER_DISTANCES_M)
+
+    def number(self, given: Given) -> int:
+        """How many jumps to make."""
+        return max(len(self.distances(given)), min(2 * len(given.logs), MOST_FURTHER_JUMPS))
+
+    def plans(self, given: Given) -> list[Log]:
+        """The logged jumps on low and high blocks in turn; other distances would need another plan."""
+        robot, found = given.robot, []
+        for k, log in enumerate(given.logs):
+            height = OTHER_BLOCKS_M[k % len(OTHER_BLOCKS_M)]
+            under = max((box.top_m for box in log.info.terrain), default=0.0)
+            bare = replace(log, info=replace(log.info, terrain=()))
+            block = with_block(bare, MotionPlan("", bare, height), robot, Course())
+            state = raise_front(motion_of(log, robot, slice(1)).first_state, height - under, robot)
+            found.append(with_start(plan_of(block, k, robot), state, robot))
+        return found
+
+    def words(self, given: Given) -> str:
+        """Distances and blocks."""
+        low, high = OTHER_BLOCKS_M
+        centimetres = ", ".join(f"{100 * x:g}" for x in self.distances(given))
+        return (
+            f"log {self.number(given)} further jumps, to {centimetres} cm, with the front feet on blocks "
+            f"of {100 * low:g} to {100 * high:g} cm"
+        )
+
+    @property
+    def short(self) -> str:
+        """On higher blocks."""
+        return "on other blocks"
+
+    def collect(self, given: Given) -> list[str]:
+        """Settings of ``stages.collect`` that make such jumps on simulated hardware."""
+        low, high = OTHER_BLOCKS_M
+        targets = ",".join(f"[{x:g},0.0]" for x in self.distances(given))
+        jumps = f"collect.jumps={self.number(given)}"
+        return [f"collect.targets=[{targets}]", jumps, f"collect.block_height_m=[{low:g},{high:g}]"]
