@@ -27,7 +27,7 @@ SETTLED = 5.0
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
 
 
-REPLAYED = 3
+REPLAYED = 4
 """So many effects, those that matter least by the curvature, are taken away in turn by replays."""
 KNOWN = 0.5
 """Pieces tell a number where its spread after them is a smaller share of the one before."""
