@@ -54,14 +54,14 @@ def test_a_case_without_a_published_answer_is_neither_right_nor_false() -> None:
         causes=(named,), answer=(("joint_friction",),), closure_of_answer=None, verdict="named", gap_nominal=1.0
     )
     content.headline, content.gap_per_log = SimpleNamespace(horizon_s=None), {}
-    case = RealCase("arm", "logs", "robot.xml", "nothing", None, False)
+    case = RealCase("arm", "logs", "robot.xml", "nothing", None, False, None)
     for expected, right, false_name in ((None, None, False), ({}, False, True), (FRICTION, True, False)):
         row = outcome_of(replace(case, expected=expected), content, 1.0)
         assert (row["right"], row["false_name"]) == (right, false_name)
 
 
 def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
-    case = RealCase("acrobot", "logs", "robot.xml", "nothing", {}, False)
+    case = RealCase("acrobot", "logs", "robot.xml", "nothing", {}, False, None)
     assert not is_here(case, tmp_path)
     (tmp_path / "logs").mkdir()
     assert not is_here(case, tmp_path)
@@ -70,7 +70,7 @@ def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
 
 
 def test_a_case_after_another_is_judged_against_the_robot_that_was_corrected_there(tmp_path: Path) -> None:
-    loaded = RealCase("arm", "logs", "robot.xml", "200 g", {}, False, after="empty")
+    loaded = RealCase("arm", "logs", "robot.xml", "200 g", {}, False, "empty")
     assert corrected_by(replace(loaded, after=None), tmp_path, "loaded") is None
     with pytest.raises(InputError, match=r"^robots\.cases\.loaded\.after: found empty; expected the name"):
         corrected_by(loaded, tmp_path, "loaded")
@@ -136,7 +136,7 @@ def test_a_push_is_found_at_its_joint_time_and_sign(
 
 @pytest.mark.parametrize(("impulse", "right"), [(-0.18, True), (-0.1, False)])
 def test_pushes_are_right_where_most_of_their_impulse_is_told(tmp_path: Path, impulse: float, right: bool) -> None:
-    case = RealCase("acrobot", "acrobot", "robot.xml", "pushes", {"external_push": {}}, False)
+    case = RealCase("acrobot", "acrobot", "robot.xml", "pushes", {"external_push": {}}, False, None)
     named = cause("external_push")
     content = SimpleNamespace(
         causes=(named,), answer=(("external_push",),), closure_of_answer=None, verdict="named", gap_nominal=1.0

@@ -42,8 +42,9 @@ class RealCase:
     shown beside others and is neither right nor false."""
     fix_base: bool
     """Whether the robot hangs: its floating base is held."""
-    after: str | None = None
-    """Name of an earlier case, whose corrected robot takes the place of the model file: what has changed since?"""
+    after: str | None
+    """Name of an earlier case, whose corrected robot takes the place of the model file: what has changed since? None:
+    the model file."""
 
 
 @dataclass(frozen=True)
