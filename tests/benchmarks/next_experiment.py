@@ -135,7 +135,9 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--robot", choices=(*ROBOTS, "all"), default="all")
     parser.add_argument("--families", type=int, nargs="+", default=list(range(len(FAMILIES))))
+    parser.add_argument("--tiny", action="store_true", help="one case, to see that it runs")
     settings = parser.parse_args()
+    number = 1 if settings.tiny else settings.cases
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         robots = []
@@ -143,7 +145,7 @@ def main() -> None:
             path = Path(name) / f"{robot}.xml"
             path.write_text(text, encoding="utf-8")
             robots += [Robot.load(path)] if settings.robot in (robot, "all") else []
-        for seed in range(settings.first, settings.first + settings.cases):
+        for seed in range(settings.first, settings.first + number):
             family = FAMILIES[settings.families[seed // len(robots) % len(settings.families)]]
             row = run(draw_case(robots[seed % len(robots)], seed, family), family)
             rows += [] if row is None else [row]
