@@ -14,7 +14,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.evidence.base import Evidence
-from leapgap.diagnosis.gap import HeldOutGap, Interval
+from leapgap.diagnosis.gap import SIGMAS, HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
@@ -35,8 +35,6 @@ WORTH_A_STEP = 0.05
 """All effects are fitted again where the best fit leaves a larger share of the gap."""
 MOST_PARTS = 8
 """Largest number of parts of a robot, joints or joint groups, at each of which an effect gets a number of its own."""
-SIGMAS = 1.96
-"""Half width of a 95 % interval in standard deviations."""
 LEAST_INFORMED = 0.5
 """The logs hardly determine a number of whose standard deviation beforehand they leave a larger share."""
 ALIKE = 0.9
@@ -267,8 +265,8 @@ class BestFit:
             alike = np.nan_to_num(covariance / np.outer(spread, spread)) - np.eye(len(spread))
             share = 1 / (np.diag(covariance) * np.diag(np.linalg.pinv(covariance)))
             together = np.sqrt(np.clip(np.nan_to_num(1 - share), 0.0, 1.0))
-        labels = [f"{in_place(h)} {p.name}" for h in candidate.hypotheses for p in h.effect_parameters]
-        found, at = [], 0
+        labels = [f"{h.label} {p.name}" for h in candidate.hypotheses for p in h.effect_parameters]
+        found, at, logs = [], 0, self.heldout_gap.names
         for h, own, by in zip(candidate.hypotheses, candidate.split(), candidate.split(half), strict=True):
             for k, p in enumerate(h.effect_parameters):
                 like = int(np.argmax(np.abs(alike[at])))
@@ -284,18 +282,13 @@ class BestFit:
                 named = self.is_named(h)
                 why["the answer does without it"] = not named and not any(why.values())
                 reasons = tuple(reason for reason, holds in why.items() if holds)
-                ends = sorted(self.typical_value(h, own + side * by, p.name) for side in (-1, 1))
-                value, ci95 = self.typical_value(h, own, p.name), (ends[0], ends[1])
+                ends = sorted(h.typical_value(p.name, own + side * by, logs) for side in (-1, 1))
+                value, ci95 = h.typical_value(p.name, own, logs), (ends[0], ends[1])
                 found.append(
                     BestNumber(h.name, h.location, p.name, value, ci95, p.nominal, p.unit, named, not reasons, reasons)
                 )
                 at += 1
         return found
-
-    def typical_value(self, hypothesis: Hypothesis, numbers: np.ndarray, name: str) -> float:
-        """Value of a parameter, the median over logs where it differs by log."""
-        own = hypothesis.clip(numbers)
-        return float(np.median([hypothesis.values(log, own)[name] for log in self.heldout_gap.names]))
 
 
 def candidates_of(fits: LinearFits, weightings: Sequence[Weighting], handicap: float) -> list[JointCandidate]:
@@ -344,11 +337,6 @@ def overlap(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two hypotheses of one effect act at a place in common."""
     of = places(one.kind, one.robot)
     return bool({*of.get(one.location, ())} & {*of.get(other.location, ())}) or one.location == other.location
-
-
-def in_place(hypothesis: Hypothesis) -> str:
-    """``joint_damping``, or ``joint_damping at elbow``."""
-    return hypothesis.name if hypothesis.location == "all" else f"{hypothesis.name} at {hypothesis.location}"
 
 
 def typical(candidate: Candidate, logs: Sequence[str]) -> tuple[Effect, ...]:

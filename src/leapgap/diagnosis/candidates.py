@@ -136,8 +136,7 @@ def in_words(fit: Candidate) -> str:
     """``payload 1.7 + foot_friction at front 0.44``."""
     parts = []
     for h, numbers in zip(fit.hypotheses, fit.split(), strict=True):
-        where = "" if h.location == "all" else f" at {h.location}"
-        parts.append(f"{h.name}{where} {' '.join(f'{n:.4g}' for n in numbers)}")
+        parts.append(f"{h.label} {' '.join(f'{n:.4g}' for n in numbers)}")
     return " + ".join(parts)
 
 

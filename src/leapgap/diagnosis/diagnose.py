@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -306,13 +307,11 @@ def find_answer(
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
     most = settings.pieces(len(ready.given.logs))
-    every, half, quarter = (
-        ShortRollouts.of(judged.states, ready.replayer, settings.horizon_s, settings.every_s, pieces)
-        for pieces in (most, (most + 1) // 2, (most + 3) // 4)
-    )
+    pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
     plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
-    whole, coarse = (every, half) if clock is None else (half, quarter)
+    counts = (most, (most + 1) // 2) if clock is None else ((most + 1) // 2, (most + 3) // 4)
+    whole, coarse = map(pieces, counts)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
     heldout_gap = ready.heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
@@ -320,8 +319,8 @@ def find_answer(
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
-    short = None if clock is not None else result.short
-    joint = JointFit(heldout_gap, short or every.whiten_for(every.on_every_log(())), evidence, settings.joint, progress)
+    short = result.short if clock is None else None
+    joint = JointFit(heldout_gap, short or whitened(pieces(most)), evidence, settings.joint, progress)
     by_source = None
     if clock is not None:
         judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
@@ -329,6 +328,11 @@ def find_answer(
         judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     best = best_simulator(joint, judgement.selected, hypotheses, settings, clock) if settings.best else None
     return FoundAnswer(judgement, heldout_gap, evidence, by_source, best)
+
+
+def whitened(pieces: ShortRollouts) -> ShortRollouts:
+    """Pieces whose errors are whitened for the nominal robot."""
+    return pieces.whiten_for(pieces.on_every_log(()))
 
 
 def best_simulator(

@@ -31,6 +31,9 @@ STABLE = 0.7
 LEAST_ABOVE = 0.05
 """Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated."""
 
+SIGMAS = 1.96
+"""Half width of a 95 % interval in standard deviations."""
+
 
 @dataclass(frozen=True)
 class Interval:

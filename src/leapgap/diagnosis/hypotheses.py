@@ -33,6 +33,11 @@ class Hypothesis:
         """Name of the effect."""
         return self.kind.name
 
+    @property
+    def label(self) -> str:
+        """Effect and place: ``joint_damping``, or ``joint_damping at elbow``."""
+        return self.name if self.location == "all" else f"{self.name} at {self.location}"
+
     @cached_property
     def effect_parameters(self) -> tuple[Parameter, ...]:
         """The effect's own parameters, at this place of the robot."""
@@ -73,6 +78,11 @@ class Hypothesis:
         (p,) = self.effect_parameters
         value = p.nominal + float(numbers[0]) * (float(np.mean(self.per_log[log])) - p.nominal)
         return {p.name: float(np.clip(value, p.lower, p.upper))}
+
+    def typical_value(self, name: str, numbers: np.ndarray, logs: Sequence[str]) -> float:
+        """Value of a parameter at numbers within their ranges, the median over logs where it differs by log."""
+        own = self.clip(numbers)
+        return float(np.median([self.values(log, own)[name] for log in logs]))
 
     def clip(self, numbers: np.ndarray) -> np.ndarray:
         """Clip numbers to their ranges."""

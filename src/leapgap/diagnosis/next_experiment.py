@@ -121,7 +121,7 @@ class Forecaster:
 
     @property
     def robot(self) -> Robot:
-        """The robot."""
+        """The nominal robot of the judged logs."""
         return self.judged.robot
 
     def forecast(self, experiment: Experiment) -> Forecast | None:

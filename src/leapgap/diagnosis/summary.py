@@ -8,13 +8,11 @@ from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import is_logged, state_channels
 from leapgap.diagnosis.decision import Conclusion, Judgement
-from leapgap.diagnosis.gap import HeldOutFigures, Interval
+from leapgap.diagnosis.gap import SIGMAS, HeldOutFigures, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 
-SIGMAS = 1.96
-"""Half width of a 95 % interval in standard deviations."""
 MOST_SAID = 4
 """The sentence names so many causes at most; all stand in the table below it."""
 NOTICEABLE = 0.05
@@ -56,15 +54,11 @@ def cause_of(
     spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
     half = SIGMAS * np.hypot(spread, model_error * np.abs(numbers - hypothesis.nominal))
 
-    def typical_value(of: np.ndarray, name: str) -> float:
-        return float(np.median([hypothesis.values(log, hypothesis.clip(of))[name] for log in logs]))
-
     parameters = {}
     for p in hypothesis.effect_parameters:
-        ends = sorted(typical_value(numbers + side * half, p.name) for side in (-1, 1))
-        parameters[p.name] = ParameterEstimate(
-            typical_value(numbers, p.name), (ends[0], ends[1]), p.nominal, p.unit, hypothesis.at_bound(numbers)
-        )
+        ends = sorted(hypothesis.typical_value(p.name, numbers + side * half, logs) for side in (-1, 1))
+        value, at_bound = hypothesis.typical_value(p.name, numbers, logs), hypothesis.at_bound(numbers)
+        parameters[p.name] = ParameterEstimate(value, (ends[0], ends[1]), p.nominal, p.unit, at_bound)
     per_log = {} if hypothesis.per_log is None else {log: hypothesis.values(log, numbers) for log in logs}
     return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, figures.closure, figures.gap, rivals)
 
@@ -75,8 +69,7 @@ def profiles_of(result: SearchResult) -> list[Profile]:
     for profile in result.profiles:
         h, parameter = profile.hypothesis, profile.hypothesis.parameters[0]
         label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the clocks' own estimate"
-        where = "" if h.location == "all" else f" at {h.location}"
-        profiles.append(Profile(h.name + where, label, tuple(profile.values.tolist()), tuple(profile.loss.tolist())))
+        profiles.append(Profile(h.label, label, tuple(profile.values.tolist()), tuple(profile.loss.tolist())))
     return profiles
 
 
@@ -141,8 +134,7 @@ def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, logs: Sequenc
         values = [of[name] for of in of_logs]
         by_log = f", {min(values):.3g} to {max(values):.3g} by log" if hypothesis.per_log else ""
         sizes.append(f"{name} {np.median(values):.3g}{by_log}")
-    place = "" if hypothesis.location == "all" else f" at {hypothesis.location}"
-    return f"{hypothesis.name}{place}: {', '.join(sizes)}"
+    return f"{hypothesis.label}: {', '.join(sizes)}"
 
 
 def not_judged(judged: JudgedLogs) -> list[str]:

@@ -41,14 +41,14 @@ def configurations(
 
 
 def each_pose(
-    robot: Robot, qpos: np.ndarray, qvel: np.ndarray | None = None, com: bool = False
+    model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray | None = None, com: bool = False
 ) -> Iterator[mujoco.MjData]:
     """MuJoCo's data with the kinematics of each row; one object is used for all rows, so copy what you keep.
 
     ``qpos`` is (rows, nq). ``com`` adds centres of mass (needed by ``mj_jac``); ``qvel`` (rows, nv) adds momenta of
     subtrees too.
     """
-    model, data = robot.model, mujoco.MjData(robot.model)
+    data = mujoco.MjData(model)
     for row in range(len(qpos)):
         data.qpos[:] = qpos[row]
         mujoco.mj_kinematics(model, data)
@@ -82,7 +82,7 @@ def feet_in_world(
 
 def feet_positions(robot: Robot, qpos: np.ndarray) -> np.ndarray:
     """Centres of the feet, m, world frame, (rows, feet, 3), of configurations (rows, nq)."""
-    positions = (robot.foot_shapes.positions(data) for data in each_pose(robot, qpos))
+    positions = (robot.foot_shapes.positions(data) for data in each_pose(robot.model, qpos))
     return gather(len(qpos), positions, (len(robot.feet), 3))
 
 
@@ -95,7 +95,7 @@ def soles(robot: Robot, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     body = model.geom_bodyid[robot.foot_geoms]
     root = model.body_rootid[body]
     places, velocities = (np.empty((len(motion), len(robot.feet), 3)) for _ in range(2))
-    for row, data in enumerate(each_pose(robot, motion.qpos, motion.qvel)):
+    for row, data in enumerate(each_pose(robot.model, motion.qpos, motion.qvel)):
         places[row] = robot.foot_shapes.positions(data)
         places[row, :, 2] -= robot.foot_radius
         turn, centre = data.cvel[body, :3], data.cvel[body, 3:]
@@ -103,17 +103,25 @@ def soles(robot: Robot, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     return places, velocities
 
 
-def centre_of_mass(robot: Robot, qpos: np.ndarray) -> np.ndarray:
-    """Centre of mass of the whole robot, m, world frame, (rows, 3); ``qpos`` is (rows, nq)."""
-    centres = (data.subtree_com[robot.base_body] for data in each_pose(robot, qpos, com=True))
+def centre_of_mass(robot: Robot, qpos: np.ndarray, model: mujoco.MjModel | None = None) -> np.ndarray:
+    """Centre of mass of the whole robot, m, world frame, (rows, 3); ``qpos`` is (rows, nq).
+
+    ``model`` is one of the same robot with other numbers; None: its own.
+    """
+    centres = (data.subtree_com[robot.base_body] for data in each_pose(model or robot.model, qpos, com=True))
     return gather(len(qpos), centres, (3,))
 
 
-def momenta(robot: Robot, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Linear momentum, kg·m/s, and angular momentum about the centre of mass, kg·m²/s, world axes, (rows, 3) each."""
+def momenta(robot: Robot, motion: Motion, model: mujoco.MjModel | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Linear momentum, kg·m/s, and angular momentum about the centre of mass, kg·m²/s, world axes, (rows, 3) each.
+
+    ``model`` as for ``centre_of_mass``.
+    """
+    model = model or robot.model
+    mass = float(model.body_subtreemass[robot.base_body])
     linear, angular = np.empty((len(motion), 3)), np.empty((len(motion), 3))
-    for row, data in enumerate(each_pose(robot, motion.qpos, motion.qvel)):
-        linear[row] = robot.total_mass * data.subtree_linvel[robot.base_body]
+    for row, data in enumerate(each_pose(model, motion.qpos, motion.qvel)):
+        linear[row] = mass * data.subtree_linvel[robot.base_body]
         angular[row] = data.subtree_angmom[robot.base_body]
     return linear, angular
 
@@ -133,7 +141,7 @@ def joint_torque_to_foot_force(
     )
     of_rows = np.empty((len(joint_pos), len(robot.feet), 3, 3))
     qpos = configurations(robot, joint_pos, np.zeros((len(joint_pos), 3)), base_quaternion)
-    for row, data in enumerate(each_pose(robot, qpos, com=True)):
+    for row, data in enumerate(each_pose(robot.model, qpos, com=True)):
         for foot, (geom, joints) in enumerate(zip(robot.foot_geoms, of_leg, strict=True)):
             body = model.geom_bodyid[geom]
             mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], body)

@@ -23,7 +23,7 @@ def feet_load(robot: Robot, motion: Motion, acceleration: np.ndarray, torque: np
     falling = acceleration.copy()
     falling[:, VELOCITY_SLICE] = model.opt.gravity
     jacobian, load = np.zeros((3, model.nv)), np.zeros(len(motion))
-    for row, posed in enumerate(each_pose(robot, motion.qpos, motion.qvel)):
+    for row, posed in enumerate(each_pose(robot.model, motion.qpos, motion.qvel)):
         data.qpos[:], data.qvel[:], data.qacc[:] = motion.qpos[row], motion.qvel[row], falling[row]
         mujoco.mj_inverse(model, data)
         lacks = data.qfrc_inverse - torque[row]

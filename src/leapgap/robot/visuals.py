@@ -123,7 +123,7 @@ def body_poses(
     moving, count = slice(robot.bodies.start, robot.bodies.stop), len(robot.bodies)
     positions, quaternions = np.empty((len(qpos), count, 3)), np.empty((len(qpos), count, 4))
     feet = np.empty((len(qpos), len(robot.feet), 3))
-    for row, data in enumerate(each_pose(robot, qpos)):
+    for row, data in enumerate(each_pose(robot.model, qpos)):
         positions[row], quaternions[row] = data.xpos[moving], data.xquat[moving]
         feet[row] = robot.foot_shapes.positions(data)
     return Poses(bodies(robot), positions, quaternions, feet)

@@ -41,7 +41,7 @@ class OpenCase:
     kp: float
     kd: float
     amplitude: float
-    """rad"""
+    """Of the motion of each joint, rad."""
     frequency_hz: float
     period_s: float
     logs: int = 3

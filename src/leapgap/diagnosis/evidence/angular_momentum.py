@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import mujoco
-import numpy as np
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, agree, sure, told_model
 from leapgap.diagnosis.evidence.flight import clean_flight
@@ -12,8 +11,8 @@ from leapgap.effects.trunk_inertia import TrunkInertia
 from leapgap.logs.contacts import has_feet_in_world
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
+from leapgap.robot.kinematics import momenta
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
 
 RATES = ("base_angvel_x", "base_angvel_y", "base_angvel_z")
 EXPLAINED = 0.5
@@ -61,22 +60,9 @@ def inertia_in_flight(log: Log, robot: Robot, model: mujoco.MjModel) -> float | 
     heavier = model.__copy__()
     TrunkInertia(scale=2.0).change_model(heavier, robot)
     axes = [k for k, rate in enumerate(RATES) if rate in log]
-    whole = angular_momentum(model, robot.base_body, motion)[:, axes]
-    trunk = angular_momentum(heavier, robot.base_body, motion)[:, axes] - whole
+    whole = momenta(robot, motion, model)[1][:, axes]
+    trunk = momenta(robot, motion, heavier)[1][:, axes] - whole
     changes, by_trunk = (part - part.mean(axis=0) for part in (whole, trunk))
     departs = -float((by_trunk * changes).sum() / max((by_trunk**2).sum(), 1e-300))
     left, others = changes + departs * by_trunk, changes - by_trunk
     return 1 + departs if (left**2).sum() < (1 - EXPLAINED) * (others**2).sum() else None
-
-
-def angular_momentum(model: mujoco.MjModel, body: int, motion: Motion) -> np.ndarray:
-    """Angular momentum, about their centre of mass, of all that hangs on a body, kg·m²/s, world frame, (rows, 3)."""
-    data, found = mujoco.MjData(model), np.empty((len(motion.qpos), 3))
-    for row, (pose, speed) in enumerate(zip(motion.qpos, motion.qvel, strict=True)):
-        data.qpos[:], data.qvel[:] = pose, speed
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_subtreeVel(model, data)
-        found[row] = data.subtree_angmom[body]
-    return found

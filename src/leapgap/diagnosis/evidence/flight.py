@@ -11,6 +11,7 @@ from leapgap.effects.com_offset import ComOffset
 from leapgap.logs.contacts import has_feet_in_world, in_flight, longest_run
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
+from leapgap.robot.kinematics import centre_of_mass
 from leapgap.robot.model import Robot
 
 SHORTEST_S = 0.15
@@ -91,7 +92,7 @@ def fit_flight(log: Log, robot: Robot, kept: np.ndarray) -> np.ndarray | None:
     qpos = motion_of(log, robot, rows).qpos
 
     def centres(model: mujoco.MjModel) -> np.ndarray:
-        return centre_of_mass(model, robot.base_body, qpos)[:, [0, 2]]
+        return centre_of_mass(robot, qpos, model)[:, [0, 2]]
 
     _, path, by = slopes(ComOffset, robot, centres)
     time = log.time[rows] - log.time[rows].mean()
@@ -105,14 +106,3 @@ def fit_flight(log: Log, robot: Robot, kept: np.ndarray) -> np.ndarray | None:
     found[free], *_ = np.linalg.lstsq(matrix[:, free], right, rcond=None)
     straight = np.sqrt(np.mean((right - matrix @ found) ** 2)) < STRAIGHT_M
     return found[4:] if straight else None
-
-
-def centre_of_mass(model: mujoco.MjModel, body: int, qpos: np.ndarray) -> np.ndarray:
-    """Centre of mass of all that hangs on a body, m, world frame, (rows, 3)."""
-    data, found = mujoco.MjData(model), np.empty((len(qpos), 3))
-    for row, pose in enumerate(qpos):
-        data.qpos[:] = pose
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        found[row] = data.subtree_com[body]
-    return found

@@ -13,6 +13,7 @@ from leapgap.logs.contacts import has_feet_in_world, runs_of
 from leapgap.logs.log import Log
 from leapgap.logs.stance import columns_of_feet, stance_by_force
 from leapgap.logs.state import motion_of
+from leapgap.robot.kinematics import each_pose, gather
 from leapgap.robot.model import Robot
 
 SHORTEST_S = 0.1
@@ -130,9 +131,5 @@ def stances(stands: np.ndarray, log: Log) -> list[slice]:
 
 def foot_heights(model: mujoco.MjModel, robot: Robot, qpos: np.ndarray) -> np.ndarray:
     """Height of the centre of each foot, m, (rows, feet)."""
-    data, found = mujoco.MjData(model), np.empty((len(qpos), len(robot.feet)))
-    for row, pose in enumerate(qpos):
-        data.qpos[:] = pose
-        mujoco.mj_kinematics(model, data)
-        found[row] = data.geom_xpos[robot.foot_geoms, 2]
-    return found
+    heights = (data.geom_xpos[robot.foot_geoms, 2] for data in each_pose(model, qpos))
+    return gather(len(qpos), heights, (len(robot.feet),))

@@ -70,5 +70,5 @@ class Repetition(Experiment):
         return [plan_of(log, k, given.robot) for k, log in enumerate(given.logs)]
 
     def words(self, given: Given) -> str:
-        """The same again."""
+        """What to do: the same motions once more."""
         return "log the same motions again"

@@ -35,7 +35,7 @@ class OtherGains(Experiment):
         return found
 
     def words(self, given: Given) -> str:
-        """The gains in numbers."""
+        """What to do, with the factor and the gains that it gives."""
         return f"log the same motions again with {self.factor:g} times the gains ({self.gains(given)})"
 
     def gains(self, given: Given) -> str:
@@ -45,5 +45,5 @@ class OtherGains(Experiment):
 
     @property
     def short(self) -> str:
-        """The factor."""
+        """The factor on the gains, in a few words."""
         return f"with {self.factor:g} times the gains"

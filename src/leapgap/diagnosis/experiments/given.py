@@ -18,7 +18,7 @@ class Given:
     """What experiments start from: the logs, the robot, and where the causes that are to be told apart act."""
 
     logs: tuple[Log, ...]
-    """The judged rows."""
+    """The logs, of which each has the rows that are judged."""
     robot: Robot
     places: tuple[str, ...] = ()
     """Locations of the causes, without doubles."""

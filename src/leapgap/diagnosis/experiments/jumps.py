@@ -25,7 +25,7 @@ class OtherJumps(Experiment):
 
     @classmethod
     def candidates(cls, given: Given) -> list[Experiment]:
-        """For robots that jumped."""
+        """Possible where every log is a jump to a stated target."""
         return [cls()] if given.is_jumps else []
 
     @staticmethod
@@ -52,7 +52,7 @@ class OtherJumps(Experiment):
         return found
 
     def words(self, given: Given) -> str:
-        """Distances and blocks."""
+        """What to do, with distances and heights of blocks in cm."""
         low, high = OTHER_BLOCKS_M
         centimetres = ", ".join(f"{100 * x:g}" for x in self.distances(given))
         return (
@@ -62,7 +62,7 @@ class OtherJumps(Experiment):
 
     @property
     def short(self) -> str:
-        """On higher blocks."""
+        """That the blocks differ, in a few words."""
         return "on other blocks"
 
     def collect(self, given: Given) -> list[str]:

@@ -53,7 +53,7 @@ class KnownLoad(Experiment):
         )
 
     def words(self, given: Given) -> str:
-        """Motion, mass and body."""
+        """What to do, with the mass in kg, the body and the metadata to state."""
         return (
             f"{self.motion(given).words(given)}, with {self.mass_kg:g} kg fastened at the centre of mass of "
             f'{self.body} (metadata of these logs: "load": {{"{self.joint}": {self.mass_kg:g}}})'
@@ -61,6 +61,6 @@ class KnownLoad(Experiment):
 
     @property
     def short(self) -> str:
-        """Mass and body."""
+        """Mass and body, in a few words."""
         sines = "" if self.frequency_hz is None else f", sines of {self.frequency_hz:g} Hz"
         return f"with {self.mass_kg:g} kg at {self.body}{sines}"

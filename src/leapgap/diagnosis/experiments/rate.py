@@ -25,12 +25,12 @@ class FinerRate(Experiment):
 
     @classmethod
     def candidates(cls, given: Given) -> list[Experiment]:
-        """Where rows are coarse."""
+        """Possible where the rows of all logs are coarse."""
         coarse = given.is_even and all(log.info.sample_period_s >= COARSE_S for log in given.logs)
         return [cls(FINER_RATE)] if coarse else []
 
     def plans(self, given: Given) -> list[Log]:
-        """Each command several times."""
+        """The logs' commands, each held for several shorter rows."""
         found = []
         for log in Repetition().plans(given):
             columns = {name: np.repeat(log[name], self.factor) for name in commands_of(log)}
@@ -40,11 +40,11 @@ class FinerRate(Experiment):
         return found
 
     def words(self, given: Given) -> str:
-        """The rate."""
+        """What to do, with the rate in Hz."""
         rate = self.factor / min(log.info.sample_period_s for log in given.logs)
         return f"log the same motions again at {rate:.0f} Hz"
 
     @property
     def short(self) -> str:
-        """The factor."""
+        """The factor on the rate, in a few words."""
         return f"logged {self.factor} times as often"

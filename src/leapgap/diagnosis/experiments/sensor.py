@@ -26,19 +26,19 @@ class FurtherSensor(Experiment):
         return [cls(group) for group in lacking]
 
     def plans(self, given: Given) -> list[Log]:
-        """The logs' own commands."""
+        """The logs' own commands from their own starts."""
         return Repetition().plans(given)
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """The columns."""
+        """Columns of the sensor that is read besides."""
         return self.columns
 
     def words(self, given: Given) -> str:
-        """What to log."""
+        """What to log, by the name of the sensor."""
         return f"log {self.short.removeprefix('with ')} too"
 
     @property
     def short(self) -> str:
-        """The sensor."""
+        """The sensor, in a few words."""
         return "with the accelerometer" if self.columns == IMU_ACCELERATION else "with the forces at the feet"

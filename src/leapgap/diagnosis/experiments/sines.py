@@ -55,7 +55,7 @@ class Sines(Experiment):
         return [self.plan(k, self.frequency_hz * ratio, given) for k, ratio in enumerate(RATIOS)]
 
     def gentler(self) -> Experiment:
-        """Smaller amplitudes."""
+        """The same sines with smaller amplitudes."""
         return replace(self, amplitude=smaller(self.amplitude))
 
     @property
@@ -64,7 +64,7 @@ class Sines(Experiment):
         return max(LOG_S, 1 / self.frequency_hz)
 
     def plan(self, number: int, frequency_hz: float, given: Given) -> Log:
-        """One log."""
+        """The log of one frequency."""
         robot, period = given.robot, given.logs[0].info.sample_period_s
         time = np.arange(round(self.length_s / period) + 1) * period
         onset = np.clip(time / ONSET_S, 0, 1)
@@ -79,7 +79,7 @@ class Sines(Experiment):
         return planned(f"next_{number}", columns, given.pose, info, robot)
 
     def words(self, given: Given) -> str:
-        """Amplitude, frequencies and gains."""
+        """What to do, with amplitudes, frequencies and gains."""
         low, high = (self.frequency_hz * ratio for ratio in (RATIOS[0], RATIOS[-1]))
         least, most = min(self.amplitude), max(self.amplitude)
         size = f"{most:.2g}" if most - least < 0.05 * most else f"{least:.2g} to {most:.2g}"
@@ -91,7 +91,7 @@ class Sines(Experiment):
 
     @property
     def short(self) -> str:
-        """Frequency and joints."""
+        """Frequency and joints, in a few words."""
         at = self.joints[0] if len(self.joints) == 1 else f"{len(self.joints)} joints"
         return f"with sines of {self.frequency_hz:g} Hz at {at}"
 

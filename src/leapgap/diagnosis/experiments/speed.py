@@ -45,10 +45,10 @@ class OtherSpeed(Experiment):
         return planned(log.name, columns, start, log.info, robot)
 
     def words(self, given: Given) -> str:
-        """The factor."""
+        """What to do, with the factor on the speed."""
         return f"log the same motions again, {self.short}"
 
     @property
     def short(self) -> str:
-        """The factor as a word."""
+        """The factor on the speed, in a few words."""
         return f"{self.factor:g} times as fast"

@@ -49,7 +49,7 @@ class TorqueSines(Experiment):
         return found
 
     def words(self, given: Given) -> str:
-        """Torques and frequencies."""
+        """What to do, with torques in N·m and frequencies in Hz."""
         low, high = (self.frequency_hz * ratio for ratio in (RATIOS[0], RATIOS[-1]))
         return (
             f"log {len(RATIOS)} sines of torque of {LOG_S:g} s at {names_of(self.joints, given.robot)}, "
@@ -58,5 +58,5 @@ class TorqueSines(Experiment):
 
     @property
     def short(self) -> str:
-        """Frequency and torque."""
+        """Frequency and largest torque, in a few words."""
         return f"with sines of {max(self.amplitude):.2g} N·m at {self.frequency_hz:g} Hz"

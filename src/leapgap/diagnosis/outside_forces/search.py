@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from leapgap.diagnosis.gap import SIGMAS
 from leapgap.diagnosis.judged_logs import JudgedLogs, is_jump
 from leapgap.diagnosis.outside_forces.episodes import Episode, episodes_of
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
@@ -27,8 +28,6 @@ MARGIN_S = 0.03
 """A force may act so much longer, before and after, than its moment shows."""
 MODEL_ERROR = 0.1
 """Standard deviation of an impulse because masses and contacts of the model are wrong, as a share of it."""
-SIGMAS = 1.96
-"""Half width of a 95 % interval in standard deviations."""
 
 
 @dataclass(frozen=True)

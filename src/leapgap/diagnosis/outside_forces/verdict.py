@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from leapgap.diagnosis.gap import HeldOutFigures, HeldOutGap, Interval, above_noise, motion_squares
+from leapgap.diagnosis.gap import SIGMAS, HeldOutFigures, HeldOutGap, Interval, above_noise, motion_squares
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.outside_forces.outside_force import EXTERNAL_PUSH, OutsideForce
-from leapgap.diagnosis.outside_forces.search import SIGMAS, OutsideForces
+from leapgap.diagnosis.outside_forces.search import OutsideForces
 from leapgap.diagnosis.report import Cause, ParameterEstimate, ReportContent
 from leapgap.diagnosis.summary import brief
 
