@@ -25,6 +25,7 @@ from tests.code import ROOT, closure
 from tests.test_pipeline_files import stages
 
 FAST: dict[str, Any] = {
+    "best": False,  # as in every withheld diagnosis: answers are judged
     "effects": ["joint_damping"],
     "pieces_per_log": 4,
     "plan": {"most_causes": 1, "shortlist": 3, "steps": 3},
