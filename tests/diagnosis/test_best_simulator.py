@@ -10,12 +10,13 @@ import pytest
 from leapgap.atomic_io import read_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.decision import DecisionThresholds
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers
-from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting, bounded_minimum
+from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers, bounded_minimum
+from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.reports.diagnosis import Report, diagnose_logs
@@ -50,8 +51,9 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 @pytest.fixture(scope="module")
 def report(robot: Robot) -> Report:
-    """The report on the worn arm of a diagnosis that may name one cause."""
-    settings = Settings(effects=KINDS, plan=SearchSettings(most_causes=1), noise_draws=1, bootstrap_draws=100)
+    """The report on the worn arm of a diagnosis that may name one cause, and not from a fit of all together."""
+    alone = {"plan": SearchSettings(most_causes=1), "doubts": DecisionThresholds(enough_jointly=0.0)}
+    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100, **alone)
     return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
 
 

@@ -15,13 +15,11 @@ import numpy as np
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import SIGMAS, HeldOutGap, Interval
-from leapgap.diagnosis.hypotheses import Hypothesis, places
-from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers
+from leapgap.diagnosis.hypotheses import Hypothesis, parts_of, places
+from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, Numbers
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
-from leapgap.diagnosis.sensitivities import ROUGH
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
-from leapgap.robot.model import Robot
 
 JOINT = (Weighting(0.1, False), Weighting(1.0, False), Weighting(0.3, True), Weighting(1.0, True))
 """Weightings of fits of all effects about the answer."""
@@ -33,8 +31,6 @@ LEAST_BETTER = 0.01
 """A fit of all effects must close more of the gap of held-out logs than the answer by this share."""
 WORTH_A_STEP = 0.05
 """All effects are fitted again where the best fit leaves a larger share of the gap."""
-MOST_PARTS = 8
-"""Largest number of parts of a robot, joints or joint groups, at each of which an effect gets a number of its own."""
 LEAST_INFORMED = 0.5
 """The logs hardly determine a number of whose standard deviation beforehand they leave a larger share."""
 ALIKE = 0.9
@@ -202,14 +198,10 @@ class BestFit:
         return [h for h in self.hypotheses if h.name == hypothesis.name and h.location in wanted]
 
     def linearised(self, start: Candidate, whole: bool) -> Linearised:
-        """Errors about a candidate with their derivatives; those of pieces are taken by long steps."""
-        about, logs = Numbers.of(start.hypotheses, self.told), range(len(self.heldout_gap.folds))
-        long = self.short.with_steps(ROUGH * self.short.replayer.largest_step_s)
-        exact, rough = JointLikelihood(self.heldout_gap, self.short), JointLikelihood(self.heldout_gap, long)
-        (pieces,) = exact.errors(start.hypotheses, [start.numbers], False, logs)
-        (near,) = rough.errors(start.hypotheses, [start.numbers], whole, logs)
-        slopes = rough.slopes(about, start.numbers, near, whole, logs)
-        errors = [LogErrors(of.whole, own.pieces) for of, own in zip(near, pieces, strict=True)]
+        """Errors about a candidate with their derivatives."""
+        about, likelihood = Numbers.of(start.hypotheses, self.told), JointLikelihood(self.heldout_gap, self.short)
+        (errors,) = likelihood.errors(start.hypotheses, [start.numbers], whole, likelihood.logs)
+        slopes = likelihood.slopes(about, start.numbers, errors, whole, likelihood.logs)
         return Linearised(about, start.numbers, errors, slopes)
 
     def linear_model(self, at: Linearised, is_free: Callable[[Hypothesis], bool]) -> LinearModel:
@@ -313,24 +305,6 @@ def chosen_without(squares: np.ndarray, handicaps: np.ndarray, folds: np.ndarray
         best = int(np.argmin(squares[:, folds != fold].sum(axis=1) * handicaps))
         found[folds == fold] = squares[best, folds == fold]
     return found
-
-
-def parts_of(kind: type[Effect], robot: Robot) -> tuple[str, ...]:
-    """Places that make up a robot, at each of which an effect may have another number; empty where it may not.
-
-    Single joints of a small robot, groups of joints that are alike of a larger one. What acts on commands acts on
-    all of them alike.
-    """
-    if kind.places != "joints" or kind.change_commands is not Effect.change_commands:
-        return ()
-    of = places(kind, robot)
-    single = tuple(at for at, joints in of.items() if len(joints) == 1)
-    grouped = tuple(at for at in of if at in robot.joint_groups)
-    for parts in (single, grouped):
-        joints = [joint for at in parts for joint in of[at]]
-        if 2 <= len(parts) <= MOST_PARTS and sorted(joints) == sorted(of["all"]):
-            return parts
-    return ()
 
 
 def overlap(one: Hypothesis, other: Hypothesis) -> bool:

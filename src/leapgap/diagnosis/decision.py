@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.gap import HeldOutGap, Interval
+from leapgap.diagnosis.gap import HeldOutGap, Interval, above_noise
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.robust_least_squares import losses
@@ -44,6 +44,9 @@ class DecisionThresholds:
     least_explained: float = 0.8
     enough_closure: float = 0.7
     least_closure: float = 0.35
+    enough_jointly: float = 0.9
+    """All effects are fitted together where the answer of a search one by one closes less of the headline gap, and what
+    they explain is the whole of it where they close so much; 0: never."""
     partly_closure: float = 0.2
     """Causes that are believed and explain too little are told as such (``partly``) where they close this share of the
     headline gap on held-out logs, and surely some of it."""
@@ -226,23 +229,27 @@ def judge(
 def judge_jointly(
     judgement: Judgement, fit: JointFit, hypotheses: Sequence[Hypothesis], thresholds: DecisionThresholds
 ) -> Judgement:
-    """The judgement, or that of all effects fitted together where it leaves much and they close more on held-out logs.
+    """The judgement, or that of all effects fitted together where it leaves much and they explain it better.
 
-    The causes of a joint fit that leave more than ``enough_closure`` explains are told as such (``partly``).
+    The causes of a joint fit that leave much themselves are told as such (``partly``).
     """
     gap = fit.heldout_gap
+    enough = thresholds.enough_jointly if fit.in_parts else thresholds.enough_closure
     (before,) = gap.squares([judgement.selected])
-    if gap.closure_value(before) >= thresholds.enough_closure:
+    if gap.closure_value(before) >= enough or (fit.in_parts and not above_noise(gap.gap(before), gap.gap(gap.floor))):
         return judgement
-    causes = fit.search(hypotheses)
+    causes = fit.search(hypotheses, judgement.result.selected.hypotheses)
     after = causes[-1].fit.heldout
     sure = float((before[gap.draws].sum(axis=1) > after[gap.draws].sum(axis=1)).mean())
-    closes = gap.closure_value(after)
-    if closes - gap.closure_value(before) < fit.plan.least_closure or sure < fit.plan.least_sure:
+    closes, gain = gap.closure_value(after), gap.closure_value(after) - gap.closure_value(before)
+    simpler = fit.in_parts and len(causes) < len(judgement.conclusion.answer) and gain > -fit.plan.most_lost
+    if (gain < fit.plan.least_closure or sure < fit.plan.least_sure) and not simpler:
+        return judgement
+    if fit.in_parts and (closes < thresholds.partly_closure or gap.closure(after).low <= 0):
         return judgement
     conclusion = conclude_from(causes)
-    verdict = "named" if closes >= thresholds.enough_closure else "partly"
-    return replace(judgement, conclusion=replace(conclusion, verdict=verdict))
+    verdict = conclusion.verdict if fit.in_parts else "named"
+    return replace(judgement, conclusion=replace(conclusion, verdict=verdict if closes >= enough else "partly"))
 
 
 def conclude_from(causes: Sequence[FullRolloutCause]) -> Conclusion:

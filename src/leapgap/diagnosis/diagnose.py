@@ -319,11 +319,14 @@ def find_answer(
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
-    short = result.short if clock is None else None
-    joint = JointFit(heldout_gap, short or whitened(pieces(most)), evidence, settings.joint, progress)
+    told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
+    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, in_parts=clock is None)
+    if clock is None:
+        further = further_kinds(kinds, judged.robot, settings)
+        hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
+    judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
     by_source = None
     if clock is not None:
-        judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
         by_source = closure_by_source(joint, judgement.selected)
         judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     best = best_simulator(joint, judgement.selected, hypotheses, settings, clock) if settings.best else None
@@ -359,6 +362,13 @@ def kinds_beside_clock(kinds: Sequence[type[Effect]], settings: Settings) -> lis
     """The effects to look for in logs by their own clock, which is no hypothesis then; others show beside a clock."""
     further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
     return [kind for kind in (*kinds, *further) if not kind.differs_per_log]
+
+
+def further_kinds(kinds: Sequence[type[Effect]], robot: Robot, settings: Settings) -> list[type[Effect]]:
+    """The effects that a fit of all together looks for beside those of the search one by one."""
+    if settings.effects or robot.has_free_base:
+        return []
+    return [kind for kind in effects.known().values() if kind.in_joint_fit and kind not in kinds]
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:

@@ -13,6 +13,9 @@ from leapgap.robot.model import Robot
 NEAR_BOUND = 0.02
 """A fit is at the end of a range when its distance to it is a smaller share of the way there from nominal."""
 
+MOST_PARTS = 8
+"""Largest number of parts of a robot, joints or joint groups, at each of which an effect gets a number of its own."""
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -122,6 +125,24 @@ def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:
         if members and members not in found.values():
             found[location] = members
     return found
+
+
+def parts_of(kind: type[Effect], robot: Robot) -> tuple[str, ...]:
+    """Places that make up a robot, at each of which an effect may have another number; empty where it may not.
+
+    Single joints of a small robot, groups of joints that are alike of a larger one. What acts on commands acts on
+    all of them alike.
+    """
+    if kind.places != "joints" or kind.change_commands is not Effect.change_commands:
+        return ()
+    of = places(kind, robot)
+    single = tuple(at for at, joints in of.items() if len(joints) == 1)
+    grouped = tuple(at for at in of if at in robot.joint_groups)
+    for parts in (single, grouped):
+        joints = [joint for at in parts for joint in of[at]]
+        if 2 <= len(parts) <= MOST_PARTS and sorted(joints) == sorted(of["all"]):
+            return parts
+    return ()
 
 
 def usable(kind: type[Effect], robot: Robot) -> bool:

@@ -17,7 +17,8 @@ from leapgap.diagnosis.evidence.base import Evidence, sure
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers, damped_step
+from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers, bounded_step
+from leapgap.diagnosis.joint_sets import at_all_places, at_parts, merge_alike
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
@@ -29,6 +30,10 @@ SETTLED = 5.0
 
 REPLAYED = 4
 """So many effects, those that matter least by the curvature, are taken away in turn by replays."""
+PROMISING = 5.0
+"""An effect is tried in the place of another where that costs less by the curvature, in ``least_gain``."""
+IDLE = 0.5
+"""An effect without which the logarithm of the likelihood falls by less, by the curvature, is not replayed for that."""
 KNOWN = 0.5
 """Pieces tell a number where its spread after them is a smaller share of the one before."""
 
@@ -53,6 +58,8 @@ class JointFitSettings:
     """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
     most_lost: float = 0.02
     """Effects that help little stay where the gap of held-out logs closes less by this share without them."""
+    least_part: float = 0.02
+    """Without a clock, an effect stays where the gap of held-out logs closes less without it by this share."""
     least_closure: float = 0.05
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
     least_sure: float = 0.9
@@ -75,31 +82,72 @@ class JointFit:
     evidence: Sequence[Evidence]
     plan: JointFitSettings = field(default_factory=JointFitSettings)
     progress: Callable[[str], None] = lambda _: None
+    in_parts: bool = False
+    """Whether effects have numbers of their own at the parts of a robot: in logs that need no clock of their own."""
     losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
     """Minus the logarithm of the likelihood by names and numbers, of sets that were replayed."""
     ends: list[Linearised] = field(default_factory=list)
     """Where fits to whole logs have ended, in turn; the first is that of all effects that short pieces leave."""
 
-    def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
+    def search(self, hypotheses: Sequence[Hypothesis], found: Sequence[Hypothesis] = ()) -> list[FullRolloutCause]:
         """Fit all effects, take away those that do not matter, and return the rest, what matters most first.
 
         Short pieces answer almost linearly: effects that they tell to be absent go first, by the curvature. Whole logs
-        answer to large changes in ways that no curvature tells, so that replays judge the others.
+        answer to large changes in ways that no curvature tells, so that replays judge the others. ``found`` are the
+        hypotheses of a search one by one, at whose places effects act in parts of the robot.
         """
-        every = tuple(h for h in hypotheses if h.location == "all" and h.per_log is None)
-        near = self.fit(every, self.numbers(every).centre, self.plan.first_steps, whole=False)
-        near = part(near, self.without_idle(near, self.losses_without, self.plan.least_sign, among=self.told_by(near)))
-        self.progress(f"by short pieces, {in_words(near)}")
-        fit = self.fit(near.hypotheses, near.numbers, self.plan.all_steps)
-        fit = self.fit_part(
-            fit, self.without_idle(fit, self.replayed_losses_without, self.plan.least_gain, self.plan.most_causes)
-        )
+        if self.in_parts:
+            every = self.fit_in_parts(at_parts(hypotheses, found), hypotheses)
+            fit = part(every, self.without_idle(every, self.losses_without, IDLE))
+        else:
+            every = fit = self.fit_beside_clock(at_all_places(hypotheses))
+        replayed = self.without_idle(fit, self.replayed_losses_without, self.plan.least_gain, self.plan.most_causes)
+        fit = self.fit_part(fit, replayed)
         useful = self.without_useless(fit)
         if len(useful) < len(fit.hypotheses):
             again = self.fit_part(fit, useful)
             if self.closes(fit) - self.closes(again) < self.plan.most_lost:
                 fit = again
-        return self.ordered(fit)
+        return self.ordered(fit, self.rivals(every, fit) if self.in_parts else {})
+
+    def fit_beside_clock(self, every: tuple[Hypothesis, ...]) -> FullRolloutFit:
+        """The fit of all effects but those that short pieces tell to be absent."""
+        near = self.fit(every, self.numbers(every).centre, self.plan.first_steps, whole=False)
+        near = part(near, self.without_idle(near, self.losses_without, self.plan.least_sign, among=self.told_by(near)))
+        self.progress(f"by short pieces, {in_words(near)}")
+        return self.fit(near.hypotheses, near.numbers, self.plan.all_steps)
+
+    def fit_in_parts(self, every: tuple[Hypothesis, ...], hypotheses: Sequence[Hypothesis]) -> FullRolloutFit:
+        """The fit of all effects, with one number for the whole robot where its parts need none of their own."""
+        near = self.fit(every, self.numbers(every).centre, self.plan.first_steps, whole=False)
+        fit = self.fit(every, near.numbers, self.plan.all_steps)
+        kept, numbers = merge_alike(fit, hypotheses, self.plan.least_gain)
+        if len(kept) < len(every):
+            fit = self.fit(kept, numbers, self.plan.steps)
+        self.progress(f"all effects, {in_words(fit)}: closes {self.closes(fit):.2f}")
+        return fit
+
+    def rivals(self, every: FullRolloutFit, fit: FullRolloutFit) -> dict[str, str]:
+        """Effect of a fit → another effect that does as well in its place, where there is one.
+
+        ``every`` is the fit of all effects; by its curvature, one effect is tried in the place of each.
+        """
+        of = {name: [k for k, n in enumerate(every.names) if n == name] for name in every.names}
+        kept = [every.hypotheses.index(h) for h in fit.hypotheses]
+        loss, found = self.loss_at(fit), dict[str, str]()
+        for name in dict.fromkeys(fit.names):
+            rest = [k for k in kept if every.names[k] != name]
+            sets = {other: [*rest, *places] for other, places in of.items() if other not in fit.names}
+            costs = {other: cost_of_others(every, some) for other, some in sets.items()}
+            other = min(costs, key=lambda one: costs[one], default=None)
+            if other is None or costs[other] - cost_of_others(every, kept) > PROMISING * self.plan.least_gain:
+                continue
+            start = part(every, sets[other])
+            again = self.fit(start.hypotheses, start.numbers, self.plan.steps)
+            self.progress(f"{other} for {name}: loss {again.loss:.0f}, was {loss:.0f}")
+            if again.loss < loss + self.plan.least_gain:
+                found[name] = other
+        return found
 
     def closes(self, fit: FullRolloutFit) -> float:
         """Share of the headline gap that a fit closes on held-out logs."""
@@ -142,7 +190,8 @@ class JointFit:
             slopes = self.renewed(about, numbers, errors, whole, slopes, stale)
             current |= set(stale)
             equations = likelihood.normal(errors, slopes, about.departs(numbers))
-            tried = [about.moved(numbers, damped_step(*equations, damping)) for damping in DAMPINGS]
+            room = about.room(numbers)
+            tried = [about.moved(numbers, bounded_step(*equations, damping, room)) for damping in DAMPINGS]
             found = likelihood.errors(hypotheses, tried, whole, every)
             losses = [likelihood.loss(e, about.departs(x)) for e, x in zip(found, tried, strict=True)]
             best = int(np.argmin(losses))
@@ -182,12 +231,9 @@ class JointFit:
     ) -> FullRolloutFit:
         """The fit with its covariance, the numbers of each fold, and its squares on held-out logs."""
         likelihood, folds, departs = self.likelihood, self.heldout_gap.folds, about.departs(numbers)
-        of_folds = np.array(
-            [
-                about.moved(numbers, damped_step(*likelihood.normal(errors, slopes, departs, fold), DAMPINGS[1]))
-                for fold in range(int(folds.max()) + 1)
-            ]
-        )
+        equations = [likelihood.normal(errors, slopes, departs, fold) for fold in range(int(folds.max()) + 1)]
+        room = about.room(numbers)
+        of_folds = np.array([about.moved(numbers, bounded_step(*of, DAMPINGS[1], room)) for of in equations])
         heldout = np.full(len(folds), np.inf)
         if whole:
             candidates = effects_on_logs(about.hypotheses, list(of_folds), self.heldout_gap.names)
@@ -241,8 +287,11 @@ class JointFit:
             open_to_doubt = [k for k in kept if not self.is_told(fit.hypotheses[k])]
             tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
             whole, *without = [squares[draws].sum(axis=1) for squares in self.heldout_gap.squares(tried)]
-            sure = [float((whole < own).mean()) for own in without]
-            if not sure or min(sure) >= self.plan.least_useful:
+            sure = np.array([float((whole < own).mean()) for own in without])
+            if self.in_parts:
+                closes = [self.heldout_gap.closure_value(squares) for squares in self.heldout_gap.squares(tried)]
+                sure[closes[0] - np.array(closes[1:]) < self.plan.least_part] = 0.0
+            if not len(sure) or sure.min() >= self.plan.least_useful:
                 break
             kept.remove(open_to_doubt[int(np.argmin(sure))])
         return kept
@@ -278,8 +327,8 @@ class JointFit:
             self.losses[key] = self.likelihood.loss(errors, self.numbers(fit.hypotheses).departs(fit.numbers))
         return self.losses[key]
 
-    def ordered(self, fit: FullRolloutFit) -> list[FullRolloutCause]:
-        """The causes of a fit, what matters most first, each with the fit of those up to it.
+    def ordered(self, fit: FullRolloutFit, rivals: Mapping[str, str]) -> list[FullRolloutCause]:
+        """The causes of a fit, what matters most first, each with the fit of those up to it and its rival.
 
         The probability of a cause is the share of resampled logs on which the whole set is better than without it.
         """
@@ -297,7 +346,7 @@ class JointFit:
         whole = part(fit, order)
         steps = [part(fit, order[: k + 1]) for k in range(len(order) - 1)] + [whole]
         return [
-            FullRolloutCause(step, (step.names[-1],), probability)
+            FullRolloutCause(step, (step.names[-1], *filter(None, [rivals.get(step.names[-1])])), probability)
             for step, probability in zip(steps, sure or [1.0], strict=True)
         ]
 
@@ -314,6 +363,14 @@ def where_others_are_nominal(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[
     precision = np.linalg.inv(fit.covariance)
     covariance = np.linalg.inv(precision[np.ix_(own, own)])
     return own, covariance @ precision[np.ix_(own, gone)] @ departs, covariance
+
+
+def cost_of_others(fit: FullRolloutFit, kept: Sequence[int]) -> float:
+    """Fall of the logarithm of the likelihood if all but some hypotheses are nominal, by the curvature at the fit."""
+    ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
+    gone = [i for k in range(len(fit.hypotheses)) if k not in kept for i in range(ends[k], ends[k + 1])]
+    departs = (fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]))[gone]
+    return float(0.5 * departs @ np.linalg.solve(fit.covariance[np.ix_(gone, gone)], departs))
 
 
 def part(fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:

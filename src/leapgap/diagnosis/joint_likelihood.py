@@ -1,7 +1,7 @@
 """Likelihood of sets of effects, by replays of whole logs and of short pieces, with what evidence says beforehand."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.full_rollouts import EVERY_S
 from leapgap.diagnosis.gap import HeldOutGap, scaled_error
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.sensitivities import ROUGH
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 
 DIFFERENCE = 0.1
@@ -69,6 +70,11 @@ class Numbers:
         found = np.diag(self.spread**2)
         found[np.ix_(self.fitted, self.fitted)] = of_fitted * self.scale[:, None] * self.scale
         return found
+
+    def room(self, numbers: np.ndarray) -> np.ndarray:
+        """Largest scaled steps of the fitted numbers down and up within their ranges, (2, fitted)."""
+        limits = np.array([np.concatenate([h.bounds[side] for h in self.hypotheses]) for side in (0, 1)])
+        return np.asarray(((limits - numbers) / self.spread)[:, self.fitted])
 
     @property
     def differences(self) -> tuple[np.ndarray, np.ndarray]:
@@ -133,6 +139,15 @@ class JointLikelihood:
         """Number of rows between the compared rows of each log."""
         return [log.info.rows(EVERY_S) for log in self.heldout_gap.judged.logs]
 
+    @cached_property
+    def rough(self) -> "JointLikelihood":
+        """The likelihood by long steps of the simulation; rows that are uneven are simulated as they are."""
+        if not all(log.is_even for log in self.heldout_gap.judged.logs):
+            return self
+        step_s = ROUGH * self.short.replayer.largest_step_s
+        gap = replace(self.heldout_gap, replayer=self.heldout_gap.replayer.with_steps(step_s), cache={}, motions={})
+        return JointLikelihood(gap, self.short.with_steps(step_s))
+
     def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
         values = np.concatenate([of.whole for of in errors])
@@ -160,11 +175,16 @@ class JointLikelihood:
     def slopes(
         self, about: Numbers, numbers: np.ndarray, errors: Sequence[LogErrors], whole: bool, logs: Sequence[int]
     ) -> list[LogErrors]:
-        """Derivatives by the scaled numbers of some logs, whose ``errors`` at the numbers are known."""
+        """Derivatives by the scaled numbers of some logs, whose ``errors`` at the numbers are known.
+
+        By long steps of the simulation, whose error cancels in differences.
+        """
         size, (lower, upper) = about.differences
         by = np.where(numbers + size <= upper, size, -np.minimum(size, numbers - lower))
         by = np.where(by == 0, size, by)
-        moved = self.errors(about.hypotheses, list((numbers + np.diag(by))[about.fitted]), whole, logs)
+        moved = self.rough.errors(about.hypotheses, list((numbers + np.diag(by))[about.fitted]), whole, logs)
+        if self.rough is not self:
+            (errors,) = self.rough.errors(about.hypotheses, [numbers], whole, logs)
         share = (about.spread / by)[about.fitted]
         return [
             LogErrors(
@@ -186,6 +206,25 @@ def independent(values: int) -> float:
     return values * EVERY_S / INDEPENDENT_S
 
 
-def damped_step(curvature: np.ndarray, slope: np.ndarray, damping: float) -> np.ndarray:
-    """Levenberg–Marquardt step in the scaled numbers, (numbers,), by the normal equations."""
-    return np.asarray(-np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope))
+def bounded_step(curvature: np.ndarray, slope: np.ndarray, damping: float, room: np.ndarray) -> np.ndarray:
+    """Levenberg–Marquardt step in the scaled numbers within some room (2, numbers), by the normal equations.
+
+    What leaves its range is held at the end of it and the others answer to that: a step that is only cut there may
+    lead uphill.
+    """
+    return bounded_minimum(curvature + damping * np.diag(np.diag(curvature)), slope, *room)
+
+
+def bounded_minimum(curvature: np.ndarray, slope: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Minimum of ½ xᵀ C x + sᵀ x within limits, (numbers,); what leaves its range farthest is held there, in turn."""
+    found, free = np.clip(np.zeros(len(slope)), lower, upper), lower < upper
+    while free.any():
+        rest = slope[free] + curvature[np.ix_(free, ~free)] @ found[~free]
+        found[free] = -np.linalg.solve(curvature[np.ix_(free, free)], rest)
+        beyond = np.where(free, np.maximum(lower - found, found - upper), 0.0)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] <= 0:
+            break
+        free[worst] = False
+        found[worst] = np.clip(found[worst], lower[worst], upper[worst])
+    return found

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.joint_likelihood import PIECE_VALUES, LogErrors, Numbers, independent
+from leapgap.diagnosis.joint_likelihood import PIECE_VALUES, LogErrors, Numbers, bounded_minimum, independent
 
 ITERATIONS = 10
 """Largest number of reweighted least-squares steps of a fit."""
@@ -155,18 +155,3 @@ class LinearFits:
 def columns_of(errors: np.ndarray, slopes: np.ndarray, departs: np.ndarray) -> np.ndarray:
     """Errors at no departure by the linear model, then their derivatives, (…, 1 + numbers)."""
     return np.concatenate([(errors - slopes @ departs)[..., None], slopes], axis=-1)
-
-
-def bounded_minimum(curvature: np.ndarray, slope: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Minimum of ½ xᵀ C x + sᵀ x within limits, (numbers,); what leaves its range farthest is held there, in turn."""
-    found, free = np.clip(np.zeros(len(slope)), lower, upper), lower < upper
-    while free.any():
-        rest = slope[free] + curvature[np.ix_(free, ~free)] @ found[~free]
-        found[free] = -np.linalg.solve(curvature[np.ix_(free, free)], rest)
-        beyond = np.where(free, np.maximum(lower - found, found - upper), 0.0)
-        worst = int(np.argmax(beyond))
-        if beyond[worst] <= 0:
-            break
-        free[worst] = False
-        found[worst] = np.clip(found[worst], lower[worst], upper[worst])
-    return found

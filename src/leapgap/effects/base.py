@@ -1,7 +1,7 @@
 """Base class of effects: what the nominal robot leaves out, with location, parameters and change of the simulation."""
 
 from abc import ABC
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
@@ -112,6 +112,8 @@ class Effect(ABC):
     """Whether it acts in the joint PD, which a model of the robot alone does not hold."""
     beside_clock: ClassVar[bool] = False
     """Whether it is looked for in logs that are judged by a clock of their own, though not by default."""
+    in_joint_fit: ClassVar[bool] = False
+    """Whether a fit of all effects together looks for it on a robot without a free base, though not by default."""
     has_rotors: ClassVar[bool] = False
     """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
     places: ClassVar[str] = "none"
@@ -203,6 +205,13 @@ class Effect(ABC):
         """Commands as they reach the joints in periods of ``period_s`` true seconds."""
         return commands
 
+    def torque_by_velocity(self, velocity: np.ndarray, robot: Robot) -> np.ndarray | None:
+        """Torque that the robot's own controller adds to the commands by measured joint velocities (periods, joints).
+
+        (periods, joints), N·m; None: none.
+        """
+        return None
+
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
         """The motion that the log reports when ``motion`` is the true one."""
         return motion
@@ -210,6 +219,11 @@ class Effect(ABC):
     def true_start(self, start: Motion, robot: Robot) -> Motion:
         """True first state from the reported one, one row: the inverse of ``change_measured``."""
         return start
+
+
+def overriding(effects: Iterable[Effect], method: str) -> list[Effect]:
+    """The effects whose class overrides a method; the others are not called at every tick, which saves time."""
+    return [effect for effect in effects if getattr(type(effect), method) is not getattr(Effect, method)]
 
 
 def addition(declarations: Parameter, own: np.ndarray) -> Parameter:

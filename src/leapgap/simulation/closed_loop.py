@@ -5,13 +5,13 @@ loop from its true start gives the same motion.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect
+from leapgap.effects.base import Commands, Effect, overriding
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
@@ -61,6 +61,7 @@ class Plant:
         self.drive = replayer.drive(self.trial)
         self.effects_of_commands = overriding(effects, "change_commands")
         self.effects_of_sensors = overriding(effects, "change_measured")
+        self.effects_by_velocity = overriding(effects, "torque_by_velocity")
         self.foot_of_geom = np.full(self.model.ngeom, -1)
         geoms = [self.model.geom(name).id for name in self.robot.foot_geom_names]
         self.foot_of_geom[geoms] = np.arange(len(geoms))
@@ -113,6 +114,10 @@ class Plant:
         self._set_gains(command)
         commands = self._arriving()
         control = commands.torque[-1] + command.kp * commands.position[-1] + command.kd * commands.velocity[-1]
+        velocity = self.data.qvel[self.robot.joint_dofs]
+        for effect in self.effects_by_velocity:
+            added = effect.torque_by_velocity(velocity[None], self.robot)
+            control = control if added is None else control + added[0]
         self.data.ctrl[self.robot.joint_actuators] = control * self.drive.control_gain
         if len(self.truth) == 1:
             self._start_motors()
@@ -152,11 +157,6 @@ class Plant:
         for effect in self.effects_of_commands:
             commands = effect.change_commands(commands, self.trial.period_s, self.robot)
         return commands
-
-
-def overriding(effects: Iterable[Effect], method: str) -> list[Effect]:
-    """The effects whose class overrides a method; the others are not called at every tick, which saves time."""
-    return [effect for effect in effects if getattr(type(effect), method) is not getattr(Effect, method)]
 
 
 def run_closed_loop(

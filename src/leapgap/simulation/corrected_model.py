@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect
+from leapgap.effects.base import Effect, overriding
 from leapgap.effects.drive import Drive
 from leapgap.robot import actuators
 from leapgap.robot.feet import name_contacts
@@ -36,7 +36,7 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
             refused += [effect] if more is None else []
             changed = more or changed
     spec = changed
-    left_out = [effect for effect in correction if effect in refused or acts_outside(effect)]
+    left_out = [effect for effect in correction if effect in refused or acts_outside(effect, robot)]
     drive = Drive.ideal(len(robot.joints))
     for effect in correction:
         drive = effect.change_drive(drive, robot)
@@ -46,11 +46,11 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
     return spec, tuple(left_out)
 
 
-def acts_outside(effect: Effect) -> bool:
+def acts_outside(effect: Effect, robot: Robot) -> bool:
     """Whether an effect changes commands, the joint PD, measurements or the clock."""
-    return effect.in_controller or any(
-        getattr(type(effect), method) is not getattr(Effect, method) for method in OUTSIDE
-    )
+    at_rest = np.zeros((1, len(robot.joints)))
+    adds_torque = effect.torque_by_velocity(at_rest, robot) is not None
+    return effect.in_controller or adds_torque or any(overriding([effect], method) for method in OUTSIDE)
 
 
 def changes_model(effect: Effect) -> bool:

@@ -15,7 +15,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect
+from leapgap.effects.base import Commands, Effect, overriding
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
@@ -91,6 +91,17 @@ def joint_commands(log: Log, robot: Robot, quantity: str) -> np.ndarray:
     values = np.zeros((len(log), len(robot.joints)))
     values[:, commanded] = log.per_joint(quantity, tuple(itertools.compress(robot.joints, commanded)))
     return values
+
+
+def torques_by_velocity(trial: Rollout, robot: Robot) -> list[np.ndarray]:
+    """Torques that effects add by the joint velocities which the log reports, (rows, joints) each."""
+    adding = overriding(trial.effects, "torque_by_velocity")
+    if not adding or all(effect.is_nominal for effect in adding):
+        return []
+    measured = motion_of(trial.log, robot) if trial.measured is None else trial.measured
+    velocity = measured.qvel[:, robot.joint_dofs]
+    found = (effect.torque_by_velocity(velocity, robot) for effect in adding)
+    return [torque for torque in found if torque is not None]
 
 
 @dataclass(frozen=True)
@@ -478,6 +489,8 @@ class Replayer:
         model = self._compiled(trial)
         control = np.zeros((len(row), model.nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
+        for added in torques_by_velocity(trial, robot):
+            asked = asked + added[row]
         control[:, model.actuator_ctrladr[robot.joint_actuators]] = asked * self.drive(trial).control_gain
         return control
 

@@ -1,0 +1,75 @@
+"""Causes of one robot that act together at different joints, named from the fit of all effects; plain MuJoCo's logs."""
+
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.joint_sets import at_parts, merge_alike
+from leapgap.robot.model import Robot
+from tests.diagnosis.test_best_simulator import KINDS, worn
+from tests.diagnosis.test_joint_fit import noisy_logs
+from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
+
+HIDDEN = {
+    ("joint_damping", "all"): 0.2,
+    ("joint_friction", "L_shoulder"): 0.1,
+    ("joint_friction", "L_elbow"): 0.25,
+    ("armature", "L_shoulder"): 0.01,
+    ("armature", "L_elbow"): 0.03,
+    ("leg_mass", "L_elbow"): 1.15,
+}
+"""What ``worn`` hides, an effect that is the same at both joints once."""
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    path = tmp_path_factory.mktemp("arm") / "arm.xml"
+    path.write_text(two_link_arm(TORQUE_MOTOR))
+    return Robot.load(path)
+
+
+@pytest.fixture(scope="module")
+def found(robot: Robot) -> Diagnosis:
+    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100, best=False)
+    return diagnose(noisy_logs(robot.path, worn), robot, settings, threads=2)
+
+
+def test_causes_at_each_joint_are_named_with_their_numbers(found: Diagnosis) -> None:
+    report = found.report
+    values = {
+        (cause.effect, cause.location): next(iter(cause.parameters.values())).value
+        for cause in report.causes[: len(report.answer)]
+    }
+    assert set(values) == set(HIDDEN)
+    for which, true in HIDDEN.items():
+        assert values[which] == pytest.approx(true, rel=0.1), which
+    assert report.verdict in ("named", "ambiguous")
+    assert report.closure_of_answer is not None and report.closure_of_answer.value > 0.95
+
+
+def test_parts_that_need_no_number_of_their_own_share_one(robot: Robot) -> None:
+    """Two joints whose damping is equal within its error, and whose friction is not."""
+    every = list_hypotheses(["joint_damping", "joint_friction"], robot, None)
+    apart = at_parts(every)
+    assert [(h.name, h.location) for h in apart] == [
+        (name, joint) for name in ("joint_damping", "joint_friction") for joint in robot.joints
+    ]
+    numbers, spread = np.array([0.20, 0.23, 0.1, 0.3]), np.array([0.03, 0.01, 0.01, 0.01])
+    fit = Candidate(apart, numbers, np.diag(spread**2), numbers[None])
+    kept, merged = merge_alike(fit, every, 6.0)
+    assert [(h.name, h.location) for h in kept] == [
+        ("joint_damping", "all"),
+        *(("joint_friction", joint) for joint in robot.joints),
+    ]
+    weights = 1 / spread[:2] ** 2
+    assert merged == pytest.approx([weights @ numbers[:2] / weights.sum(), 0.1, 0.3])
+
+
+def test_an_effect_stays_where_a_search_found_it_if_that_is_no_part() -> None:
+    robot = Robot.load()
+    every = list_hypotheses(["joint_damping", "joint_friction"], robot, None)
+    leg = next(h for h in every if h.name == "joint_damping" and h.location == "FR")
+    chosen = [(h.name, h.location) for h in at_parts(every, [leg])]
+    assert chosen == [("joint_damping", "FR"), *(("joint_friction", group) for group in robot.joint_groups)]
