@@ -36,6 +36,7 @@ NAMED_ONLY = {
     "dropped_commands": (("share", "1", 0, 0.2, 0.5, 0.8),),
     "duty_limit": (("droop_s_rad", "s/rad", 0, 0.02, 0.05, 0.2),),
     "frame_tilt": (("roll_rad", "rad", 0, 0.01, 0.03, 0.1), ("pitch_rad", "rad", 0, 0.01, 0.03, 0.1)),
+    "friction_compensation": (("torque_nm", "N·m", 0, 0.1, 0.335, 1.5),),
     "gravity_direction": (("roll_rad", "rad", 0, 0.02, 0.05, 0.2), ("pitch_rad", "rad", 0, 0.02, 0.05, 0.2)),
     "joint_elasticity": (("compliance_rad_nm", "rad/(N·m)", 0, 0.0005, 0.002826, 0.01),),
     "joint_play": (("play_rad", "rad", 0, 0.003, 0.01, 0.05),),

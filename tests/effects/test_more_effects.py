@@ -103,6 +103,22 @@ def test_an_offset_of_torque_is_delivered_beside_the_command(robot_arm: Robot, l
     assert np.abs(found - arm.simulate(SENT, before=push)[0]).max() < 1e-9
 
 
+def test_what_makes_up_for_friction_acts_by_the_velocities_of_the_log(robot_arm: Robot) -> None:
+    """A controller in plain MuJoCo adds 1.5 N·m along the measured motion, and its log does not hold them."""
+    helped: list[float] = []
+
+    def help_along(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        helped.append(1.5 * np.tanh(data.qvel[1] / 0.02))
+        data.qfrc_applied[1] = helped[-1]
+
+    moved = arm.simulate(SENT, before=help_along)
+    assert min(helped) < -1.4 and max(helped) > 1.4
+    own = effects.effect("friction_compensation", "shoulder", torque_nm=1.5)
+    found = replay(robot_arm, arm.as_log("helped", SENT, *moved), own)
+    assert np.abs(moved[0] - arm.simulate(SENT)[0]).max() > 1e-2
+    assert np.abs(found - moved[0]).max() < 1e-9
+
+
 def test_the_largest_torque_falls_on_a_line_with_the_speed(robot_arm: Robot) -> None:
     """Pushed to and fro with more than its 40 N·m, the elbow gets what the line to 8 rad/s leaves of it."""
     hard = arm.Sent(60 * np.sign(SENT.push), SENT.wanted, SENT.speed)

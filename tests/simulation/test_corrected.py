@@ -24,7 +24,7 @@ from tests.simulation.test_replay import moving
 
 NOT_IN_A_MODEL = (
     *("command_delay", "computation_delay", "dropped_commands", "encoder_bias", "frame_tilt", "joint_elasticity"),
-    *("joint_play", "loop_delay", "numerics"),
+    *("friction_compensation", "joint_play", "loop_delay", "numerics"),
     *("sample_period", "state_latency", "static_friction", "torque_offset", "velocity_filter"),
 )
 ROWS = 250

@@ -124,6 +124,11 @@ class JointFit:
         kept, numbers = merge_alike(fit, hypotheses, self.plan.least_gain)
         if len(kept) < len(every):
             fit = self.fit(kept, numbers, self.plan.steps)
+        effects = fit.typical_effects(self.heldout_gap.names)
+        lasting = [k for k, one in enumerate(effects) if not one.is_undone_by(effects, fit.hypotheses[k].robot)]
+        if len(lasting) < len(effects):
+            own = part(fit, lasting)
+            fit = self.fit(own.hypotheses, own.numbers, self.plan.steps)
         self.progress(f"all effects, {in_words(fit)}: closes {self.closes(fit):.2f}")
         return fit
 

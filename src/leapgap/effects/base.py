@@ -212,6 +212,10 @@ class Effect(ABC):
         """
         return None
 
+    def is_undone_by(self, others: "Iterable[Effect]", robot: Robot) -> bool:
+        """Whether other effects of a set undo it, so that the two are no causes but the form of one."""
+        return False
+
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
         """The motion that the log reports when ``motion`` is the true one."""
         return motion

@@ -15,7 +15,10 @@ from leapgap.robot import actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
 
-OUTSIDE = ("change_period", "change_rows", "change_step", "change_commands", "change_measured", "true_start")
+OUTSIDE = (
+    *("change_period", "change_rows", "change_step", "change_commands", "change_measured", "true_start"),
+    "torque_by_velocity",
+)
 """Methods of an effect through which it acts outside the model."""
 ACTUATORS = ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange", "actuator_ctrlrange")
 """Fields of a model that motors are changed by, which effects do through their drive."""
@@ -36,7 +39,7 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
             refused += [effect] if more is None else []
             changed = more or changed
     spec = changed
-    left_out = [effect for effect in correction if effect in refused or acts_outside(effect, robot)]
+    left_out = [effect for effect in correction if effect in refused or acts_outside(effect)]
     drive = Drive.ideal(len(robot.joints))
     for effect in correction:
         drive = effect.change_drive(drive, robot)
@@ -46,11 +49,9 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
     return spec, tuple(left_out)
 
 
-def acts_outside(effect: Effect, robot: Robot) -> bool:
+def acts_outside(effect: Effect) -> bool:
     """Whether an effect changes commands, the joint PD, measurements or the clock."""
-    at_rest = np.zeros((1, len(robot.joints)))
-    adds_torque = effect.torque_by_velocity(at_rest, robot) is not None
-    return effect.in_controller or adds_torque or any(overriding([effect], method) for method in OUTSIDE)
+    return effect.in_controller or any(overriding([effect], method) for method in OUTSIDE)
 
 
 def changes_model(effect: Effect) -> bool:

@@ -1,0 +1,59 @@
+"""A torque along the motion that the log does not hold: a controller that makes up for friction."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.effects.base import Effect, Parameter, parameter
+from leapgap.effects.joint_friction import JointFriction
+from leapgap.robot.model import Robot
+
+LARGEST, MODERATE = 0.05, 0.01
+"""Limit of the search and noticeable value, as shares of the largest torque of the motors."""
+MOST_FRICTION = 1.25
+"""Friction that is larger than the torque by this factor is friction of another law, and nothing makes up for it."""
+STILL_RAD_S = 0.02
+"""Below such speeds the torque fades out, as controllers let it lest it chatter."""
+
+
+@dataclass(frozen=True)
+class FrictionCompensation(Effect):
+    """Torque that motors add in the direction of the measured joint velocity, beside what the log says they were told."""
+
+    name = "friction_compensation"
+    by_default = False
+    in_joint_fit = True
+    places = "joints"
+    needs_motor = True
+
+    torque_nm: float = parameter(0.0, "N·m", 0.0, 2.0, 0.2, limits=(-np.inf, np.inf))
+
+    @classmethod
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """Shares of the motors' largest torque, where the model states one."""
+        (declared,) = super().parameters(robot, location)
+        limits = robot.torque_limits[robot.joints_at(location)]
+        stated = limits[np.isfinite(limits)]
+        if not len(stated):
+            return (replace(declared, lower_is_physical=True),)
+        most = float(stated.max())
+        return (replace(declared, upper=LARGEST * most, moderate=MODERATE * most, lower_is_physical=True),)
+
+    def torque_by_velocity(self, velocity: np.ndarray, robot: Robot) -> np.ndarray | None:
+        """Along the motion, as large at every speed at which the joint clearly moves."""
+        if self.is_nominal:
+            return None
+        at = [joint for joint in robot.joints_at(self.location) if robot.driven[joint]]
+        torque = np.zeros_like(velocity)
+        torque[:, at] = self.torque_nm * np.tanh(velocity[:, at] / STILL_RAD_S)
+        return torque
+
+    def is_undone_by(self, others: Iterable[Effect], robot: Robot) -> bool:
+        """Whether the joints still have clearly more friction, by the model and other effects."""
+        friction = np.zeros(len(robot.joints))
+        friction += robot.model.dof_frictionloss[robot.joint_dofs]
+        for other in others:
+            if isinstance(other, JointFriction):
+                friction[robot.joints_at(other.location)] += other.torque_nm
+        return bool(friction[robot.joints_at(self.location)].mean() > MOST_FRICTION * self.torque_nm)
