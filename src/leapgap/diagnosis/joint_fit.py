@@ -24,6 +24,8 @@ from leapgap.errors import InputError
 
 DAMPINGS = (0.02, 0.2, 1.0, 5.0)
 """Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature."""
+KEPT_PROMISE = 0.5
+"""A step is taken without trying others where the likelihood rises by this share of what its curvature promised."""
 SETTLED = 5.0
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
 
@@ -71,6 +73,15 @@ class JointFitSettings:
             if getattr(self, name) < 1:
                 where = f"diagnose.settings.joint.{name}"
                 raise InputError(where, f"{getattr(self, name)}", "1 or more", "correct it")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Numbers that a step has led to, with the errors of all logs and minus the logarithm of the likelihood there."""
+
+    numbers: np.ndarray
+    errors: Sequence[LogErrors]
+    loss: float
 
 
 @dataclass(frozen=True)
@@ -185,44 +196,54 @@ class JointFit:
         ``whole``: errors of whole logs count beside those of short pieces. Derivatives are most of the work and change
         little from step to step: after the first step, each takes those of every other log anew.
         """
-        about, likelihood = self.numbers(hypotheses), self.likelihood
-        every = list(likelihood.logs)
-        numbers = clip_numbers(hypotheses, numbers)
-        (errors,) = likelihood.errors(hypotheses, [numbers], whole, every)
-        loss, slopes = likelihood.loss(errors, about.departs(numbers)), list(errors)
+        about, every = self.numbers(hypotheses), list(self.likelihood.logs)
+        (at,) = self.tried(about, [clip_numbers(hypotheses, numbers)], whole)
+        slopes: Sequence[LogErrors] = at.errors
         stale, current = every, set[int]()  # logs whose derivatives are taken next, and whose are of these numbers
         for step in range(steps):
-            slopes = self.renewed(about, numbers, errors, whole, slopes, stale)
+            slopes = self.renewed(about, at, whole, slopes, stale)
             current |= set(stale)
-            equations = likelihood.normal(errors, slopes, about.departs(numbers))
-            room = about.room(numbers)
-            tried = [about.moved(numbers, bounded_step(*equations, damping, room)) for damping in DAMPINGS]
-            found = likelihood.errors(hypotheses, tried, whole, every)
-            losses = [likelihood.loss(e, about.departs(x)) for e, x in zip(found, tried, strict=True)]
-            best = int(np.argmin(losses))
-            if losses[best] < loss - SETTLED:
-                self.progress(f"joint fit of {len(hypotheses)} effects: loss {losses[best]:.0f}, was {loss:.0f}")
-                numbers, loss, errors, current = tried[best], losses[best], found[best], set()
+            best = self.stepped(about, at, slopes, whole)
+            if best.loss < at.loss - SETTLED:
+                self.progress(f"joint fit of {len(hypotheses)} effects: loss {best.loss:.0f}, was {at.loss:.0f}")
+                at, current = best, set()
                 stale = every[step % 2 :: 2]
             elif len(current) < len(every):
                 stale = [log for log in every if log not in current]
             else:
                 break
         if whole:
-            self.ends.append(Linearised(about, numbers, errors, slopes))
-        return self.judged_fit(about, numbers, errors, slopes, whole)
+            self.ends.append(Linearised(about, at.numbers, at.errors, slopes))
+        return self.judged_fit(about, at.numbers, at.errors, slopes, whole)
+
+    def tried(self, about: Numbers, several: Sequence[np.ndarray], whole: bool) -> list[Trial]:
+        """Replays of several vectors of numbers."""
+        found = self.likelihood.errors(about.hypotheses, several, whole, list(self.likelihood.logs))
+        losses = (self.likelihood.loss(of, about.departs(x)) for of, x in zip(found, several, strict=True))
+        return [Trial(*one) for one in zip(several, found, losses, strict=True)]
+
+    def stepped(self, about: Numbers, at: Trial, slopes: Sequence[LogErrors], whole: bool) -> Trial:
+        """The best of steps of several dampings; the least damped alone where it does most of what it promises."""
+        curvature, slope = self.likelihood.normal(at.errors, slopes, about.departs(at.numbers))
+        room = about.room(at.numbers)
+        steps = [bounded_step(curvature, slope, damping, room) for damping in DAMPINGS]
+        first, *others = (about.moved(at.numbers, step) for step in steps)
+        promised = -float(slope @ steps[0] + 0.5 * steps[0] @ curvature @ steps[0])
+        (found,) = self.tried(about, [first], whole)
+        if at.loss - found.loss > KEPT_PROMISE * promised > 0:
+            return found
+        return min([found, *self.tried(about, others, whole)], key=lambda one: one.loss)
 
     def renewed(
         self,
         about: Numbers,
-        numbers: np.ndarray,
-        errors: Sequence[LogErrors],
+        at: Trial,
         whole: bool,
         slopes: Sequence[LogErrors],
         logs: Sequence[int],
     ) -> list[LogErrors]:
-        """Derivatives of all logs, those of some taken anew at the numbers."""
-        found = self.likelihood.slopes(about, numbers, [errors[log] for log in logs], whole, logs)
+        """Derivatives of all logs, those of some taken anew."""
+        found = self.likelihood.slopes(about, at.numbers, [at.errors[log] for log in logs], whole, logs)
         new = dict(zip(logs, found, strict=True))
         return [new[log] if log in new else slopes[log] for log in self.likelihood.logs]
 
