@@ -60,7 +60,7 @@ class JointFitSettings:
     """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
     most_lost: float = 0.02
     """Effects that help little stay where the gap of held-out logs closes less by this share without them."""
-    least_part: float = 0.02
+    least_part: float = 0.05
     """Without a clock, an effect stays where the gap of held-out logs closes less without it by this share."""
     least_closure: float = 0.05
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
@@ -312,14 +312,19 @@ class JointFit:
         while len(kept) > 1:
             open_to_doubt = [k for k in kept if not self.is_told(fit.hypotheses[k])]
             tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
-            whole, *without = [squares[draws].sum(axis=1) for squares in self.heldout_gap.squares(tried)]
-            sure = np.array([float((whole < own).mean()) for own in without])
-            if self.in_parts:
-                closes = [self.heldout_gap.closure_value(squares) for squares in self.heldout_gap.squares(tried)]
-                sure[closes[0] - np.array(closes[1:]) < self.plan.least_part] = 0.0
-            if not len(sure) or sure.min() >= self.plan.least_useful:
+            squares = self.heldout_gap.squares(tried)
+            whole, *without = [of[draws].sum(axis=1) for of in squares]
+            sure = [float((whole < own).mean()) for own in without]
+            lost = [
+                self.heldout_gap.closure_value(squares[0]) - self.heldout_gap.closure_value(of) for of in squares[1:]
+            ]
+            idle = self.in_parts and len(lost) > 0 and min(lost) < self.plan.least_part
+            if not idle and (not sure or min(sure) >= self.plan.least_useful):
                 break
-            kept.remove(open_to_doubt[int(np.argmin(sure))])
+            kept.remove(open_to_doubt[int(np.argmin(lost if idle else sure))])
+        if self.in_parts:
+            of_each = zip([fit.hypotheses[k].label for k in kept], lost, strict=False)
+            self.progress("without each, closes less by " + ", ".join(f"{name} {by:.2f}" for name, by in of_each))
         return kept
 
     def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
