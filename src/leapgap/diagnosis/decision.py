@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.gap import HeldOutGap, Interval, above_noise
+from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.robust_least_squares import losses
@@ -236,7 +236,8 @@ def judge_jointly(
     gap = fit.heldout_gap
     enough = thresholds.enough_jointly if fit.in_parts else thresholds.enough_closure
     (before,) = gap.squares([judgement.selected])
-    if gap.closure_value(before) >= enough or (fit.in_parts and not above_noise(gap.gap(before), gap.gap(gap.floor))):
+    within_tolerances = fit.in_parts and gap.gap(before) <= thresholds.none_gap * gap.gap(gap.floor)
+    if gap.closure_value(before) >= enough or within_tolerances:
         return judgement
     causes = fit.search(hypotheses, judgement.result.selected.hypotheses)
     after = causes[-1].fit.heldout

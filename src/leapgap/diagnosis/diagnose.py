@@ -320,7 +320,7 @@ def find_answer(
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
-    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, in_parts=clock is None)
+    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None, settings.doubts.none_gap)
     if clock is None:
         further = further_kinds(kinds, judged.robot, settings)
         hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]

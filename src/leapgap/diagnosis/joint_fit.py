@@ -95,8 +95,10 @@ class JointFit:
     progress: Callable[[str], None] = lambda _: None
     in_parts: bool = False
     """Whether effects have numbers of their own at the parts of a robot: in logs that need no clock of their own."""
+    none_gap: float = 2.7
+    """Largest gap, in noise floors, that noise and tolerances explain, as in ``DecisionThresholds``."""
     losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
-    """Minus the logarithm of the likelihood by names and numbers, of sets that were replayed."""
+    """Minus the logarithm of the likelihood by effects, places and numbers, of sets that were replayed."""
     ends: list[Linearised] = field(default_factory=list)
     """Where fits to whole logs have ended, in turn; the first is that of all effects that short pieces leave."""
 
@@ -119,7 +121,10 @@ class JointFit:
             again = self.fit_part(fit, useful)
             if self.closes(fit) - self.closes(again) < self.plan.most_lost:
                 fit = again
-        return self.ordered(fit, self.rivals(every, fit) if self.in_parts else {})
+        if not self.in_parts:
+            return self.ordered(fit, {})
+        fit = self.without_small(fit)
+        return self.ordered(fit, self.rivals(every, fit))
 
     def fit_beside_clock(self, every: tuple[Hypothesis, ...]) -> FullRolloutFit:
         """The fit of all effects but those that short pieces tell to be absent."""
@@ -312,20 +317,30 @@ class JointFit:
         while len(kept) > 1:
             open_to_doubt = [k for k in kept if not self.is_told(fit.hypotheses[k])]
             tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
-            squares = self.heldout_gap.squares(tried)
-            whole, *without = [of[draws].sum(axis=1) for of in squares]
+            whole, *without = [squares[draws].sum(axis=1) for squares in self.heldout_gap.squares(tried)]
             sure = [float((whole < own).mean()) for own in without]
-            lost = [
-                self.heldout_gap.closure_value(squares[0]) - self.heldout_gap.closure_value(of) for of in squares[1:]
-            ]
-            idle = self.in_parts and len(lost) > 0 and min(lost) < self.plan.least_part
-            if not idle and (not sure or min(sure) >= self.plan.least_useful):
+            if not sure or min(sure) >= self.plan.least_useful:
                 break
-            kept.remove(open_to_doubt[int(np.argmin(lost if idle else sure))])
-        if self.in_parts:
-            of_each = zip([fit.hypotheses[k].label for k in kept], lost, strict=False)
-            self.progress("without each, closes less by " + ", ".join(f"{name} {by:.2f}" for name, by in of_each))
+            kept.remove(open_to_doubt[int(np.argmin(sure))])
         return kept
+
+    def without_small(self, fit: FullRolloutFit) -> FullRolloutFit:
+        """The fit without causes that close little which the others, fitted again, do not close as well.
+
+        A small cause stays where it closes more than is left with it, and noise does not explain what is left without.
+        """
+        gap = self.heldout_gap
+        while len(fit.hypotheses) > 1:
+            each = range(len(fit.hypotheses))
+            fewer = [part(fit, [other for other in each if other != k]) for k in each]
+            closes = [gap.closure_value(squares) for squares in gap.squares(fewer)]
+            again = self.fit_part(fit, [k for k in each if k != int(np.argmax(closes))])
+            lost, left = self.closes(fit) - self.closes(again), 1 - self.closes(fit)
+            by_noise = gap.gap(again.heldout) <= self.none_gap * gap.gap(gap.floor)
+            if lost >= self.plan.least_part or (lost > left and not by_noise):
+                break
+            fit = again
+        return fit
 
     def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
         """Fall of the logarithm of the likelihood without each of the kept hypotheses, the others fitted anew.
@@ -352,7 +367,7 @@ class JointFit:
 
     def loss_at(self, fit: FullRolloutFit) -> float:
         """Minus the logarithm of the likelihood at the numbers of a fit, by replays; each is made once."""
-        key = (fit.names, fit.numbers.tobytes())
+        key = (tuple(h.label for h in fit.hypotheses), fit.numbers.tobytes())
         if key not in self.losses:
             (errors,) = self.likelihood.errors(fit.hypotheses, [fit.numbers], True, list(self.likelihood.logs))
             self.losses[key] = self.likelihood.loss(errors, self.numbers(fit.hypotheses).departs(fit.numbers))
