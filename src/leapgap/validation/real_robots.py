@@ -153,8 +153,11 @@ def outcome_of(
 
 
 def named_causes(report: ReportContent) -> list[Cause]:
-    """The causes of the answer: they stand first among all that were judged."""
-    return list(report.causes[: len(report.answer)])
+    """The causes of the answer that have no rival: they stand first among all that were judged.
+
+    A cause that cannot be told apart from another is no name.
+    """
+    return [cause for cause, names in zip(report.causes, report.answer, strict=False) if len(names) == 1]
 
 
 def is_expected(cause: Cause, expected: Expected) -> bool:
