@@ -27,6 +27,8 @@ class Conclusion:
     """Fits of the first one, two, … causes; the last is the answer's."""
     probabilities: tuple[float, ...] = ()
     """Share of the bootstrap resamples of logs in which each cause is part of the best set."""
+    other_simulation: tuple[tuple[str, ...], float] | None = None
+    """Settings of the simulation that alone explain the logs, in words, and the gap with them; None: none needed."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
+from leapgap.diagnosis.other_simulations import judge_other_simulations
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
@@ -319,6 +320,9 @@ def find_answer(
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
+    if clock is None:
+        least = settings.plan.least_gain
+        judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)
     short = result.short if clock is None else None
     joint = JointFit(heldout_gap, short or whitened(pieces(most)), evidence, settings.joint, progress)
     by_source = None
