@@ -6,12 +6,14 @@ gains are wrong by up to 3 %. Of the project are only the commands, the plans of
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
 from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.other_simulations import FINE_INTEGRATORS, INTEGRATORS, runs
 from leapgap.diagnosis.report import ReportContent
 from leapgap.jumping.planning.reference_store import plan_reference, select_planar_robot
 from leapgap.jumping.task import Target
@@ -132,3 +134,19 @@ def test_a_small_bias_is_still_named_beside_them(plans: list[Log], a1: Robot) ->
     assert report.answer == (("encoder_bias",),), report.sentence
     assert report.causes[0].location == "FL_calf"
     assert report.causes[0].parameters["bias_rad"].value == pytest.approx(0.02, rel=0.1)
+
+
+SLEEPS = """<mujoco><option><flag island="disable" sleep="enable"/></option>
+  <worldbody><body><joint name="swing" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/></body>
+  </worldbody><actuator><motor joint="swing"/></actuator></mujoco>"""
+
+
+def test_an_integrator_that_a_model_does_not_have_is_not_tried(tmp_path: Path, a1: Robot) -> None:
+    """MuJoCo refuses its discrete integrator for a model that lets bodies sleep without islands."""
+    path = tmp_path / "sleeps.xml"
+    path.write_text(SLEEPS)
+    (discrete,), (euler,) = FINE_INTEGRATORS, INTEGRATORS
+    sleeps = Robot.load(path)
+    assert not runs(sleeps, discrete)
+    assert runs(sleeps, euler)
+    assert runs(a1, discrete)

@@ -33,6 +33,8 @@ MOST_CHANGES = 3
 """Largest number of settings of contacts that are changed together."""
 LESS = 0.9
 """A further change of a setting has to bring the gap below this share of it."""
+HOPEFUL = 2
+"""Number of changes that are tried beside short steps where none by itself brings the gap down."""
 TRIED = 3
 """Number of other simulations whose logs are made up and compared, those of the fewest changes."""
 DRAWS = 2
@@ -207,13 +209,16 @@ class OtherSimulations:
         changes = [*(one for one in INTEGRATORS if runs(robot, one)), *(CONTACTS if robot.feet else ())]
         for _ in range(MOST_CHANGES):
             tried = self.with_gaps([best.further(change) for change in changes if best.allows(change)], own)
-            if not tried or (least := min(tried, key=lambda one: one.gap)).gap > LESS * best.gap:
+            tried.sort(key=lambda one: one.gap)
+            if not tried or tried[0].gap > LESS * best.gap:
                 break
-            best = least
+            best = tried[0]
             found.append(best)
         if best.changes:
-            found += self.with_gaps([replace(best, by_short_steps=True)], fine)
-        return found
+            return [*found, *self.with_gaps([replace(best, by_short_steps=True)], fine)]
+        least = min(found, key=lambda one: one.gap)
+        hopeful = [change for one in tried[:HOPEFUL] for change in one.changes if least.allows(change)]
+        return [*found, *self.with_gaps([least.further(change) for change in hopeful], fine)]
 
     def with_gaps(self, tried: Sequence[OtherSimulation], heldout_gap: HeldOutGap) -> list[OtherSimulation]:
         """The same with the gap that each has in whole logs, by the steps of ``heldout_gap``."""
