@@ -1,7 +1,7 @@
 """Candidates of the search for causes: sets of hypotheses with fitted numbers and their held-out losses."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -108,6 +108,8 @@ class SearchResult:
     """Profile likelihoods of the first round, one an effect."""
     short: ShortRollouts | None = None
     """The pieces of the search, whitened for the robot that it began with."""
+    nuisances: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    """Changes of their whitened errors by one standard deviation of each tolerance, (pieces, values, tolerances)."""
 
     def before(self, number: int) -> Fit:
         """The fit of the first ``number`` selected hypotheses."""

@@ -27,6 +27,8 @@ class Conclusion:
     """Fits of the first one, two, … causes; the last is the answer's."""
     probabilities: tuple[float, ...] = ()
     """Share of the bootstrap resamples of logs in which each cause is part of the best set."""
+    other_simulation: tuple[tuple[str, ...], float] | None = None
+    """Settings of the simulation that alone explain the logs, in words, and the gap with them; None: none needed."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +239,7 @@ def judge_jointly(
     enough = thresholds.enough_jointly if fit.in_parts else thresholds.enough_closure
     (before,) = gap.squares([judgement.selected])
     within_tolerances = fit.in_parts and gap.gap(before) <= thresholds.none_gap * gap.gap(gap.floor)
-    if gap.closure_value(before) >= enough or within_tolerances:
+    if judgement.conclusion.verdict == "none" or within_tolerances or gap.closure_value(before) >= enough:
         return judgement
     causes = fit.search(hypotheses, judgement.result.selected.hypotheses)
     after = causes[-1].fit.heldout

@@ -23,6 +23,7 @@ from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
+from leapgap.diagnosis.other_simulations import judge_other_simulations
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
@@ -322,6 +323,8 @@ def find_answer(
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
     joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None, settings.doubts.none_gap)
     if clock is None:
+        least = settings.plan.least_gain
+        judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)
         further = further_kinds(kinds, judged.robot, settings)
         hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)

@@ -154,6 +154,7 @@ class Search:
             self.nominal.columns.shape[1],
             self.profiles(first),
             self.evidence,
+            self.sensitivities.nuisances,
         )
 
     def profiles(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:

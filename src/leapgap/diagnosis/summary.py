@@ -78,6 +78,12 @@ def sentence(
 ) -> str:
     """The report in one sentence, with numbers."""
     verdict, answer, closes = conclusion.verdict, conclusion.answer, corrected.closure
+    if conclusion.other_simulation:
+        words, gap = conclusion.other_simulation
+        return (
+            f"Nothing is wrong with the robot by these {len(logs)} logs: the gap of {brief(nominal)} is that of the "
+            f"simulation: by {listed(words)} alone it is {brief(gap)}."
+        )
     if verdict == "none":
         return (
             f"The simulation agrees with the {len(logs)} logs within sensor noise and the tolerances of the "
