@@ -8,7 +8,6 @@ import argparse
 import os
 import re
 import sys
-import webbrowser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any, NoReturn
 
 from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.processes import STOPPED, InterruptGuard, tolerate_terminal
+from leapgap.processes import STOPPED, InterruptGuard, open_closed_streams, tolerate_terminal
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
@@ -28,6 +27,7 @@ UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; its exit code."""
     if arguments is None:  # the command itself, not a call from Python
+        open_closed_streams()
         InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}").install()
         tolerate_terminal()
     chosen = parser().parse_args(arguments)
@@ -347,7 +347,14 @@ def run_report(chosen: argparse.Namespace) -> None:
     print(sentence)
     print(f"page: {page}")
     if not chosen.no_browser:
-        webbrowser.open(page.resolve().as_uri())
+        open_page(page)
+
+
+def open_page(page: Path) -> None:
+    """Open a page in the browser."""
+    import webbrowser
+
+    webbrowser.open(page.resolve().as_uri())
 
 
 def run_demo(chosen: argparse.Namespace) -> None:
@@ -366,7 +373,7 @@ def run_demo(chosen: argparse.Namespace) -> None:
     page = report.save(report_folder) / "report.html"
     print(f"page: {page}")
     if not chosen.no_browser:
-        webbrowser.open(page.resolve().as_uri())
+        open_page(page)
 
 
 if __name__ == "__main__":
