@@ -30,8 +30,8 @@ def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[s
             raise InputError(point.value, f"nothing to import ({error})", expected, "repair or remove it") from None
         except Exception as error:  # whatever the code of another package raises while it is imported
             says = " ".join(str(error).split())[:LONGEST_MESSAGE]
-            found = f"code that fails while it is imported ({type(error).__name__}: {says})"
-            raise InputError(point.value, found, f"a class, offered as {group}", "repair or remove it") from error
+            fault = f"code that fails while it is imported ({type(error).__name__}: {says})"
+            raise InputError(point.value, fault, f"a class, offered as {group}", "repair or remove it") from error
         if not (isinstance(kind, type) and issubclass(kind, base)):
             raise InputError(point.value, repr(kind), f"a subclass of {base.__name__}", "correct its entry point")
         if missing := ", ".join(sorted(getattr(kind, "__abstractmethods__", ()))):

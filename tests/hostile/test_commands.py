@@ -1,16 +1,31 @@
 """What a hostile user gives the command beside logs and robots: reports, corrected robots, effects, settings, names."""
 
 import json
+import os
+import resource
 import shutil
+import subprocess
+import sys
+import time
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from leapgap import Settings, cli
+from leapgap import Settings, cli, registry
+from leapgap.atomic_io import write_json, write_text
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
+from leapgap.logs import importers
+from leapgap.logs.importers.base import LogFormat
+from leapgap.logs.reading import read_folder
+from leapgap.reports.diagnosis import ChosenLogs
 from tests import plain_arm
+from tests.hostile.kills import environment
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +144,126 @@ def test_a_range_of_a_model_field_without_ends_is_refused() -> None:
     for ends in ((float("-inf"), 1.0), (0.0, float("inf"))):
         with pytest.raises(InputError, match=r"found .*inf.*; expected lower below upper, both finite"):
             ModelField("dof_damping", *ends, element="elbow")
+
+
+ONE_EFFECT = ("--effects", "joint_damping", "--threads", "1", "--quiet")
+
+
+def logs_of(folder: Path, *columns: dict) -> Path:
+    """Logs of ours with these columns, by pyarrow alone."""
+    folder.mkdir()
+    for number, one in enumerate(columns):
+        table = pa.table({name: pa.array(values) for name, values in one.items()})
+        about = {"leapgap": json.dumps(plain_arm.EXAMPLE.INFO)}
+        pq.write_table(table.replace_schema_metadata(about), folder / f"log_{number}.parquet")
+    return folder
+
+
+def test_copies_of_a_log_are_set_aside(tmp_path: Path, arm: Path) -> None:
+    """A cause is judged on logs that it was not fitted on; a copy would be judged by itself."""
+    first, second = plain_arm.swing(0, 1.0), plain_arm.swing(1, 1.0)
+    readings = read_folder(logs_of(tmp_path / "logs", first, second, first, second))
+    chosen = ChosenLogs.of(readings)
+    assert [log.name for log in chosen.logs] == ["log_0", "log_1"]
+    assert list(chosen.set_aside) == ["log_2", "log_3"]
+    assert "equal to log_1 in every column" in chosen.set_aside["log_3"]
+
+
+def test_one_log_and_its_copies_are_refused(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logs = logs_of(tmp_path / "logs", *[plain_arm.swing(0, 1.0)] * 3)
+    assert "found 1 log; expected two or more" in refused(capsys, "diagnose", logs, arm / "arm.xml", *ONE_EFFECT)
+
+
+def test_logs_in_which_nothing_moves_are_refused(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without noise there is nothing that a gap could be judged by; the quotient of the two had no value."""
+    motion = plain_arm.swing(0, 1.0)
+    still = [
+        {name: values if name == "time" else np.full_like(values, values[row]) for name, values in motion.items()}
+        for row in (0, 300)
+    ]
+    said = refused(capsys, "diagnose", logs_of(tmp_path / "logs", *still), arm / "arm.xml", *ONE_EFFECT)
+    assert "found logs in which nothing moves" in said
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("1 / 0", "code that fails while it is imported (ZeroDivisionError: division by zero)"),
+        ("raise SyntaxError('bad')", "code that fails while it is imported (SyntaxError: bad)"),
+        ("class Theirs(Base): pass", "found no find, read; expected all of LogFormat"),
+        (
+            "class Theirs(Base):\n    find = read = None",
+            "found no name; expected a text as name of the class",
+        ),
+    ],
+)
+def test_a_plug_in_that_fails_is_named(code: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = f"plug_in_{abs(hash(code))}"
+    (tmp_path / f"{module}.py").write_text(f"from leapgap.logs.importers.base import LogFormat as Base\n{code}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    point = EntryPoint("theirs", f"{module}:Theirs", "leapgap.log_formats")
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    with pytest.raises(InputError) as refusal:
+        registry.classes_by_name(importers, LogFormat, "leapgap.log_formats")
+    assert str(refusal.value).startswith(f"{module}:Theirs: ") and says in str(refusal.value)
+
+
+def test_a_map_is_proposed_for_what_can_be_read_alone(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder := tmp_path / "pipe").mkdir()
+    os.mkfifo(folder / "a.csv")
+    assert "found a named pipe" in refused(capsys, "import", folder, arm / "arm.xml", "--guess")
+    (folder := tmp_path / "noise").mkdir()
+    (folder / "a.npz").write_bytes(b"PK" + bytes(range(256)) * 9)
+    assert "a.npz" in refused(capsys, "import", folder, arm / "arm.xml", "--guess")
+
+
+def test_a_table_of_ten_thousand_columns_is_answered_soon(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The names of columns were compared pair by pair."""
+    names = ["time", *(f"joint_pos_{number}" for number in range(20_000))]
+    rows = "".join(f"{row / 100},{'0,' * 19_999}0\n" for row in range(12))
+    (tmp_path / "a.csv").write_text(",".join(names) + f"\n{rows}")
+    began = time.process_time()
+    said = refused(capsys, "import", tmp_path / "a.csv", arm / "arm.xml", "--guess")
+    assert "found 20001 columns; expected at most 10000" in said
+    assert time.process_time() - began < 10
+
+
+def test_names_of_files_that_are_no_text_reach_the_report(tmp_path: Path) -> None:
+    write_json(tmp_path / "report.json", {"set_aside": {"bad\udcff": "so"}})
+    assert json.loads((tmp_path / "report.json").read_text(encoding="utf-8")) == {"set_aside": {"bad\udcff": "so"}}
+    write_text(tmp_path / "page.html", "bad\udcff")
+    assert (tmp_path / "page.html").read_bytes() == rb"bad\udcff"
+
+
+def by_hand(*arguments: object, limit: int | None = None, shell: str = "") -> subprocess.CompletedProcess:
+    """The command in a process of its own, with files of at most ``limit`` bytes."""
+    limits = None if limit is None else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    called = [sys.executable, "-m", "leapgap.cli", *map(str, arguments)]
+    return subprocess.run(
+        ["sh", "-c", f'exec "$@" {shell}', "sh", *called],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        preexec_fn=limits,
+        check=False,
+        timeout=300,
+    )
+
+
+@pytest.mark.parametrize(("shell", "code"), [(">&-", 0), (">&- 2>&-", 0), (">/dev/full", 2)])
+def test_a_closed_or_full_output_is_no_traceback(shell: str, code: int) -> None:
+    done = by_hand("effects", shell=shell)
+    assert done.returncode == code, done.stderr
+    assert len(done.stderr.splitlines()) == (code == 2), done.stderr
+
+
+def test_a_disk_that_is_full_while_a_report_is_written(arm: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = by_hand("diagnose", arm / "logs", arm / "arm.xml", "--out", out, *ONE_EFFECT, limit=50_000)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1 and "File too large" in done.stderr, done.stderr
+    assert f"{out} is as it was" in done.stderr and not list(tmp_path.iterdir())
