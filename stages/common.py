@@ -166,6 +166,8 @@ def params_with_overrides(arguments: list[str], extensible: str | None = None) -
 def read_params() -> DictConfig:
     """``params.yaml`` of the working folder; ``InputError`` for one that is broken."""
     do = "write it anew: python -m stages.params"
+    if not PARAMS.is_file():
+        raise InputError(PARAMS, "no such file", "the parameters of all stages", do)
     try:
         params = OmegaConf.load(PARAMS)
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:

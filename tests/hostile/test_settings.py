@@ -108,15 +108,17 @@ def test_an_export_without_a_jump_is_refused_before_the_robot_practises(target: 
         (b"a: 1\na: 2\n", "no valid YAML \\(.*duplicate key a"),
         (b"a: [1\n", "no valid YAML"),
         (b"\xff\xfe", "no valid YAML"),
+        (None, "no such file"),
         (b"[1]", "no sections"),
         (b"{}", "no sections"),
         (b"a: " + b"[" * 3000 + b"]" * 3000, "no valid YAML"),
     ],
 )
 def test_a_broken_file_of_parameters_is_one_message(
-    content: bytes, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    content: bytes | None, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "params.yaml").write_bytes(content)
+    if content is not None:
+        (tmp_path / "params.yaml").write_bytes(content)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=f"^params.yaml: found {says}"):
         params_with_overrides(["chunk.out=x"])
