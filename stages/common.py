@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import hydra
+import yaml
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
@@ -34,6 +35,8 @@ CONF = ROOT / "conf"
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
+LONGEST_MESSAGE = 300
+"""Characters of a message of another library that are repeated."""
 UNKNOWN_KEY = re.compile(r"(?:Could not override '|not in struct full_key: )([\w.]+)")
 NO_OPTION = re.compile(r"Could not find '([\w/]+)/(.+?)' Available options in '[^']*': (.*?)(?: Config search|$)")
 """How Hydra and OmegaConf say that a key, or an option of a group, is not known."""
@@ -134,7 +137,7 @@ def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
     application = hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(stage)
     try:
         application()
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise config_error(error) from None
 
 
@@ -151,13 +154,28 @@ def params_with_overrides(arguments: list[str], extensible: str | None = None) -
     ``extensible`` as in ``run_stage``.
     """
     try:
-        params = OmegaConf.load(PARAMS)
+        params = read_params()
         OmegaConf.set_struct(params, True)
         if extensible is not None:
             OmegaConf.set_struct(params[extensible], False)
         return OmegaConf.merge(params, OmegaConf.from_dotlist(arguments))
     except OmegaConfBaseException as error:
         raise config_error(error) from None
+
+
+def read_params() -> DictConfig:
+    """``params.yaml`` of the working folder; ``InputError`` for one that is broken."""
+    do = "write it anew: python -m stages.params"
+    if not PARAMS.is_file():
+        raise InputError(PARAMS, "no such file", "the parameters of all stages", do)
+    try:
+        params = OmegaConf.load(PARAMS)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        says = " ".join(str(error).split())[:LONGEST_MESSAGE]
+        raise InputError(PARAMS, f"no valid YAML ({says})", "the parameters of all stages", do) from None
+    if not isinstance(params, DictConfig) or not params:
+        raise InputError(PARAMS, "no sections", "the parameters of all stages", do)
+    return params
 
 
 def config_error(error: Exception) -> InputError:

@@ -5,6 +5,7 @@ Examples:
     python -m stages.export export.hardware=worn 'export.target=[0.6,0.0]' export.out=controller
 """
 
+import math
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -42,6 +43,13 @@ class ExportSettings:
     stance_pitch_rad: float
     landings: str | None
     out: str | None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no jump before the robot practises for minutes."""
+        if len(self.target) != 2 or not all(map(math.isfinite, self.target)):
+            raise ValueError(f"target {list(self.target)}: x and z of the landing, two numbers, m")
+        if not abs(self.stance_pitch_rad) < math.pi / 2:
+            raise ValueError(f"stance_pitch_rad {self.stance_pitch_rad}: less than a quarter turn, rad")
 
 
 def export(config: DictConfig) -> None:

@@ -5,11 +5,9 @@ to do. Lengths are in m, angles in rad, times in s, forces in N and torques in N
 """
 
 import argparse
-import json
 import os
 import re
 import sys
-import webbrowser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -17,17 +15,19 @@ from typing import Any, NoReturn
 
 from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.processes import STOPPED, InterruptGuard, tolerate_terminal
+from leapgap.processes import STOPPED, InterruptGuard, open_closed_streams, tolerate_terminal
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
 """Commands, as the markers of their output folders name them."""
+MOST_THREADS = 1024
 UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; its exit code."""
     if arguments is None:  # the command itself, not a call from Python
+        open_closed_streams()
         InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}").install()
         tolerate_terminal()
     chosen = parser().parse_args(arguments)
@@ -158,10 +158,10 @@ def load_robot(chosen: argparse.Namespace) -> Any:
 
 
 def count(text: str) -> int:
-    """A number of threads: a whole number of 1 or more."""
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"found {text}; expected 1 or more")
+    """A number of threads: a whole number from 1 to ``MOST_THREADS``."""
+    number = int(text) if text.isdecimal() and len(text) < 10 else 0
+    if not 1 <= number <= MOST_THREADS:
+        raise argparse.ArgumentTypeError(f"found {text}; expected 1 to {MOST_THREADS}")
     return number
 
 
@@ -248,6 +248,8 @@ def effect_entry(text: str) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": name, "location": place or "all"}
     for pair in filter(None, values.split(",")):
         key, equals, value = pair.partition("=")
+        if key.strip() in entry:
+            raise InputError("--effect", f"{key.strip()} twice", "each parameter once", "leave one out")
         try:
             entry[key.strip()] = float(value)
         except ValueError:
@@ -333,14 +335,26 @@ def effect_rows(robot: Any) -> list[tuple[str, ...]]:
 
 def run_report(chosen: argparse.Namespace) -> None:
     """Print the sentence; open the page in the browser unless that is not wanted."""
+    from leapgap.atomic_io import read_json
+
     data, page = chosen.folder / "report.json", chosen.folder / "report.html"
     if not data.is_file() or not page.is_file():
         found = "no report.json with a report.html" if chosen.folder.is_dir() else "no such folder"
         raise InputError(chosen.folder, found, "a folder that 'leapgap diagnose --out' wrote", "name that folder")
-    print(json.loads(data.read_text(encoding="utf-8"))["sentence"])
+    sentence = read_json(data).get("sentence")
+    if not isinstance(sentence, str):
+        raise InputError(data, "no sentence", "a report", "name a folder that 'leapgap diagnose --out' wrote")
+    print(sentence)
     print(f"page: {page}")
     if not chosen.no_browser:
-        webbrowser.open(page.resolve().as_uri())
+        open_page(page)
+
+
+def open_page(page: Path) -> None:
+    """Open a page in the browser."""
+    import webbrowser
+
+    webbrowser.open(page.resolve().as_uri())
 
 
 def run_demo(chosen: argparse.Namespace) -> None:
@@ -359,7 +373,7 @@ def run_demo(chosen: argparse.Namespace) -> None:
     page = report.save(report_folder) / "report.html"
     print(f"page: {page}")
     if not chosen.no_browser:
-        webbrowser.open(page.resolve().as_uri())
+        open_page(page)
 
 
 if __name__ == "__main__":

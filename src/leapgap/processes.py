@@ -120,6 +120,21 @@ def end_workers() -> None:
                     os.kill(pid, signal.SIGKILL)
 
 
+def open_closed_streams() -> None:
+    """Give a process whose output or error stream is closed one that leads nowhere.
+
+    Python has None in the place of such a stream. The descriptors are taken, too: the next file that is opened would
+    get the number of a closed stream, and messages would be written into it.
+    """
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, os.fdopen(number, "w", closefd=False))
+
+
 def tolerate_terminal() -> None:
     """Print a character that the terminal cannot show as its code, such as ``\\xb7``, and go on."""
     for stream in (sys.stdout, sys.stderr):

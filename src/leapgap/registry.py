@@ -9,6 +9,8 @@ from typing import TypeVar
 from leapgap.errors import InputError
 
 Kind = TypeVar("Kind")
+LONGEST_MESSAGE = 300
+"""Characters of another package's own message that are repeated."""
 
 
 def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[str, type[Kind]]:
@@ -26,8 +28,16 @@ def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[s
         except (ImportError, AttributeError) as error:
             expected = f"a class, offered as {group}"
             raise InputError(point.value, f"nothing to import ({error})", expected, "repair or remove it") from None
+        except Exception as error:  # whatever the code of another package raises while it is imported
+            says = " ".join(str(error).split())[:LONGEST_MESSAGE]
+            fault = f"code that fails while it is imported ({type(error).__name__}: {says})"
+            raise InputError(point.value, fault, f"a class, offered as {group}", "repair or remove it") from error
         if not (isinstance(kind, type) and issubclass(kind, base)):
             raise InputError(point.value, repr(kind), f"a subclass of {base.__name__}", "correct its entry point")
+        if missing := ", ".join(sorted(getattr(kind, "__abstractmethods__", ()))):
+            raise InputError(point.value, f"no {missing}", f"all of {base.__name__}", "write them")
+        if not isinstance(getattr(kind, "name", None), str):
+            raise InputError(point.value, "no name", "a text as name of the class", "give it one")
         found.append(kind)
     by_name: dict[str, type[Kind]] = {}
     for kind in found:

@@ -1,9 +1,12 @@
 """Settings from JSON or YAML: the dataclass beside what it configures decides about keys and their types."""
 
+import contextlib
 import dataclasses
 import json
 import math
 import re
+import reprlib
+import textwrap
 import types
 import typing
 from collections.abc import Mapping
@@ -13,12 +16,19 @@ from typing import Any, TypeVar
 import yaml
 
 from leapgap.errors import InputError, did_you_mean
+from leapgap.logs.files import check_file
 
 Kind = TypeVar("Kind")
 
 
 YAML = (".yaml", ".yml")
 """Endings of the files that are read as YAML; all others are JSON."""
+MERGE = "tag:yaml.org,2002:merge"
+"""Tag of the key ``<<``."""
+MOST_BYTES, MOST_VALUES = 1_000_000, 100_000
+"""Size of a file of settings, and values in it."""
+LARGEST_SHOWN, LONGEST_SHOWN = 10**15, 200
+"""A whole number, and characters of a value, that a message shows."""
 
 
 def from_json(kind: type[Kind], path: Path) -> Kind:
@@ -27,15 +37,50 @@ def from_json(kind: type[Kind], path: Path) -> Kind:
 
 
 def values_of(path: Path) -> Any:
-    """What a file of settings says, JSON or YAML by its ending."""
+    """What a file of settings says, JSON or YAML by its ending; ``InputError`` for one that is broken or too large."""
+    kind = "YAML" if path.suffix in YAML else "JSON"
+    check_file(path, "settings as JSON or YAML", "name the file")
+    if path.stat().st_size > MOST_BYTES:
+        raise InputError(path, f"{path.stat().st_size} bytes", f"at most {MOST_BYTES}", "name a file of settings")
     try:
         text = path.read_text(encoding="utf-8")
-        return from_yaml(text) if path.suffix in YAML else json.loads(text)
-    except OSError:
-        raise InputError(path, "no such file", "settings as JSON or YAML", "name the file") from None
+        values = from_yaml(text) if kind == "YAML" else json.loads(text, object_pairs_hook=each_once)
+        check_size(values)
+    except RecursionError:
+        raise InputError(path, f"{kind} that is nested too deep", "an object of settings", "correct it") from None
     except (ValueError, yaml.YAMLError) as error:
-        kind, message = ("YAML" if path.suffix in YAML else "JSON"), " ".join(str(error).split())
+        message = " ".join(str(error).split())
         raise InputError(path, f"no valid {kind} ({message})", "an object of settings", "correct it") from None
+    return values
+
+
+def check_size(values: Any) -> None:
+    """``ValueError`` for more values than settings have, written out; names of YAML stand for what they name.
+
+    ``RecursionError`` for values that contain themselves.
+    """
+    sizes: dict[int, int] = {}
+
+    def size(value: Any) -> int:
+        if not isinstance(value, dict | list):
+            return 1
+        if id(value) not in sizes:
+            inner = value.values() if isinstance(value, dict) else value
+            sizes[id(value)] = 1 + sum(map(size, inner))
+        return sizes[id(value)]
+
+    if size(values) > MOST_VALUES:
+        raise ValueError(f"{size(values):.3g} values; expected at most {MOST_VALUES}")
+
+
+def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object with these keys; ``ValueError`` names one that is there twice, of which JSON would keep the last."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key} twice")
+        found[key] = value
+    return found
 
 
 def from_yaml(text: str) -> Any:
@@ -44,7 +89,17 @@ def from_yaml(text: str) -> Any:
 
 
 class Loader(yaml.SafeLoader):
-    """Reads plain data, and floating-point numbers without a dot."""
+    """Reads plain data and floating-point numbers without a dot, and refuses a key that is there twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        """The mapping of a node; what ``<<`` brings in may be stated anew."""
+        known: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.tag != MERGE:
+                if key.value in known:
+                    raise yaml.constructor.ConstructorError(None, None, f"the key {key.value} twice", key.start_mark)
+                known.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 Loader.add_implicit_resolver(
@@ -87,11 +142,19 @@ def converted(kind: Any, value: Any, where: str) -> Any:
             items = [converted(inner[0], one, f"{where}, item {i}") for i, one in enumerate(value)]
             return tuple(items) if origin is tuple else items
     elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if not math.isnan(value):
-            return float(value)
+        with contextlib.suppress(OverflowError):
+            if not math.isnan(value):
+                return float(value)
     elif isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
         return value
-    raise InputError(where, repr(value), f"a value of type {getattr(kind, '__name__', kind)}", "correct it")
+    raise InputError(where, in_short(value), f"a value of type {getattr(kind, '__name__', kind)}", "correct it")
+
+
+def in_short(value: Any) -> str:
+    """A value as a message shows it, however long it is."""
+    if isinstance(value, int) and abs(value) > LARGEST_SHOWN:
+        return f"a whole number of {math.floor(math.log10(abs(value))) + 1} digits"
+    return reprlib.repr(value) if isinstance(value, list | dict) else textwrap.shorten(repr(value), LONGEST_SHOWN)
 
 
 def replaced(settings: Kind, **changes: Any) -> Kind:

@@ -1,7 +1,8 @@
 """Kills: each stage that has workers is killed in the middle of its work, and run again.
 
 What is looked for afterwards: half-written outputs, processes that live on, and bytes that differ from those of a run
-that nobody killed.
+that nobody killed. A stage is killed several times before it may end, so that runs that go on after a kill are killed,
+too.
 """
 
 import contextlib
@@ -22,9 +23,10 @@ from tests.conftest import standing
 
 SOON_S = 3.0
 """Time in which a command must have ended after Ctrl-C."""
-LATEST_S = 6.0
-"""Kills come up to this time after the workers began."""
-EARLIEST_S = 0.01
+LATEST = 0.95
+"""Kills come up to this share of the time that a whole run takes from the begin of its workers."""
+AT_ONCE = 3
+"""Kills of a stage before it may end."""
 ORPHAN_S = 15.0
 """Time after which a process without its parent counts as an orphan: a process that was killed still needs a processor
 to end, and on a busy machine waits for it."""
@@ -46,7 +48,10 @@ LAND = ("land.methods=[joint_pd,nominal_variable]", "land.tasks.block_60.repeats
 TRAIN = ("size=tiny", "train.models=[networks]", "train.sessions=null", "train.folds=2")
 WITHHOLD = ("withhold.references={inputs}/references", "withhold.published=null")
 NO_OTHERS = ("withhold.halves.reported.nameless=0", "withhold.halves.reported.none=0")
-ALONE = ("diagnose_withheld.settings.effects=[joint_damping]", "diagnose.settings.folds=2")
+QUICK = ("best=false", "folds=2", "most_pieces=6", "whole.steps=1", "whole.promising=1", "whole.most_causes=1")
+ALONE = ("diagnose_withheld.settings.effects=[joint_damping]", *(f"diagnose.settings.{setting}" for setting in QUICK))
+"""Diagnoses that take seconds, of one effect."""
+MISSED_LOGS = "diagnose_withheld.logs={inputs}/missed/logs"
 REVISIT = (
     *("revisit.logs={inputs}/missed/logs", "revisit.truth={inputs}/missed/truth", "revisit.verdicts={inputs}/verdicts"),
     *("revisit.references={inputs}/references", "revisit.missed=2", "revisit.further=['collect.jumps=1']"),
@@ -63,10 +68,7 @@ CALLS = (
         "withhold",
         (*TINY, *WITHHOLD, "withhold.logs={out}/logs", "withhold.truth={out}/truth"),
     ),
-    StageCall(
-        "diagnose_withheld",
-        (*TINY, "diagnose_withheld.logs={inputs}/withheld/logs", "diagnose_withheld.out={out}"),
-    ),
+    StageCall("diagnose_withheld", (*TINY, *ALONE, MISSED_LOGS, "diagnose_withheld.out={out}")),
     StageCall("revisit", (*TINY, *ALONE, *REVISIT, "revisit.out={out}")),
     StageCall(
         "export",
@@ -78,13 +80,6 @@ MISSED = (
     *("withhold.halves.tuning.single=3", *NO_OTHERS),
 )
 """Cases of single effects; two of the three are detectable, and missed by a diagnosis that looks for one other."""
-SHORT = (
-    *("collect", "withhold", "land", "train", "collect", "withhold", "collect", "withhold", "land", "train"),
-    *("collect", "withhold", "collect", "withhold", "land", "train", "collect", "withhold", "collect"),
-)
-LONG = ("diagnose_withheld", "revisit", "export")
-ORDER = tuple(name for long in LONG for name in (*SHORT[:3], long, *SHORT[3:]))
-"""Stages in the order in which they are killed: of twenty kills, one is of a stage that takes minutes."""
 
 
 def command(call: StageCall, inputs: Path, out: Path) -> list[str]:
@@ -124,14 +119,11 @@ def prepare(inputs: Path, names: Sequence[str] = tuple(call.name for call in CAL
             )
         logs, windows = inputs / "jumps", inputs / "windows"
         run(StageCall("chunk", (f"chunk.logs={logs}", f"chunk.out={windows}")), inputs, windows)
-    if "revisit" in names:
+    if {"diagnose_withheld", "revisit"} & set(names):
         run(StageCall("withhold", (*TINY, *WITHHOLD, *MISSED)), inputs, inputs / "missed")
-        logs = "diagnose_withheld.logs={inputs}/missed/logs"
-        call = StageCall("diagnose_withheld", (*TINY, *ALONE, logs, "diagnose_withheld.out={out}"))
+    if "revisit" in names:
+        (call,) = (one for one in CALLS if one.name == "diagnose_withheld")
         run(call, inputs, inputs / "verdicts")
-    if "diagnose_withheld" in names:
-        (call,) = (one for one in CALLS if one.name == "withhold")
-        run(call, inputs, inputs / "withheld")
 
 
 class Running:
@@ -161,6 +153,11 @@ class Running:
                 return True
             time.sleep(0.005)
         return False
+
+    def wait_for_end(self, timeout_s: float) -> None:
+        """Wait until it ends, for some time at most."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.communicate(timeout=timeout_s)
 
     def workers(self) -> list[int]:
         """Living processes that it started, without those that wait for its end to clean up."""
@@ -220,26 +217,41 @@ class KillTally:
 
 
 def kill_and_resume(
-    call: StageCall, inputs: Path, folder: Path, expected: dict[str, bytes], after_s: float
+    call: StageCall, inputs: Path, folder: Path, expected: dict[str, bytes], *moments_s: float
 ) -> KillTally:
-    """Kill a stage some time after its workers began, look around, and run it again."""
+    """Kill a stage so long after its workers began, run it again and kill it at the next moment; then let it end."""
     out, tally = folder / "out", KillTally()
+    for moment_s in moments_s:
+        while not kill_once(call, inputs, out, expected, moment_s, tally):
+            # It had ended before. What an earlier kill had left would end sooner still, so it begins anew.
+            tally.bytes_differ += files(out) != expected
+            shutil.rmtree(out)
+            moment_s /= 2
+    run(call, inputs, out)
+    tally.bytes_differ += files(out) != expected
+    if tally == KillTally(tally.kills):
+        shutil.rmtree(folder)  # else it is kept for whoever looks for the cause
+    return tally
+
+
+def kill_once(
+    call: StageCall, inputs: Path, out: Path, expected: dict[str, bytes], after_s: float, tally: KillTally
+) -> bool:
+    """Kill a stage some time after its workers began and look around; False where it ended before."""
     running = Running(call, inputs, out)
     try:
         if running.wait_for(call.workers):
-            time.sleep(after_s)
-        if running.process.poll() is None:
-            tally.kills = 1
+            running.wait_for_end(after_s)
+        killed = running.process.poll() is None
+        if killed:
             running.process.kill()
-        running.process.wait()
-        tally.orphans = len(running.left_after(ORPHAN_S))
+        assert running.process.wait() == (-signal.SIGKILL if killed else 0), f"{call.name} failed after a kill"
+        tally.orphans += len(running.left_after(ORPHAN_S))
     finally:
         running.kill_all()
-    tally.partial_visible = sum(1 for name, data in visible(out).items() if expected.get(name) != data)
-    run(call, inputs, out)
-    tally.bytes_differ = int(files(out) != expected)
-    shutil.rmtree(folder)
-    return tally
+    tally.kills += killed
+    tally.partial_visible += sum(1 for name, data in visible(out).items() if expected.get(name) != data)
+    return killed
 
 
 def visible(out: Path) -> dict[str, bytes]:
@@ -248,19 +260,18 @@ def visible(out: Path) -> dict[str, bytes]:
     return {name: data for name, data in found.items() if not any(part.startswith(".") for part in name.split("/"))}
 
 
-def stage_and_moment(number: int) -> tuple[str, float]:
-    """The stage of a kill, and how long after its workers began it comes, s.
+def stage_and_moments(number: int) -> tuple[str, list[float]]:
+    """A stage, and the moments at which it is killed, as shares of the time that its workers take.
 
     Moments of one stage are spread evenly, however many there are: each is a golden section further, round and round.
     """
-    name = ORDER[number % len(ORDER)]
-    earlier = sum(ORDER[i % len(ORDER)] == name for i in range(number))
-    return name, 0.1 + (0.618 * earlier) % 1.0 * LATEST_S
+    earlier = number // len(CALLS) * AT_ONCE
+    return CALLS[number % len(CALLS)].name, [(0.618 * (earlier + k)) % 1.0 * LATEST for k in range(AT_ONCE)]
 
 
-def kill_number(number: int, folder: Path) -> KillTally:
-    """The kill of that number, at a moment of its own; inputs and whole outputs in ``folder`` are made if missing."""
-    name, after_s = stage_and_moment(number)
+def kills_number(number: int, folder: Path) -> KillTally:
+    """The kills of that number, at moments of their own; inputs and whole outputs in ``folder`` are made if missing."""
+    name, moments = stage_and_moments(number)
     (call,) = (one for one in CALLS if one.name == name)
     inputs, whole = folder / "inputs", folder / call.name
     if not (folder / "ready").exists():
@@ -269,11 +280,22 @@ def kill_number(number: int, folder: Path) -> KillTally:
         (folder / "ready").touch()
     if not (whole / "ready").exists():
         shutil.rmtree(whole, ignore_errors=True)
-        run(call, inputs, whole / "out")
-        (whole / "ready").touch()
-    killed = folder / f"kill_{number}"
+        lasts_s = working_time(call, inputs, whole / "out")
+        (whole / "ready").write_text(str(lasts_s))
+    lasts_s = float((whole / "ready").read_text())
+    killed = folder / f"kills_{number}"
     shutil.rmtree(killed, ignore_errors=True)
-    expected = files(whole / "out")
-    while not (tally := kill_and_resume(call, inputs, killed, expected, after_s)).kills and after_s > EARLIEST_S:
-        after_s /= 2  # it had ended before
-    return tally
+    return kill_and_resume(call, inputs, killed, files(whole / "out"), *(share * lasts_s for share in moments))
+
+
+def working_time(call: StageCall, inputs: Path, out: Path) -> float:
+    """Run a call to its end; how long it took from the begin of its workers, s."""
+    running = Running(call, inputs, out)
+    try:
+        assert running.wait_for(call.workers), "the stage has no workers"
+        began = time.monotonic()
+        _, said = running.process.communicate()
+        assert running.process.returncode == 0, said[-3000:]
+        return time.monotonic() - began
+    finally:
+        running.kill_all()

@@ -230,6 +230,7 @@ HARMS: Mapping[str, Harm] = {
     "joints_exchanged": exchanged(("joint_pos", 0), ("joint_pos", 1)),
     "position_is_velocity": exchanged(("joint_pos", 0), ("joint_vel", 0)),
     "stuck": stuck,
+    "positions_stand": all_columns(lambda values: np.full_like(values, values[0]), "joint_pos/"),
     "whole_numbers": all_columns(np.round, "joint_pos/"),
     "int8": all_columns(lambda values: values.astype(np.int8), "joint_"),
     "float32": all_columns(lambda values: values.astype(np.float32), "joint_", "cmd_", "base_"),

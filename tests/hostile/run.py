@@ -17,7 +17,7 @@ from pathlib import Path
 from leapgap.atomic_io import write_json
 from tests.code import ROOT
 from tests.hostile import logs as hostile_logs
-from tests.hostile.kills import kill_number
+from tests.hostile.kills import AT_ONCE, kills_number
 from tests.hostile.ticks import a1_and_reference, bad_problems, hostile_ticks
 
 FIGURES = (
@@ -47,7 +47,8 @@ def ticks(chosen: argparse.Namespace, progress: "Progress") -> Mapping[str, int]
 
 def kills(chosen: argparse.Namespace, progress: "Progress") -> Mapping[str, int]:
     """Stages with workers, killed in turn and run again."""
-    return progress.total("kills", chosen.kills, lambda number: vars(kill_number(number, chosen.work / "kills")))
+    pieces = -(-chosen.kills // AT_ONCE)
+    return progress.total("kills", pieces, lambda number: vars(kills_number(number, chosen.work / "kills")))
 
 
 @dataclass

@@ -15,7 +15,8 @@ from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.settings import from_json
 from leapgap.simulation.closed_loop import Sensing
-from stages.common import read_config
+from stages.common import params_with_overrides, read_config
+from stages.export import ExportSettings
 from stages.params import compose_params
 
 NAN = float("nan")
@@ -88,3 +89,36 @@ def test_numbers_without_a_meaning_are_refused_where_they_are_read(kind: type, s
 def test_the_configuration_itself_is_taken() -> None:
     section = OmegaConf.create(compose_params()).diagnose.settings
     assert read_config(Settings, section, "diagnose.settings") == Settings()
+
+
+@pytest.mark.parametrize("target", [[0.5], [], [0.5, 0.0, 0.0], [float("inf"), 0.0], [NAN, 0.0]])
+def test_an_export_without_a_jump_is_refused_before_the_robot_practises(target: list[float]) -> None:
+    section = OmegaConf.create(compose_params()).export
+    section.target = target
+    with pytest.raises(InputError, match=r"^export"):
+        read_config(ExportSettings, section, "export")
+    section.target, section.stance_pitch_rad = [0.5, 0.0], 2.0
+    with pytest.raises(InputError, match=r"stance_pitch_rad 2.0: less than a quarter turn"):
+        read_config(ExportSettings, section, "export")
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"a: 1\na: 2\n", "no valid YAML \\(.*duplicate key a"),
+        (b"a: [1\n", "no valid YAML"),
+        (b"\xff\xfe", "no valid YAML"),
+        (None, "no such file"),
+        (b"[1]", "no sections"),
+        (b"{}", "no sections"),
+        (b"a: " + b"[" * 3000 + b"]" * 3000, "no valid YAML"),
+    ],
+)
+def test_a_broken_file_of_parameters_is_one_message(
+    content: bytes | None, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if content is not None:
+        (tmp_path / "params.yaml").write_bytes(content)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"^params.yaml: found {says}"):
+        params_with_overrides(["chunk.out=x"])

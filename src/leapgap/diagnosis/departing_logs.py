@@ -5,11 +5,13 @@ or a column is not what its name says. A log departs where a statistic is many t
 beyond a floor. So effects that differ from log to log, such as a clock or a payload, do not make a log depart.
 """
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.reading import FEWEST, SetAside
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, quantity_of
@@ -56,14 +58,42 @@ class Statistic:
 def without_departing(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
     """The logs that agree with each other, and the others with their reasons.
 
-    All logs are kept where fewer than ``FEWEST`` would be left, or as many depart as stay: then nobody can say which
-    are the bad ones.
+    Copies are left out in any case. Of the others all are kept where fewer than ``FEWEST`` would be left, or as many
+    depart as stay: then nobody can say which are the bad ones.
     """
-    departing = reasons(logs) if len(logs) >= FEWEST_LOGS else {}
-    kept = [log for log in logs if log.name not in departing]
+    originals, copies = without_copies(logs)
+    departing = reasons(originals) if len(originals) >= FEWEST_LOGS else {}
+    kept = [log for log in originals if log.name not in departing]
     if len(kept) < max(FEWEST, len(departing) + 1):
-        return list(logs), []
-    return kept, [SetAside(name, reason) for name, reason in departing.items()]
+        return originals, copies
+    return kept, [*copies, *(SetAside(name, reason) for name, reason in departing.items())]
+
+
+def check_motion(logs: Sequence[Log]) -> None:
+    """``InputError`` for logs in which no column changes: there is no motion, and no noise to judge a gap by."""
+    columns = [values for log in logs for name, values in log.columns.items() if name != "time"]
+    if all((values == values[0]).all() for values in columns):
+        found = "logs in which nothing moves: every column keeps its first value"
+        raise InputError("diagnose.logs", found, "motions of the robot", "log some, with sensors that measure")
+
+
+def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
+    """The logs without those that are equal to an earlier one in every column.
+
+    A cause is judged on logs that it was not fitted on. A copy would be judged by itself.
+    """
+    first: dict[bytes, Log] = {}
+    copies = []
+    for log in logs:
+        hashed = hashlib.sha256()
+        for name in sorted(log.columns):
+            hashed.update(f"{name}\0{len(log)}\0".encode())
+            hashed.update(np.ascontiguousarray(log.columns[name]).tobytes())
+        known = first.setdefault(hashed.digest(), log)
+        if known is not log:
+            reason = f"equal to {known.name} in every column: a copy says nothing more"
+            copies.append(SetAside(log.name, reason))
+    return list(first.values()), copies
 
 
 def reasons(logs: Sequence[Log]) -> dict[str, str]:

@@ -42,6 +42,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 
+LONGEST_HORIZON_S = 1000.0
 TOLERANCES = {
     "armature.inertia": 0.05,
     "joint_friction.torque_nm": 0.05,
@@ -109,11 +110,18 @@ class Settings:
         for name, least in counts.items():
             if getattr(self, name) < least:
                 raise wrong_setting(name, getattr(self, name), f"{least} or more")
+        for name, most in (("noise_draws", 10_000), ("bootstrap_draws", 1_000_000)):
+            if getattr(self, name) > most:
+                raise wrong_setting(name, getattr(self, name), f"{counts[name]} to {most}")
         for name in ("horizon_s", "every_s", "where_horizon_s"):
             if not 0 < getattr(self, name) < np.inf:
                 raise wrong_setting(name, getattr(self, name), "a time above 0, s")
         if self.every_s > self.horizon_s:
             raise wrong_setting("every_s", self.every_s, f"at most horizon_s, {self.horizon_s:g} s")
+        if self.horizon_s > LONGEST_HORIZON_S:
+            raise wrong_setting("horizon_s", self.horizon_s, f"{LONGEST_HORIZON_S:g} s at most")
+        if self.every_s < 1e-6 * self.horizon_s:
+            raise wrong_setting("every_s", self.every_s, "at least a millionth of horizon_s")
         sizes = {f"sizes.{name}": size for name, size in self.sizes.items()}
         sizes |= {f"tolerances.{name}": size for name, size in self.tolerances.items()}
         for name, size in sizes.items():

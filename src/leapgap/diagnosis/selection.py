@@ -15,6 +15,7 @@ from leapgap.diagnosis.candidates import Fit, ProfileLikelihood, SearchResult, c
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.errors import InputError
 
 STEP = 0.1
 """Step of finite differences, as a share of the moderate departure."""
@@ -79,6 +80,12 @@ class SearchSettings:
     """Smallest gain of a cause as a share of the gain of all causes together."""
     least_agree: float = 0.75
     """Smallest share of the logs on which a cause must have a positive gain."""
+
+    def __post_init__(self) -> None:
+        """Refuse a search that tries nothing."""
+        for name in ("shortlist", "per_effect", "steps", "promising", "beams", "most_causes"):
+            if getattr(self, name) < 1:
+                raise InputError(f"diagnose.settings.plan.{name}", f"{getattr(self, name)}", "1 or more", "correct it")
 
 
 def find_causes(

@@ -10,6 +10,7 @@ from typing import Any
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.registry import classes_by_name
+from leapgap.robot.model_file import LARGEST
 
 ENTRY_POINTS = "leapgap.effects"
 """Group under which an installed package offers effect classes."""
@@ -90,11 +91,16 @@ def effect_among(kinds: Registry, name: str, location: str, values: Mapping[str,
     """An effect by name among the given classes; errors as in ``effect``."""
     if name not in kinds:
         raise InputError("effect", name, f"one of {', '.join(kinds)}", "choose a known effect")
+    if not isinstance(location, str):
+        raise InputError("location", repr(location), "the name of a place", "correct it")
     kind = kinds[name]
     declarations = kind.declarations()
     for key, value in values.items():
         if key not in declarations:
             raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declarations)}", "correct it")
+        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= LARGEST:
+            expected = f"a number up to {LARGEST:g} {declarations[key].unit}"
+            raise InputError(f"effect {name}, {key}", repr(value), expected, "choose a physical value")
         lower, upper = declarations[key].limits
         if not lower <= value <= upper:
             expected = f"{lower:g} to {upper:g} {declarations[key].unit}"
@@ -106,6 +112,8 @@ def from_config(entries: Iterable[Mapping[str, Any]], kinds: Registry | None = N
     """Effects from configuration: ``[{name: joint_damping, location: all, damping: 0.4}, …]``."""
     kinds, found = known() if kinds is None else kinds, []
     for entry in entries:
+        if not isinstance(entry, Mapping):
+            raise InputError("effects", repr(entry), "an effect: its name, location and parameters", "correct it")
         values = dict(entry)
         name, location = values.pop("name", "no name"), values.pop("location", "all")
         found.append(effect_among(kinds, name, location, values))

@@ -66,8 +66,9 @@ class ModelField:
 
     def __post_init__(self) -> None:
         """Refuse what names no field with a range."""
-        if not self.lower < self.upper:
-            raise InputError(self.where, f"{self.lower:g} to {self.upper:g}", "lower below upper", "correct the range")
+        if not -inf < self.lower < self.upper < inf:
+            expected = "lower below upper, both finite"
+            raise InputError(self.where, f"{self.lower:g} to {self.upper:g}", expected, "correct the range")
         first = self.field.partition("." if self.field.startswith(f"{WHOLE}.") else "_")[0]
         if (first not in ROWS and first != WHOLE) or self.field in NOT_OURS:
             expected = f"a field of mjModel that begins with {', '.join(f'{one}_' for one in ROWS)} or {WHOLE}."

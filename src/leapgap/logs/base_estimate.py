@@ -17,6 +17,7 @@ from leapgap.robot.ground_load import sinking_depths
 from leapgap.robot.kinematics import soles
 from leapgap.robot.leg_load import feet_load
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import gravity_of
 from leapgap.robot.motion import Motion
 
 LEVEL_M = 0.002
@@ -31,7 +32,6 @@ LEAST_DEVIATION = (0.01, 0.01, 0.03, 0.002)
 changing load."""
 ACCELERATION_S, ACCELERATION_ROWS = 0.03, 7
 """Accelerations are slopes of parabolas through the velocities within this time, or so many rows."""
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def estimate_base(log: Log, robot: Robot, motion: Motion, torque: np.ndarray) ->
     variance = spread + np.square(LEAST_DEVIATION)
     smooth, deviation = weighted_lines(mean, variance, planted, log.info.rows(SMOOTHED_S))
     above, seen = smooth[:, 3] - sinking(robot, motion, height, stands, torque), smooth[:, :3]
-    above, seen = through_flights(log.time, above, seen, planted)
+    above, seen = through_flights(log.time, above, seen, planted, gravity_of(robot.model))
     steps = np.diff(log.time)[:, None] * (seen[1:, :2] + seen[:-1, :2]) / 2
     position = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), above])
     return BaseEstimate(position, seen, height_deviation=deviation[:, 3], velocity_deviation=deviation[:, :3])
@@ -135,13 +135,18 @@ def sinking(robot: Robot, motion: Motion, height: np.ndarray, stands: np.ndarray
 
 
 def through_flights(
-    time: np.ndarray, height: np.ndarray, velocity: np.ndarray, planted: np.ndarray
+    time: np.ndarray, height: np.ndarray, velocity: np.ndarray, planted: np.ndarray, gravity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Height (rows,) and velocity (rows, 3) with flights as arcs between the rows in which feet stand.
 
-    A flight at an end of the log goes on from the row beside it; a log without a stance rests at its first height.
+    ``gravity`` (3,), m/s², is the model's; one that leans drives the base sideways, too. A flight at an end of
+    the log goes on from the row beside it; a log without a stance rests at its first height.
     """
     height, velocity = height.copy(), velocity.copy()
+
+    def sideways(at: int, rows: np.ndarray) -> np.ndarray:
+        return velocity[at, :2] + (time[rows] - time[at])[:, None] * gravity[:2]
+
     edges = np.flatnonzero(np.diff(np.concatenate([[True], planted, [True]]).astype(int)))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         rows, before, after = np.arange(begin, end), begin - 1, end
@@ -149,16 +154,16 @@ def through_flights(
             continue
         if before < 0 or after >= len(time):
             at = after if before < 0 else before
-            velocity[rows, :2] = velocity[at, :2]
+            velocity[rows, :2] = sideways(at, rows)
             rise = velocity[at, 2]
         else:
             at, lasts = before, time[after] - time[before]
             share = ((time[rows] - time[before]) / lasts)[:, None]
-            velocity[rows, :2] = (1 - share) * velocity[before, :2] + share * velocity[after, :2]
-            rise = (height[after] - height[before]) / lasts + GRAVITY * lasts / 2
+            velocity[rows, :2] = (1 - share) * sideways(before, rows) + share * sideways(after, rows)
+            rise = (height[after] - height[before]) / lasts - gravity[2] * lasts / 2
         age = time[rows] - time[at]
-        height[rows] = height[at] + rise * age - GRAVITY * age**2 / 2
-        velocity[rows, 2] = rise - GRAVITY * age
+        height[rows] = height[at] + rise * age + gravity[2] * age**2 / 2
+        velocity[rows, 2] = rise + gravity[2] * age
     return height, velocity
 
 

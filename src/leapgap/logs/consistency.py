@@ -85,7 +85,8 @@ def compare(moved: np.ndarray, integrated: np.ndarray) -> tuple[np.ndarray, np.n
     here, there = (np.einsum("ij,ij->j", one, one) for one in (moved, integrated))
     both = np.einsum("ij,ij->j", moved, integrated)
     tiny = np.finfo(float).tiny
-    ratio = np.sqrt(here / np.maximum(there, tiny))
+    with np.errstate(over="ignore"):
+        ratio = np.sqrt(here / np.maximum(there, tiny))
     return np.sqrt(here / len(moved)), ratio, both / np.maximum(np.sqrt(here) * np.sqrt(there), tiny)
 
 
@@ -99,6 +100,15 @@ def check_velocities(
     position, integrated = table(columns, positions), integral(table(columns, velocities), time)
     size, ratio, alike = compare(position[rows:] - position[:-rows], integrated[rows:] - integrated[:-rows])
     moving = size > MOVES
+    for column, (name, other) in enumerate(zip(positions, velocities, strict=True)):
+        speed = float(np.sqrt(np.mean((integrated[rows:, column] - integrated[:-rows, column]) ** 2)))
+        if name.startswith("joint_pos/") and np.ptp(position[:, column]) == 0 and speed > MOVES:
+            raise InputError(
+                f"{where}, column {name}",
+                f"one value in all rows, while {other} moves by {speed:.2g} in {WINDOW_S:g} s",
+                "positions and velocities of one motion",
+                "map the measured positions, or repair the sensor",
+            )
     for column in np.flatnonzero(moving).tolist():
         name, other = positions[column], velocities[column]
         if alike[column] > SAME_MOTION and not 1 / LARGEST_RATIO < ratio[column] < LARGEST_RATIO:

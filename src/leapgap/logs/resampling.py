@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from leapgap.logs.clock import even_clock, held_at, interpolated_at
+from leapgap.logs.files import check_values_fit
 from leapgap.logs.log import Log
 from leapgap.logs.missing_velocities import continuous
 from leapgap.logs.schema import BASE_QUATERNION, COMMANDS
@@ -15,6 +16,9 @@ HELD = (*COMMANDS, "contact")
 
 def on_even_clock(log: Log, period_s: float) -> Log:
     """The log in rows one period apart; its source says so."""
+    check_values_fit(
+        f"{log.name} in rows of {period_s:g} s", (log.time[-1] - log.time[0]) / period_s * len(log.columns)
+    )
     instants = even_clock(log.time, period_s)
     columns: dict[str, np.ndarray] = {}
     for name, values in log.columns.items():

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.blas import one_blas_thread
-from leapgap.diagnosis.departing_logs import without_departing
+from leapgap.diagnosis.departing_logs import check_motion, without_departing
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
@@ -196,6 +196,7 @@ class ChosenLogs:
         set aside and left out.
         """
         logs, departing = without_departing(readings.logs)
+        check_motion(logs)
         chosen, left_out = choose_stretches(logs)
         for line in (*readings.lines(), *map(str, departing), *left_out):
             progress(line)

@@ -145,11 +145,11 @@ def check_names(named: PartNames, joints: Sequence[str], feet: Sequence[str], mo
     """Raise ``InputError`` for parts with joints, geoms or sites that the model does not have."""
     parts = {model.geom(g).name for g in range(model.ngeom)} | {model.site(s).name for s in range(model.nsite)}
     unknown = [j for of in (*named.limbs.values(), *named.groups.values()) for j in of if j not in joints]
-    unknown += [foot for foot in feet if foot not in parts]
+    unknown += [foot for foot in feet if not foot or foot not in parts]
     if unknown:
         raise InputError(
             "robot",
-            f"parts made of {', '.join(unknown)}",
+            f"parts made of {', '.join(part or '(no name)' for part in unknown)}",
             f"joints among {', '.join(joints)}; feet among the named geoms and sites",
             "correct limbs, groups or feet of the robot's configuration",
         )

@@ -5,7 +5,7 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +69,30 @@ def settings_of(robot: Robot) -> dict[str, Any]:
     return stated
 
 
+def stated_motors(value: Any, where: Path) -> Mapping[str, float]:
+    """Motor constants as ``settings_of`` writes them; ``InputError`` for anything else."""
+    keys = {field.name for field in fields(MotorConstants)}
+    numbers = isinstance(value, Mapping) and all(isinstance(one, float | int) for one in value.values())
+    if not numbers or set(value) != keys:
+        raise InputError(f"{where}, motors", repr(value), f"numbers for {', '.join(sorted(keys))}", "correct it")
+    return value
+
+
+def stated_names(value: Any, where: Path) -> Mapping[str, Any]:
+    """Names of parts as ``settings_of`` writes them; ``InputError`` for anything else."""
+
+    def are_names(found: Any) -> bool:
+        return isinstance(found, list) and all(isinstance(one, str) for one in found)
+
+    parts = value if isinstance(value, Mapping) else {"": value}
+    for key, found in parts.items():
+        of_parts = key in ("limbs", "groups") and isinstance(found, Mapping) and all(map(are_names, found.values()))
+        if not of_parts and not (key == "feet" and are_names(found)):
+            expected = "limbs and groups with lists of joints, feet as a list"
+            raise InputError(f"{where}, names", f"{key} {found!r}".strip(), expected, "correct it")
+    return parts
+
+
 def read_corrected(folder: Path | str, own: Sequence[type[Effect]] = ()) -> tuple[Robot, tuple[Effect, ...]]:
     """Nominal model and effects of a folder ``corrected``; ``own`` are the user's classes among the effects."""
     folder = Path(folder)
@@ -76,7 +100,8 @@ def read_corrected(folder: Path | str, own: Sequence[type[Effect]] = ()) -> tupl
     entries = stated.get("effects")
     if not isinstance(entries, list):
         raise InputError(folder / EFFECTS, "no list of effects", "the key effects", "write it as a diagnosis does")
-    motors = MotorConstants(**stated["motors"]) if "motors" in stated else None
-    names = PartNames(**stated["names"]) if "names" in stated else None
+    where = folder / EFFECTS
+    motors = MotorConstants(**stated_motors(stated["motors"], where)) if "motors" in stated else None
+    names = PartNames(**stated_names(stated["names"], where)) if "names" in stated else None
     robot = Robot.load(folder / NOMINAL, motors, names)
     return robot, effects.from_config(entries, effects.registry(own))

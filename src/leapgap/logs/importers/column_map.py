@@ -1,5 +1,6 @@
 """The map from the columns of a table to those of a log: names, sums, units, factors, offsets, constants."""
 
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -145,8 +146,10 @@ class Expansion:
         """The same of a part of the map whose values are numbers."""
         found = self.of_joints(mapping)
         for key, value in found.items():
-            if not isinstance(value, int | float) or isinstance(value, bool):
-                raise InputError(f"{self.where}.{part}, {key}", repr(value), "a number", "correct it")
+            if not is_number(value):
+                raise InputError(f"{self.where}.{part}, {key}", repr(value)[:100], "a number", "correct it")
+            if part == "factors" and value == 0:
+                raise InputError(f"{self.where}.{part}, {key}", "0", "a number but 0", "leave the column out instead")
         return {key: float(value) for key, value in found.items()}
 
     def columns(self) -> dict[str, dict[str, float]]:
@@ -168,7 +171,12 @@ class Expansion:
 def is_term(term: tuple[Any, Any]) -> bool:
     """Whether an item of a sum is a column's name with a number."""
     column, factor = term
-    return isinstance(column, str) and isinstance(factor, int | float) and not isinstance(factor, bool)
+    return isinstance(column, str) and is_number(factor)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a number that is finite as a float."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def is_ours(column: str, robot: Robot) -> bool:

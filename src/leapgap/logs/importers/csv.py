@@ -1,5 +1,6 @@
 """Importer of CSV files: text tables, one or several logs a file."""
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,9 +49,10 @@ class Csv(TableFormat):
         names = [name.strip() for name in table.column_names]
         if not options.header:
             names = [str(at) for at in range(table.num_columns)]
-        twice = next((name for name in names if wanted(name) and names.count(name) > 1), None)
+        number = Counter(names)
+        twice = next((name for name in names if number[name] > 1 and wanted(name)), None)
         if twice is not None:
-            raise InputError(path, f"{names.count(twice)} columns {twice}", "one of each name", "rename them")
+            raise InputError(path, f"{number[twice]} columns {twice}", "one of each name", "rename them")
         return {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True) if wanted(name)}
 
 

@@ -1,7 +1,8 @@
 """Formats that are tables of numbers: a reader returns named arrays, and all else is the same for all of them."""
 
+import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +23,8 @@ from leapgap.robot.model import Robot
 
 REFUSE, DROP = "refuse", "drop"
 LEAVE_OUT, FIT = "leave_out", "fit"
+LONGEST_NAME = 100
+"""Bytes of the name of a piece, which becomes part of the name of a file."""
 
 
 @dataclass(frozen=True)
@@ -132,10 +135,44 @@ def check_options(options: TableOptions, where: str) -> None:
             raise InputError(f"{where}.{name}", getattr(options, name), f"one of {', '.join(known)}", "choose one")
     for name in ("period_s", "resample_s", "piece_s", "velocity_window_s"):
         value = getattr(options, name)
-        if value is not None and not value > 0:
+        if value is not None and not 0 < value < math.inf:
             raise InputError(f"{where}.{name}", f"{value:g}", "a positive time, s", "correct it")
+    for name, least in (("least_rows", 0), ("most_rows", 1)):
+        value = getattr(options, name)
+        if value is not None and value < least:
+            raise InputError(f"{where}.{name}", str(value), f"{least} or more", "correct it")
+    for name in ("target_x_m", "target_z_m"):
+        if not abs(getattr(options, name)) < math.inf:
+            raise InputError(f"{where}.{name}", f"{getattr(options, name):g}", "a number, m", "correct it")
+    for name in ("pieces", "segments"):
+        check_intervals(getattr(options, name), f"{where}.{name}")
+    for piece in options.pieces:
+        if not is_file_name(piece.name):
+            expected = f"a name of a file, of at most {LONGEST_NAME} characters"
+            raise InputError(f"{where}.pieces", f"the name {piece.name[:LONGEST_NAME]!a}", expected, "choose another")
+    for name, value in (options.schedule or {}).items():
+        if not 0 <= value < math.inf:
+            raise InputError(f"{where}.schedule", f"{name} {value:g}", "lengths of 0 s or more", "correct it")
     if options.pieces and (options.cut_by or options.piece_s):
         raise InputError(where, "pieces beside cut_by or piece_s", "one way to cut", "leave one out")
+
+
+def check_intervals(intervals: Sequence[Segment], where: str) -> None:
+    """Refuse intervals that end before they begin, and pieces that have one name."""
+    for one in intervals:
+        if not -math.inf < one.begin_s < one.end_s:
+            found = f"{one.name} from {one.begin_s:g} to {one.end_s:g} s"
+            raise InputError(where, found, "intervals that begin before they end", "correct them")
+    names = [one.name for one in intervals]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None and where.endswith("pieces"):
+        raise InputError(where, f"the name {twice} twice", "a name of its own for each log", "rename one")
+
+
+def is_file_name(name: str) -> bool:
+    """Whether a file can have that name with an ending, in any folder of any system."""
+    plain = name.isprintable() and not set(name) & set('/\\:*?"<>|') and name.strip(". ") != ""
+    return plain and len(name.encode()) <= LONGEST_NAME
 
 
 def needed(options: TableOptions, robot: Robot, where: str) -> Wanted:
@@ -165,7 +202,7 @@ def cuts(
             for piece in options.pieces
         ]
     for run_name, rows_of in runs:
-        yield from parts(run_name, rows_of, time, options)
+        yield from parts(run_name, rows_of, time, options, where)
 
 
 def flag(table: Table, column: str, rows: int, where: str) -> np.ndarray:
@@ -183,7 +220,9 @@ def equal_runs(state: np.ndarray, kept: np.ndarray, options: TableOptions) -> li
     return [run for run in runs if len(run) >= options.least_rows]  # before they are numbered
 
 
-def parts(name: str, rows: np.ndarray, time: np.ndarray, options: TableOptions) -> list[tuple[str, np.ndarray]]:
+def parts(
+    name: str, rows: np.ndarray, time: np.ndarray, options: TableOptions, where: str
+) -> list[tuple[str, np.ndarray]]:
     """The rows in parts of equal length, the rest left out; whole where no length is stated."""
     length_s = options.piece_s
     if length_s is None:
@@ -194,6 +233,9 @@ def parts(name: str, rows: np.ndarray, time: np.ndarray, options: TableOptions) 
     part = np.floor((time[rows] - time[rows[0]]) / length_s + 1e-9).astype(int)
     period = (time[rows[-1]] - time[rows[0]]) / max(1, len(rows) - 1)
     number = int(np.floor((time[rows[-1]] - time[rows[0]] + period) / length_s + 1e-6))
+    if number > len(rows):
+        found = f"{length_s:g} s, less than the {period:.3g} s of a row"
+        raise InputError(f"{where}.piece_s", found, "the length of a log", "correct it")
     return [(f"{name}_part{k + 1}", rows[part == k]) for k in range(number)]
 
 

@@ -5,6 +5,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,10 @@ class Table:
 
     def rows(self) -> int:
         """Length of the arrays that hold most values, pictures aside; 0 where there is none."""
+        return self._rows
+
+    @cached_property
+    def _rows(self) -> int:
         held: dict[int, int] = defaultdict(int)
         for array in self.arrays.values():
             if array.ndim and array.size and np.squeeze(array).ndim <= MOST_DIMENSIONS:

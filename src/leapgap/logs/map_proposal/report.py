@@ -5,6 +5,7 @@ from pathlib import Path
 import yaml
 
 from leapgap.errors import InputError
+from leapgap.logs.files import check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Table
@@ -13,18 +14,25 @@ from leapgap.robot.model import Robot
 
 HEADINGS = ((SURE, "Sure:"), (GUESSED, "Guessed, check it:"), (MISSING, "Missing, nothing is assumed:"))
 PARTS = ("delimiter", "joint_names", "columns", "units", "factors", "constants", "repeated_times", "cut_by")
+MOST_COLUMNS = 10_000
+"""Columns from which a map is proposed."""
 DELIMITERS = (";", "\t", " ")
 
 
 def propose_map(source: Path, robot: Robot, format: str | None = None) -> str:
     """The proposal for the first log below a folder, or for a file, as YAML; nothing is imported."""
     layout, path = first_file(source, format)
-    table = layout.table(path, layout.Options())
-    delimiter = None
-    if layout.name == "csv" and len(table.columns) == 1:
-        delimiter = next((one for one in DELIMITERS if one in table.columns[0]), None)
-        table = layout.table(path, layout.Options(**({"delimiter": delimiter} if delimiter else {})))
-    proposal = propose(layout.first_log(table), robot)
+    check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
+    with decoding(path, layout.name, "export it anew"):
+        table = layout.table(path, layout.Options())
+        delimiter = None
+        if layout.name == "csv" and len(table.columns) == 1:
+            delimiter = next((one for one in DELIMITERS if one in table.columns[0]), None)
+            table = layout.table(path, layout.Options(**({"delimiter": delimiter} if delimiter else {})))
+        first = layout.first_log(table)
+    if len(first.columns) > MOST_COLUMNS:
+        raise InputError(path, f"{len(first.columns)} columns", f"at most {MOST_COLUMNS}", "write the map by hand")
+    proposal = propose(first, robot)
     if delimiter:
         proposal.options["delimiter"] = delimiter
     return as_text(proposal, table, layout.name, robot)
