@@ -140,7 +140,7 @@ class Executor:
                 return started.submit(function, item).result()
 
         elif self.kind == "ray":
-            run = self._on_ray()
+            run, workers = self._on_ray()
         pool = JobPool(run, 1 if run is _apply else workers)
         try:
             yield pool
@@ -153,15 +153,16 @@ class Executor:
     def _unknown(self) -> InputError:
         return InputError("executor.kind", self.kind, "local, joblib or ray", "choose one: executor=joblib")
 
-    def _on_ray(self) -> Run:
+    def _on_ray(self) -> tuple[Run, int]:
+        """How a job runs on the cluster, and how many do at once."""
         ray = self._ray()
         remote = ray.remote(num_cpus=1)(_apply)
-        return lambda function, item: ray.get(remote.remote(function, item))
+        return lambda function, item: ray.get(remote.remote(function, item)), int(ray.cluster_resources()["CPU"])
 
     def _by_ray(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         ray = self._ray()
-        remote = ray.remote(num_cpus=1)(function)
-        yield from (ray.get(handle) for handle in [remote.remote(item) for item in items])
+        remote = ray.remote(num_cpus=1)(_apply)  # Ray takes functions alone, and a case may be a partial one
+        yield from (ray.get(handle) for handle in [remote.remote(function, item) for item in items])
 
     def _ray(self) -> Any:
         """The package, connected to the cluster."""

@@ -72,7 +72,9 @@ class TrialRunner:
         return read_json(self._json(place))
 
     def call(self, make: Callable[..., Any], *inputs: Any) -> Any:
-        """``make(*inputs)``, where ``map`` computes."""
+        """``make(*inputs)``, on a worker where threads share them, so that this process is free to give them work."""
+        if not self.side_by_side:
+            return make(*inputs)
         (made,) = self.map(apply_to, [(make, inputs)])
         return made
 
