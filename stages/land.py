@@ -40,7 +40,8 @@ def land(config: DictConfig) -> dict[str, float]:
     for name in (FIGURES, TABLE, PAGE):  # results of an earlier call, so that none are left if this one fails
         (out / name).unlink(missing_ok=True)
     cache = ResultCache(out / RUNS)
-    scored = experiment.run(TrialRunner(cache, executor.map, print_trial))
+    with executor.pool() as pool:
+        scored = experiment.run(TrialRunner(cache, pool.map, print_trial, pool.map_last, side_by_side=True))
     cache.sweep()
     figures = landing_figures(scored, settings.single, settings.seed)
     rows = [row for one in scored for row in one.rows()]

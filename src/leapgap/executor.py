@@ -1,9 +1,16 @@
 """Execution of independent cases: in this process, in parallel processes, or on a Ray cluster."""
 
+import itertools
+import os
+import queue
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from multiprocessing import get_context
+from typing import Any, TypeVar
 
 from leapgap.errors import InputError, needs
 from leapgap.processes import starting_workers
@@ -13,6 +20,67 @@ UNUSED = r"\d+ tasks (have been|which were)"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Run = Callable[[Callable[[Any], Any], Any], Any]
+"""Applies a function to one item somewhere, and waits for the result."""
+
+
+class JobPool:
+    """Runs the jobs of several threads on shared workers; a job of a lower rank goes before those that wait.
+
+    Results do not depend on the order. ``close`` ends it: jobs that wait are cancelled.
+    """
+
+    def __init__(self, run: Run, workers: int) -> None:
+        """``run`` is called from as many threads as there are workers."""
+        self._run = run
+        self._waiting: queue.PriorityQueue[tuple[float, int, tuple[Future[Any], Any, Any] | None]] = (
+            queue.PriorityQueue()
+        )
+        self._numbers = itertools.count()
+        self._closed = False
+        self._lock = threading.Lock()
+        self._threads = [threading.Thread(target=self._work, daemon=True) for _ in range(workers)]
+        for thread in self._threads:
+            thread.start()
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item], rank: float = 0) -> Iterator[Result]:
+        """Results in the order of the items, all of which wait for a worker from now on."""
+        futures = [self._submit(function, item, rank) for item in items]
+        return (future.result() for future in futures)
+
+    def map_last(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """``map`` for items whose results no further item waits for: they fill the time of idle workers."""
+        return self.map(function, items, rank=1)
+
+    def close(self) -> None:
+        """Cancel what waits, and wait for what runs."""
+        with self._lock:
+            self._closed = True
+            for _ in self._threads:
+                self._waiting.put((-1, next(self._numbers), None))
+        for thread in self._threads:
+            thread.join()
+        while not self._waiting.empty():
+            _, _, job = self._waiting.get()
+            if job is not None:
+                job[0].cancel()
+
+    def _submit(self, function: Callable[[Item], Result], item: Item, rank: float) -> "Future[Result]":
+        future: Future[Result] = Future()
+        with self._lock:
+            if self._closed:
+                future.cancel()
+            else:
+                self._waiting.put((rank, next(self._numbers), (future, function, item)))
+        return future
+
+    def _work(self) -> None:
+        while (job := self._waiting.get()[2]) is not None:
+            future, function, item = job
+            try:
+                future.set_result(self._run(function, item))
+            except BaseException as error:
+                future.set_exception(error)
 
 
 @dataclass(frozen=True)
@@ -49,9 +117,55 @@ class Executor:
         elif self.kind == "ray":
             yield from self._by_ray(function, items)
         else:
-            raise InputError("executor.kind", self.kind, "local, joblib or ray", "choose one: executor=joblib")
+            raise self._unknown
+
+    @contextmanager
+    def pool(self) -> Iterator[JobPool]:
+        """Workers for several threads at once, which end with this block; without processes, one job at a time."""
+        if self.kind not in ("local", "joblib", "ray"):
+            raise self._unknown
+        workers = (os.cpu_count() or 1) if self.workers == -1 else self.workers
+        processes: ProcessPoolExecutor | None = None
+        run: Run = _apply
+        if self.kind == "joblib" and workers > 1:
+            with starting_workers() as (initializer, arguments):
+                processes = ProcessPoolExecutor(
+                    workers, mp_context=get_context("spawn"), initializer=initializer, initargs=arguments
+                )
+                for _ in range(workers):  # each starts a process, while Ctrl-C is ignored
+                    processes.submit(int)
+            started = processes
+
+            def run(function: Callable[[Any], Any], item: Any) -> Any:
+                return started.submit(function, item).result()
+
+        elif self.kind == "ray":
+            run, workers = self._on_ray()
+        pool = JobPool(run, 1 if run is _apply else workers)
+        try:
+            yield pool
+        finally:
+            pool.close()
+            if processes is not None:
+                processes.shutdown(cancel_futures=True)
+
+    @property
+    def _unknown(self) -> InputError:
+        return InputError("executor.kind", self.kind, "local, joblib or ray", "choose one: executor=joblib")
+
+    def _on_ray(self) -> tuple[Run, int]:
+        """How a job runs on the cluster, and how many do at once."""
+        ray = self._ray()
+        remote = ray.remote(num_cpus=1)(_apply)
+        return lambda function, item: ray.get(remote.remote(function, item)), int(ray.cluster_resources()["CPU"])
 
     def _by_ray(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        ray = self._ray()
+        remote = ray.remote(num_cpus=1)(_apply)  # Ray takes functions alone, and a case may be a partial one
+        yield from (ray.get(handle) for handle in [remote.remote(function, item) for item in items])
+
+    def _ray(self) -> Any:
+        """The package, connected to the cluster."""
         try:
             import ray
         except ImportError:
@@ -59,5 +173,8 @@ class Executor:
                 "executor", "ray, which is not installed", "an installed package", "pip install ray, or executor=joblib"
             ) from None
         ray.init(address=self.address, num_cpus=None if self.address else self.workers, ignore_reinit_error=True)
-        remote = ray.remote(num_cpus=1)(function)
-        yield from (ray.get(handle) for handle in [remote.remote(item) for item in items])
+        return ray
+
+
+def _apply(function: Callable[[Item], Result], item: Item) -> Result:
+    return function(item)

@@ -46,3 +46,11 @@ def test_a_small_turn_is_about_the_axes_of_the_body_and_is_found_again() -> None
     assert np.abs(after - expected).max() < 2e-8
     assert np.abs(turn_between(first, expected) - by).max() < 2e-8
     assert np.abs(turn_between(first, -expected) - by).max() < 2e-8  # q and −q are one attitude
+
+
+def test_one_quaternion_turns_as_it_does_among_others() -> None:
+    """Bit for bit: replays turn all rows at once, a closed loop one at each tick."""
+    first = quaternions()
+    by = np.random.default_rng(5).normal(size=(len(first), 3)) * 1e-2
+    apart = [turn_by(one[None], angles[None])[0] for one, angles in zip(first, by, strict=True)]
+    assert np.array_equal(apart, turn_by(first, by))

@@ -85,6 +85,11 @@ class Commands:
     row: np.ndarray | None = None
     """Row of the log in which each period lies, (periods,); None: each is a row of its own."""
 
+    @property
+    def newest(self) -> "Commands":
+        """The last period alone."""
+        return Commands(self.torque[-1:], self.position[-1:], self.velocity[-1:])
+
 
 @dataclass(frozen=True)
 class Effect(ABC):
@@ -204,6 +209,13 @@ class Effect(ABC):
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Commands as they reach the joints in periods of ``period_s`` true seconds."""
         return commands
+
+    def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """The last period of ``change_commands`` alone, which a closed loop asks for at every tick.
+
+        An effect that finds it without the other periods overrides this; both must agree bit for bit.
+        """
+        return self.change_commands(commands, period_s, robot).newest
 
     def torque_by_velocity(self, velocity: np.ndarray, robot: Robot) -> np.ndarray | None:
         """Torque that the robot's own controller adds to the commands by measured joint velocities (periods, joints).

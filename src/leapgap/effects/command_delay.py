@@ -1,5 +1,6 @@
 """Commands that reach the joints late."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,24 @@ class CommandDelay(Effect):
         def late(sent: np.ndarray) -> np.ndarray:
             arrived = sent.copy()
             arrived[:, at] = (1 - share) * sent[before][:, at] + share * sent[after][:, at]
+            return arrived
+
+        return Commands(late(commands.torque), late(commands.position), late(commands.velocity))
+
+    def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """The same for the last period, by the same arithmetic."""
+        if self.is_nominal:
+            return commands.newest
+        last = len(commands.torque) - 1
+        row = last - self.delay_s / period_s
+        whole = math.floor(row + 1e-9)
+        share = min(max(row - whole, 0.0), 1.0)
+        before, after = max(whole, 0), min(max(whole + 1, 0), last)
+        at = slice(None) if self.location == "all" else robot.joints_at(self.location)
+
+        def late(sent: np.ndarray) -> np.ndarray:
+            arrived = sent[-1:].copy()
+            arrived[0, at] = (1 - share) * sent[before, at] + share * sent[after, at]
             return arrived
 
         return Commands(late(commands.torque), late(commands.position), late(commands.velocity))

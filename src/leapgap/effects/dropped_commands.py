@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from leapgap.effects.base import Commands, Effect, parameter
 from leapgap.robot.model import Robot
@@ -28,6 +27,8 @@ class DroppedCommands(Effect):
         """Replace the commands of the joints by their mean over the losses."""
         if self.is_nominal:
             return commands
+        from scipy.signal import lfilter  # every process reads this file, and the import takes half a second
+
         at = robot.joints_at(self.location)
 
         def received(sent: np.ndarray) -> np.ndarray:

@@ -28,6 +28,10 @@ class LoopDelay(Effect):
         """Shift the commands of the joints."""
         return CommandDelay(self.location, delay_s=self.delay_s).change_commands(commands, period_s, robot)
 
+    def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """Shift the last of the commands of the joints."""
+        return CommandDelay(self.location, delay_s=self.delay_s).change_newest_commands(commands, period_s, robot)
+
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Add to the time after which the joint PD answers."""
         delay = drive.delay_s.copy()

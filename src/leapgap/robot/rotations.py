@@ -1,5 +1,7 @@
 """Rotations as quaternions w x y z, base to world: the angles read from them, and turns between them."""
 
+import math
+
 import numpy as np
 
 
@@ -29,6 +31,8 @@ def upright_cosine(quaternion: np.ndarray) -> np.ndarray:
 
 def turn_by(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Quaternions (rows, 4) turned about the body's axes by small angles (rows, 3), rad; unit length."""
+    if len(quaternion) == 1:  # a controller's tick: numbers are five times as fast as arrays of one
+        return turn_one_by(quaternion[0], angles[0])[None]
     w, x, y, z = quaternion.T
     a, b, c = (angles / 2).T
     small = np.stack(
@@ -36,6 +40,20 @@ def turn_by(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
         axis=1,
     )
     return small / np.linalg.norm(small, axis=1, keepdims=True)
+
+
+def turn_one_by(quaternion: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """``turn_by`` for one quaternion (4,) and its angles (3,), bit for bit the same, (4,)."""
+    w, x, y, z = quaternion.tolist()
+    a, b, c = (angle / 2 for angle in angles.tolist())
+    w, x, y, z = (
+        w - x * a - y * b - z * c,
+        x + w * a + y * c - z * b,
+        y + w * b + z * a - x * c,
+        z + w * c + x * b - y * a,
+    )
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return np.array([w / length, x / length, y / length, z / length])
 
 
 def turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:

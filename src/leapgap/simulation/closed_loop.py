@@ -59,6 +59,8 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         self.substeps = replayer.substeps(ready.commanded)
         self.drive = replayer.drive(self.trial)
+        self.control_gain = self.drive.control_gain
+        self.period_s = self.trial.period_s
         self.effects_of_commands = overriding(effects, "change_commands")
         self.effects_of_sensors = overriding(effects, "change_measured")
         self.effects_by_velocity = overriding(effects, "torque_by_velocity")
@@ -68,12 +70,12 @@ class Plant:
         start = replayer.whole_state(self.trial, self.model, ready.start, None)
         self.data.qpos[:], self.data.qvel[:] = np.split(start, [self.model.nq])
         mujoco.mj_forward(self.model, self.data)  # contacts of the first tick
-        self.gains: tuple[np.ndarray, np.ndarray] | None = None
+        self.gains: tuple[bytes, bytes] | None = None
         self.truth: list[tuple[np.ndarray, np.ndarray]] = [self.state]
         self.sent: list[Command] = []
         self.newest: Commands | None = None
         """Commands of the last ``memory`` ticks, the first of all held before them."""
-        self.memory = 1 + math.ceil(MEMORY_S / self.trial.period_s - ROUNDING)
+        self.memory = 1 + math.ceil(MEMORY_S / self.period_s - ROUNDING)
         """Ticks from one as old as ``MEMORY_S`` to the newest."""
 
     @property
@@ -87,26 +89,27 @@ class Plant:
         rows = self.truth[-self.memory :] if self.effects_of_sensors else self.truth[-1:]
         motion = Motion(*(np.array(part) for part in zip(*rows, strict=True)))
         for effect in self.effects_of_sensors:
-            motion = effect.change_measured(motion, self.trial.period_s, self.robot)
+            motion = effect.change_measured(motion, self.period_s, self.robot)
         return Motion(motion.qpos[-1:], motion.qvel[-1:])
 
-    def touching(self) -> np.ndarray:
-        """Whether each foot touches now, bool, (feet,)."""
-        feet = self.foot_of_geom[self.data.contact.geom.ravel()]
-        touching = np.zeros(len(self.robot.feet), dtype=bool)
-        touching[feet[feet >= 0]] = True
-        return touching
+    def feel_ground(self) -> tuple[np.ndarray, np.ndarray]:
+        """Whether each foot touches now, bool, (feet,), and the force of the ground on it during the last substep.
 
-    def ground_force(self) -> np.ndarray:
-        """Force of the ground on each foot, world axes, N, (feet, 3), during the last substep."""
-        force, wrench = np.zeros((len(self.robot.feet), 3)), np.zeros(6)
-        for number, geoms in enumerate(self.foot_of_geom[self.data.contact.geom]):
+        Forces in world axes, N, (feet, 3).
+        """
+        feet = len(self.robot.feet)
+        touching, force, wrench = np.zeros(feet, dtype=bool), np.zeros((feet, 3)), np.zeros(6)
+        if not self.data.ncon:
+            return touching, force
+        contact = self.data.contact  # each of its fields is put together anew where it is asked for
+        frames = contact.frame
+        for number, geoms in enumerate(self.foot_of_geom[contact.geom].tolist()):
             for foot, sign in zip(geoms, (-1.0, 1.0), strict=True):  # MuJoCo's acts on the second geom
                 if foot >= 0:
+                    touching[foot] = True
                     mujoco.mj_contactForce(self.model, self.data, number, wrench)
-                    axes = self.data.contact.frame[number].reshape(3, 3)
-                    force[foot] += sign * wrench[:3] @ axes
-        return force
+                    force[foot] += sign * wrench[:3] @ frames[number].reshape(3, 3)
+        return touching, force
 
     def send(self, command: Command) -> None:
         """Apply a command for one control period."""
@@ -114,11 +117,10 @@ class Plant:
         self._set_gains(command)
         commands = self._arriving()
         control = commands.torque[-1] + command.kp * commands.position[-1] + command.kd * commands.velocity[-1]
-        velocity = self.data.qvel[self.robot.joint_dofs]
         for effect in self.effects_by_velocity:
-            added = effect.torque_by_velocity(velocity[None], self.robot)
+            added = effect.torque_by_velocity(self.data.qvel[None, self.robot.joint_dofs], self.robot)
             control = control if added is None else control + added[0]
-        self.data.ctrl[self.robot.joint_actuators] = control * self.drive.control_gain
+        self.data.ctrl[self.robot.joint_actuators] = control * self.control_gain
         if len(self.truth) == 1:
             self._start_motors()
         mujoco.mj_step(self.model, self.data, self.substeps)
@@ -136,9 +138,9 @@ class Plant:
         disturb(self.model, self.data, self.robot.base_body, actions, time_s)
 
     def _set_gains(self, command: Command) -> None:
-        gains = (command.kp, command.kd)
-        if self.gains is None or not all(np.array_equal(*pair) for pair in zip(gains, self.gains, strict=True)):
-            self.drive.set_joint_pd(self.model, self.robot, *gains)
+        gains = command.kp.tobytes(), command.kd.tobytes()  # compared in a tenth of the time of the arrays
+        if gains != self.gains:
+            self.drive.set_joint_pd(self.model, self.robot, command.kp, command.kd)
             self.gains = gains
 
     def _arriving(self) -> Commands:
@@ -153,10 +155,10 @@ class Plant:
         for known, row in zip(kept, rows, strict=True):
             known[:-1] = known[1:]
             known[-1] = row
-        commands = self.newest
-        for effect in self.effects_of_commands:
-            commands = effect.change_commands(commands, self.trial.period_s, self.robot)
-        return commands
+        commands, (*first, last) = self.newest, self.effects_of_commands
+        for effect in first:
+            commands = effect.change_commands(commands, self.period_s, self.robot)
+        return last.change_newest_commands(commands, self.period_s, self.robot)
 
 
 def run_closed_loop(
@@ -183,8 +185,8 @@ def run_closed_loop(
     force: list[np.ndarray] = []
     for row in range(rows):
         measured.append(errors.add_to(plant.measure(), robot, first=row))
-        touching.append(plant.touching())
-        force.append(plant.ground_force())
+        for kept, now in zip((touching, force), plant.feel_ground(), strict=True):
+            kept.append(now)
         of_base = measured[max(0, row - late)]
         command = controller.command(estimate(row * period, of_base, measured[row], touching[row], robot))
         since = disturbed_from() if disturbances else None

@@ -1,5 +1,8 @@
 """What is done is kept: a killed run goes on, and nothing stale is taken for done."""
 
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +11,7 @@ import pytest
 from leapgap import cache
 from leapgap.atomic_io import read_json
 from leapgap.cache import ResultCache
+from leapgap.errors import InputError
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.landing import Landing
 from leapgap.jumping.experiments.landing_model import LandingSamples
@@ -118,6 +122,37 @@ def test_other_values_are_kept_by_their_inputs(runner: TrialRunner) -> None:
         return {"calls": len(calls)}
 
     assert [runner.value("ideal/identified", found, number)["calls"] for number in (1, 1, 2, 2)] == [1, 1, 2, 2]
+
+
+def test_threads_that_ask_for_the_same_result_compute_it_once(runner: TrialRunner) -> None:
+    calls = []
+
+    def found(number: int) -> dict[str, int]:
+        calls.append(number)
+        time.sleep(0.2)
+        return {"calls": len(calls)}
+
+    with ThreadPoolExecutor(4) as threads:
+        asked = [threads.submit(runner.value, "ideal/identified", found, 7) for _ in range(4)]
+        assert [one.result()["calls"] for one in asked] == [1] * 4
+    assert calls == [7]
+
+
+def test_who_waits_for_a_result_gets_its_error(runner: TrialRunner) -> None:
+    begun = threading.Event()
+
+    def found() -> dict[str, int]:
+        begun.set()
+        time.sleep(0.2)
+        raise InputError("jump", "none", "one", "make one")
+
+    with ThreadPoolExecutor(2) as threads:
+        first = threads.submit(runner.value, "ideal/identified", found)
+        begun.wait()
+        second = threads.submit(runner.value, "ideal/identified", found)
+        for one in (first, second):
+            with pytest.raises(InputError, match="make one"):
+                one.result()
 
 
 def test_a_real_trial_repeats_bit_for_bit_and_keeps_its_log(bench: Bench, joint_pd: JointPdMethod) -> None:

@@ -1,7 +1,10 @@
 """Runs trials and keeps each result in a cache as soon as it is there."""
 
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,31 +28,81 @@ Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
 
 @dataclass(frozen=True)
 class TrialRunner:
-    """Runs the trials whose results are not in the cache: ``<place>.json``, and ``<place>.parquet`` of a log."""
+    """Runs the trials whose results are not in the cache: ``<place>.json``, and ``<place>.parquet`` of a log.
+
+    Threads may share it where they may share ``map``; what one of them computes another waits for.
+    """
 
     cache: ResultCache
     map: Mapper
     progress: Callable[[TrialSpec, TrialResult], None] | None = None
     """Called after every trial that was run, in their order."""
+    map_last: Mapper | None = None
+    """``map`` for trials whose results no further trial waits for; None: ``map``."""
+    side_by_side: bool = False
+    """Whether threads may share ``map``, so that methods are prepared side by side."""
+    _running: "dict[str, Future[None]]" = field(default_factory=dict)
+    """Places that a thread computes."""
+    _lock: Any = field(default_factory=threading.Lock)
 
-    def results(self, trials: Sequence[TrialSpec]) -> list[TrialResult]:
-        """Results in the order of the trials. New ones are read back from the cache, like earlier ones."""
-        keys = [result_key(TrialSpec.run, trial) for trial in trials]
-        missing = [(t, key) for t, key in zip(trials, keys, strict=True) if self.cache.get(t.place, key) is None]
-        new = self.map(TrialSpec.run, [trial for trial, _ in missing])
-        for (trial, key), result in zip(missing, new, strict=True):
-            self._store(trial, result, key)
-            if self.progress is not None:
-                self.progress(trial, result)
+    def results(self, trials: Sequence[TrialSpec], last: bool = False) -> list[TrialResult]:
+        """Results in the order of the trials. New ones are read back from the cache, like earlier ones.
+
+        ``last``: no further trial waits for them.
+        """
+        keys = {trial.place: result_key(TrialSpec.run, trial) for trial in trials}
+        with self._claimed(keys) as claimed:
+            missing = [trial for trial in trials if trial.place in claimed]
+            new = ((last and self.map_last) or self.map)(TrialSpec.run, missing)
+            for trial, result in zip(missing, new, strict=True):
+                self._store(trial, result, keys[trial.place])
+                if self.progress is not None:
+                    with self._lock:
+                        self.progress(trial, result)
         return [self._read(trial) for trial in trials]
 
     def value(self, place: str, make: Callable[..., Mapping[str, Any]], *inputs: Any) -> Mapping[str, Any]:
         """``make(*inputs)``, from the cache where it is there; JSON must be able to hold it."""
         key = result_key(make, inputs)
-        if self.cache.get(place, key) is None:
-            with self.cache.store(place, key) as folder:
-                write_json(folder / f"{Path(place).name}.json", make(*inputs))
+        with self._claimed({place: key}) as claimed:
+            if claimed:
+                made = self.call(make, *inputs)
+                with self.cache.store(place, key) as folder:
+                    write_json(folder / f"{Path(place).name}.json", made)
         return read_json(self._json(place))
+
+    def call(self, make: Callable[..., Any], *inputs: Any) -> Any:
+        """``make(*inputs)``, on a worker where threads share them, so that this process is free to give them work."""
+        if not self.side_by_side:
+            return make(*inputs)
+        (made,) = self.map(apply_to, [(make, inputs)])
+        return made
+
+    @contextmanager
+    def _claimed(self, wanted: Mapping[str, str]) -> Iterator[set[str]]:
+        """Yield those places, of a mapping to their keys, that are not in the cache, nor computed by another thread.
+
+        The block has to compute them. It ends when those are there, too, that others compute.
+        """
+        done: Future[None] = Future()
+        with self._lock:
+            missing = [place for place, key in wanted.items() if self.cache.get(place, key) is None]
+            others = {self._running[place] for place in missing if place in self._running}
+            claimed = {place for place in missing if place not in self._running}
+            self._running.update(dict.fromkeys(claimed, done))
+        try:
+            yield claimed
+        except BaseException as error:
+            done.set_exception(error)
+            raise
+        else:
+            done.set_result(None)
+        finally:
+            with self._lock:
+                for place in claimed:
+                    del self._running[place]
+        for other in others:
+            other.result()
 
     def _store(self, trial: TrialSpec, result: TrialResult, key: str) -> None:
         with self.cache.store(trial.place, key) as folder:
@@ -65,6 +118,12 @@ class TrialRunner:
 
     def _json(self, place: str) -> Path:
         return self.cache.folder / f"{place}.json"
+
+
+def apply_to(call: tuple[Callable[..., Any], Sequence[Any]]) -> Any:
+    """The value of a function at its inputs."""
+    function, inputs = call
+    return function(*inputs)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Closed-loop runs of every landing method at every task, on each simulated hardware."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,8 +82,27 @@ class LandingExperiment:
         return self.settings.only.get(hardware.variant, self.settings.methods)
 
     def run(self, runner: TrialRunner) -> list[ScoredRun]:
-        """Run every method at every task on every hardware. Results in the runner's cache are not computed again."""
-        return [scored for hardware in self.hardware for scored in self._run_on(hardware, runner)]
+        """Run every method at every task on every hardware. Results in the runner's cache are not computed again.
+
+        Methods that practise wait for one jump after the other; meanwhile workers make the jumps of other methods.
+        """
+        jobs = [
+            (rig, hardware, name)
+            for hardware in self.hardware
+            for rig in (self.rig(hardware, runner),)
+            for name in self.names_on(hardware)
+        ]
+        if not runner.side_by_side:
+            return [scored for job in jobs for scored in self._run_method(*job)]
+        threads = ThreadPoolExecutor(len(jobs))
+        try:
+            running = [threads.submit(self._run_method, *job) for job in jobs]
+            done, _ = wait(running, return_when=FIRST_EXCEPTION)
+            for failed in [one for one in running if one in done and one.exception()]:
+                failed.result()
+            return [scored for one in running for scored in one.result()]
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
 
     def rig(self, hardware: Hardware, runner: TrialRunner) -> Rig:
         """A hardware, with everything that methods need to be prepared on it."""
@@ -96,12 +116,14 @@ class LandingExperiment:
         bench = Bench(hardware.place, hardware.effects, world, references, runner, settings.seed)
         return Rig(settings, available(self.methods), bench, self.tasks, body)
 
-    def _run_on(self, hardware: Hardware, runner: TrialRunner) -> list[ScoredRun]:
-        rig = self.rig(hardware, runner)
-        methods = {name: method for name in self.names_on(hardware) if (method := rig.method(name)) is not None}
-        named = all_trials(rig.bench, methods, self.tasks, self.repeats)
-        results = runner.results([trial for _, trial in named])
-        return [scored_run(hardware, name, trial, result) for (name, trial), result in zip(named, results, strict=True)]
+    def _run_method(self, rig: Rig, hardware: Hardware, name: str) -> list[ScoredRun]:
+        """Runs of a method at every task; none where it lacks an input."""
+        method = rig.method(name)
+        if method is None:
+            return []
+        trials = [trial for _, trial in all_trials(rig.bench, {name: method}, self.tasks, self.repeats)]
+        results = rig.bench.runner.results(trials, last=True)
+        return [scored_run(hardware, name, trial, result) for trial, result in zip(trials, results, strict=True)]
 
 
 def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardware:

@@ -1,8 +1,9 @@
 """One simulated robot with everything that methods need to be prepared, and the settings of the experiment."""
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,7 @@ class Plans:
 
 @dataclass
 class Rig:
-    """One simulated robot. Each method is prepared once, when it is first asked for."""
+    """One simulated robot. Each method is prepared once, when it is first asked for, by whichever thread asks."""
 
     settings: LandSettings
     known: Mapping[str, MethodSettings]
@@ -110,6 +111,9 @@ class Rig:
     body: RigidBody
     """Rigid body that controllers assume for the nominal robot."""
     _prepared: dict[str, Method | None] = field(default_factory=dict)
+    _locks: dict[str, Any] = field(default_factory=dict)
+    """Lock of each method, by its name."""
+    _plans_lock: Any = field(default_factory=threading.RLock)
 
     @property
     def robot(self) -> Robot:
@@ -118,13 +122,18 @@ class Rig:
 
     def method(self, name: str) -> Method | None:
         """The method of that name, prepared; None where something that it needs is not there."""
-        if name not in self._prepared:
-            self._prepared[name] = self.known[name].prepare(name, self)
-        return self._prepared[name]
+        with self._locks.setdefault(name, threading.RLock()):
+            if name not in self._prepared:
+                self._prepared[name] = self.known[name].prepare(name, self)
+            return self._prepared[name]
 
     def plan(self, target: Target) -> Log:
         """A plan of the nominal robot from level ground."""
-        return reference_to(target, Path(self.settings.references), planar_robot(self.robot), self.settings.schedule)
+        settings, planar = self.settings, planar_robot(self.robot)
+        planned: Log = self.bench.runner.call(
+            reference_to, target, Path(settings.references), planar, settings.schedule
+        )
+        return planned
 
     def plans(self, source: PlanSource) -> Plans | None:
         """Plans for the robot of a source; None, with a printed reason, where there are none."""
@@ -133,7 +142,8 @@ class Rig:
             PlanSource.published: lambda: self._published,
             PlanSource.corrected: lambda: self._corrected,
         }
-        return makers[source]()
+        with self._plans_lock:
+            return makers[source]()
 
     @cached_property
     def _published(self) -> Plans | None:
@@ -155,7 +165,7 @@ class Rig:
             print(f"no plan can reckon with {', '.join(left_out)}: methods _corrected are left out", flush=True)
             return None
         planar = planar_robot_with(robot, found)
-        references = {
-            target: plan_reference(target, planar, self.settings.schedule) for target in self.bench.references
-        }
+        targets, schedule = list(self.bench.references), self.settings.schedule
+        plan = partial(plan_reference, planar=planar, schedule=schedule)
+        references = dict(zip(targets, self.bench.runner.map(plan, targets), strict=True))
         return Plans(references, body_with(robot, found, crouch(references, robot)))

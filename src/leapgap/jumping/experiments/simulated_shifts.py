@@ -267,14 +267,15 @@ class ShiftSimulator:
             ]
         ) / np.sqrt(self.average_rows)
         found = np.full((self.grid.updates, DEVIATIONS), np.nan)
-        for update in range(self.grid.updates):
-            row = round(update * self.grid.period_s / period)
-            if jump.kick_row and row <= jump.kick_row + self.average_rows + self.late_rows:
-                continue
+        row_of = {update: round(update * self.grid.period_s / period) for update in range(self.grid.updates)}
+        unfit = jump.kick_row + self.average_rows + self.late_rows if jump.kick_row else -1
+        row_of = {update: row for update, row in row_of.items() if row > unfit}
+        offsets = pair_feet(self.robot, motion.qpos[list(row_of.values())])
+        for (update, row), offset in zip(row_of.items(), offsets, strict=True):
             rows = np.arange(max(0, row - self.average_rows + 1), row + 1)
             base = state[np.maximum(rows - self.late_rows, 0)]
             trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
-            feet = pair_feet(self.robot, motion.qpos[row : row + 1])[0] - jump.plan.at("foot", row, shifts[row])
+            feet = offset - jump.plan.at("foot", row, shifts[row])
             found[update] = np.concatenate([trunk + spread * rng.standard_normal(6), feet])
         return found
 

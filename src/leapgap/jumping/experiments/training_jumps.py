@@ -131,10 +131,15 @@ def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobo
     found = identify_joint_effects(bench, logs)
     assert method.planner is not None
     robots = [planar_robot_with(bench.robot, scale_effects(found, share)) for share in (1.0, *FALLBACK_EFFECT_SHARES)]
-    ends, planner = ends_of(config), method.planner
-    chosen = next((i for i, robot in enumerate(robots) if replace(planner, robot=robot).reaches(ends)), 0)
+    planner = method.planner
+    chosen = bench.runner.call(first_that_reaches, [replace(planner, robot=robot) for robot in robots], ends_of(config))
     robot, *fallback_robots = robots[chosen:]
     return IdentifiedRobot(replace(planner, robot=robot, fallback_robots=tuple(fallback_robots)), found, tuple(logs))
+
+
+def first_that_reaches(planners: Sequence[JumpPlanner], ends: Sequence[np.ndarray]) -> int:
+    """Number of the first planner that reaches all of the goals (3,); 0 where none does."""
+    return next((i for i, planner in enumerate(planners) if planner.reaches(ends)), 0)
 
 
 def ends_of(config: PracticeConfig) -> list[np.ndarray]:

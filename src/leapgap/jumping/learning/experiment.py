@@ -95,7 +95,8 @@ def fit_task(
     """What a recipe is given for one model of one split; ``folder`` holds the models fitted on the split before."""
 
     def member(other: str) -> Model:
-        if other not in config.models_of(split) or not is_stored(folder, other):
+        models = config.models_of(split)
+        if other not in models[: models.index(name)] or not is_stored(folder, other):
             raise InputError("train.models", f"{name} before {other}", f"{other} before it", "correct conf/train")
         return load(folder, other).model
 

@@ -1,8 +1,9 @@
 """All models on all splits: fitted where they are not in the cache, kept where they are."""
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -59,10 +60,15 @@ def train(
     for place, key in [pair for job in jobs for pair in job.places()] + exports(jobs[-1]):
         cache.expect(place, key)
     cache.sweep()
-    fitted: list[str] = []
-    for number, done in enumerate(run_jobs(jobs, config.processes)):
-        fitted += done
-        progress(f"{splits[number].name} ({number + 1} of {len(splits)}): {len(done)} models fitted")
+    parts = [part for job in jobs for part in job.parts() if not part.is_kept]
+    left, ready = Counter(part.job.split.name for part in parts), 0
+    for done in run_parts(parts, config.processes):
+        name = done.job.split.name
+        left[name] -= 1
+        if not left[name]:
+            ready += 1
+            models = sum(part.is_model and part.job.split.name == name for part in parts)
+            progress(f"{name} ({ready} of {len(splits)}): {models} models fitted")
     write_json(
         out / SPLITS,
         {
@@ -72,12 +78,12 @@ def train(
     )
     export_models(jobs[-1])
     write_all_curves(out, {split.name: config.models_of(split) for split in splits})
-    return fitted
+    return [part.place for part in parts if part.is_model]
 
 
 @dataclass(frozen=True)
 class SplitJob:
-    """Fits all models of one split."""
+    """What is fitted on one split."""
 
     windows: Windows
     config: TrainConfig
@@ -99,26 +105,48 @@ class SplitJob:
         models = [(f"{self.split.name}/{name}", key) for name, key in self.keys.items()]
         return models + [(uncertainty_place(self.split, name), key) for name, key in self.uncertainty_keys.items()]
 
-    def run(self) -> list[str]:
-        """Fit what is not in the cache; the names of what was fitted."""
-        fitted = []
-        train_on, held_out = (self.windows.of_jumps(jumps) for jumps in (self.split.train, self.split.held_out))
-        for name, key in self.keys.items():
-            place = f"{self.split.name}/{name}"
-            if self.cache.get(place, key) is None:
-                with self.cache.store(place, key) as folder:
-                    of_split, scratch = self.cache.folder / self.split.name, self.cache.scratch(place, key)
-                    task = fit_task(self.config, self.split, name, train_on, held_out, of_split, scratch)
-                    model, curve = fit(recipes()[name], task)
-                    write_json(folder / f"{name}.curve.json", {"rows": curve})
-                    save(StoredModel(model, Purpose.of(self.windows), self.split.train, key), folder, name)
-                fitted.append(place)
-        for name, key in self.uncertainty_keys.items():
-            place = uncertainty_place(self.split, name)
-            if self.cache.get(place, key) is None:
-                with self.cache.store(place, key) as folder:
-                    fit_uncertainty(train_on, self.config, recipes()[name], folder / f"{Path(place).name}.npz")
-        return fitted
+    def parts(self) -> list["Part"]:
+        """Everything to fit, models in their order and then the learned errors."""
+        models = [Part(self, name, f"{self.split.name}/{name}", key, True) for name, key in self.keys.items()]
+        errors = self.uncertainty_keys.items()
+        return models + [Part(self, name, uncertainty_place(self.split, name), key, False) for name, key in errors]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Fits one model of a split, or learns the errors of one."""
+
+    job: SplitJob
+    name: str
+    """The model."""
+    place: str
+    key: str
+    is_model: bool
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the result is in the cache."""
+        return self.job.cache.get(self.place, self.key) is not None
+
+    @property
+    def needs(self) -> set[str]:
+        """Places of the models of the same split that have to be fitted before."""
+        members = find_recipe(self.name, "train.models").members if self.is_model else ()
+        return {f"{self.job.split.name}/{member}" for member in members}
+
+    def run(self) -> None:
+        """Fit it, and put it into the cache."""
+        job, split, cache, recipe = self.job, self.job.split, self.job.cache, recipes()[self.name]
+        train_on, held_out = (job.windows.of_jumps(jumps) for jumps in (split.train, split.held_out))
+        with cache.store(self.place, self.key) as folder:
+            if self.is_model:
+                of_split, scratch = cache.folder / split.name, cache.scratch(self.place, self.key)
+                task = fit_task(job.config, split, self.name, train_on, held_out, of_split, scratch)
+                model, curve = fit(recipe, task)
+                write_json(folder / f"{self.name}.curve.json", {"rows": curve})
+                save(StoredModel(model, Purpose.of(job.windows), split.train, self.key), folder, self.name)
+            else:
+                fit_uncertainty(train_on, job.config, recipe, folder / f"{Path(self.place).name}.npz")
 
 
 def fit(recipe: ModelRecipe, task: FitTask) -> tuple[Model, LearningCurve]:
@@ -130,19 +158,41 @@ def fit(recipe: ModelRecipe, task: FitTask) -> tuple[Model, LearningCurve]:
         raise InputError(f"model {recipe.name}", f"no solution ({error})", "equations that determine it", do) from None
 
 
-def run_jobs(jobs: Sequence[SplitJob], processes: int) -> Iterator[list[str]]:
-    """Run splits side by side, in their order; they share nothing, so results do not depend on how many."""
-    if min(processes, len(jobs)) <= 1:
-        yield from map(SplitJob.run, jobs)
+def run_parts(parts: Sequence[Part], processes: int) -> Iterator[Part]:
+    """Run parts side by side and yield each when it is done; one starts when those that it needs are there.
+
+    What is needed but not among the parts is in the cache, or its absence is an error of the part. Results do not
+    depend on the number of processes.
+    """
+    if min(processes, len(parts)) <= 1:
+        for part in parts:
+            part.run()
+            yield part
         return
-    spawn = get_context("spawn")
+    waiting, missing = list(parts), {part.place for part in parts}
+    running: dict[Future[None], Part] = {}
     with starting_workers() as (initializer, arguments):
-        pool = ProcessPoolExecutor(processes, mp_context=spawn, initializer=initializer, initargs=arguments)
-        results = pool.map(SplitJob.run, jobs)
+        pool = ProcessPoolExecutor(
+            processes, mp_context=get_context("spawn"), initializer=initializer, initargs=arguments
+        )
+        running |= start_ready(pool, waiting, missing)
     try:
-        yield from results
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                part = running.pop(future)
+                future.result()
+                missing.discard(part.place)
+                yield part
+            running |= start_ready(pool, waiting, missing)
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def start_ready(pool: ProcessPoolExecutor, waiting: list[Part], missing: set[str]) -> "dict[Future[None], Part]":
+    """Start the parts, of those that wait, that need nothing that is missing; they wait no longer."""
+    ready = [part for part in waiting if not part.needs & missing]
+    waiting[:] = [part for part in waiting if part.needs & missing]
+    return {pool.submit(part.run): part for part in ready}
 
 
 def exports(job: SplitJob) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
@@ -168,7 +168,7 @@ def widening_factor(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
     if not standardised or not sum(map(len, standardised)):
         return 1.0
     found = np.quantile(np.concatenate(standardised), LEVELS)
-    return float(np.mean(found / norm.ppf(0.5 + np.array(LEVELS) / 2)))
+    return float(np.mean(found / ndtri(0.5 + np.array(LEVELS) / 2)))
 
 
 def save(uncertainty: PredictionUncertainty, path: Path) -> None:

@@ -1,8 +1,9 @@
 """Plan jumps with IPOPT: from a problem to a solution that holds its own constraint violations."""
 
+import threading
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -105,7 +106,10 @@ class Solution:
 
 @dataclass(frozen=True)
 class Planner:
-    """Plans jumps of one robot, schedule, cost, limits and boxes; everything that targets share is built once."""
+    """Plans jumps of one robot, schedule, cost, limits and boxes; everything that targets share is built once.
+
+    Threads may share it: they plan one after the other.
+    """
 
     grid: Grid
     robot: PlanarRobot
@@ -113,6 +117,7 @@ class Planner:
     limits: Limits
     boxes: tuple[Box, ...] = ()
     """Boxes that feet in the air keep clear of."""
+    _lock: Any = field(default_factory=threading.RLock, compare=False, repr=False)
 
     @cached_property
     def programme(self) -> JumpNlp:
@@ -141,7 +146,8 @@ class Planner:
 
     def prepare(self) -> None:
         """Build programme, derivatives and solvers now, so that ``solve`` takes only the solver's time."""
-        _ = self._warm
+        with self._lock:
+            _ = self._warm
 
     def solve(self, problem: Problem, near: Solution | None = None) -> Solution:
         """Plan a jump, from ``near`` if that leads to a solution, else from the published first guess.
@@ -195,9 +201,10 @@ class Planner:
 
     def _run(self, solver: ca.Function, problem: Problem, start: Iterate, since: float) -> Solution:
         programme = self.programme
-        stopped = self._minimise(solver, start, programme.w_bounds(problem), programme.g_bounds(problem))
-        seconds = time.perf_counter() - since
-        stats = solver.stats()
+        with self._lock:
+            stopped = self._minimise(solver, start, programme.w_bounds(problem), programme.g_bounds(problem))
+            seconds = time.perf_counter() - since
+            stats = solver.stats()
         max_violation = float(programme.violations(stopped.w, problem)[0].max())
         return Solution(
             problem=problem,
