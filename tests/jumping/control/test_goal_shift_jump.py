@@ -43,7 +43,7 @@ def plan(robot: Robot, reference: Log) -> ShiftedPlan:
 
 @pytest.fixture
 def tracker(plan: ShiftedPlan, robot: Robot) -> ShiftTracker:
-    return ShiftTracker(plan, robot, PhaseGains(), GoalShiftConfig(), TARGET, 0.0, TARGET, Flight())
+    return ShiftTracker(plan, robot, PhaseGains(), GoalShiftConfig(on_rear_feet=True), TARGET, 0.0, TARGET, Flight())
 
 
 def follow(

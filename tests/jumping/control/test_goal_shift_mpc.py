@@ -19,8 +19,9 @@ from leapgap.robot.model import Robot
 UPDATES = 32
 TARGET = np.array([0.5, 0.015, 0.0])
 FREE = GoalShiftConfig(
-    largest=(1.0, 1.0, 1.0), largest_change=(1.0, 1.0, 1.0), largest_pitch_rad=9.0, below_target_m=9.0, torque_nm=1e3
-)
+    largest=(1.0, 1.0, 1.0), largest_change=(1.0, 1.0, 1.0), largest_pitch_rad=9.0, below_target_m=9.0, torque_nm=1e3,
+    on_rear_feet=True,
+)  # fmt: skip
 
 
 @dataclass
@@ -133,6 +134,17 @@ def test_a_shift_whose_effect_is_fickle_is_held_and_not_taken_back(plan: Shifted
     assert sure[1] - sure[2] > 0.003
     assert unsure[1] - unsure[2] == pytest.approx(0, abs=0.001)
     assert unsure[1] > 0.5 * sure[1]
+
+
+def test_on_the_rear_feet_alone_nothing_is_shifted_any_more(plan: ShiftedPlan) -> None:
+    """The front feet leave at 0.5 s, with update 20; the last step before is held to the landing."""
+    held = replace(FREE, on_rear_feet=False)
+    off = TARGET - np.array([0.05, 0.08, 0.3])
+    assert np.abs(solve(plan, held, 19, off)[:3]).max() > 0.005
+    for update in (20, 31):
+        np.testing.assert_allclose(solve(plan, held, update, off)[:-3], 0, atol=1e-9)
+    grid = ShiftGrid(plan.reference.schedule, held.period_s, held.steps, held.on_rear_feet)
+    assert grid.horizon(14).tolist() == [14, 15, 16, 17, 18, 19, UPDATES]
 
 
 def test_on_the_target_nothing_is_shifted(plan: ShiftedPlan) -> None:

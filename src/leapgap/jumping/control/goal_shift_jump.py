@@ -45,7 +45,7 @@ class ShiftTracker(JumpController):
         (updates, 3), added to the shifts, moves the goal."""
         super().__init__(plan.reference, robot, gains)
         self.plan, self.config, self.goal, self.stance_pitch = plan, config, goal, stance_pitch
-        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
+        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps, config.on_rear_feet)
         self.model, self.clock = model, clock
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
         self.solver = solver(QP)

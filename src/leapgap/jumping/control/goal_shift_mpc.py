@@ -64,6 +64,9 @@ class GoalShiftConfig:
     """Landing errors that cost alike."""
     scale: tuple[float, float, float] = (0.05, 0.04, 0.08)
     """Changes of the shift from step to step that cost one each."""
+    on_rear_feet: bool = False
+    """Whether the shift still changes when only the rear feet push. Then it moves the landing a third as far and turns
+    the trunk, and a weak robot whose motors are at their limit falls by it."""
     authority_doubt: float = 0.3
     """Standard deviation of G beyond what the model states, as a share of G."""
     timing_doubt_s: float = 0.005
@@ -125,7 +128,7 @@ class GoalShiftPlanner:
     def __init__(self, plan: ShiftedPlan, model: LandingPredictor, target: np.ndarray, config: GoalShiftConfig) -> None:
         """``target`` (3,): where to land, m, m, rad."""
         self.plan, self.model, self.target, self.config = plan, model, target, config
-        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
+        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps, config.on_rear_feet)
         self.errors = 1 / np.array(config.matters) ** 2
         # Left and right legs have equal torques: one of each is enough.
         self._joints = np.unique(plan.reference.torque, axis=1, return_index=True)[1]
@@ -161,7 +164,8 @@ class GoalShiftPlanner:
         config, edges = self.config, self.grid.horizon(update)
         steps = len(edges) - 1
         spans = [slice(first, last) for first, last in itertools.pairwise(edges)]
-        authority = np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
+        free = float(update < self.grid.free_updates)  # a shift without an effect stays as it is
+        authority = free * np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
         errors = np.stack([self._authority_errors[:, span].sum(axis=1) for span in spans], axis=1)
         variance = np.zeros((steps, GOAL_AXES, steps, GOAL_AXES))
         for axis in range(GOAL_AXES):
