@@ -206,7 +206,7 @@ class Law:
     """A landing that follows from the shifts and from what the trunk does, of any size."""
 
     authority: np.ndarray
-    authority_variance: np.ndarray
+    authority_error: np.ndarray
 
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         """Where a jump lands that nothing disturbs: on its goal, x, z and pitch, (3,)."""
@@ -232,7 +232,7 @@ def shift_tracker(robot: Robot, reference: Reference, gains: PhaseGains) -> Shif
     plan, config = ShiftedPlan(reference, slopes), GoalShiftConfig()
     updates = ShiftGrid(reference.schedule, config.period_s, config.steps).updates
     across = np.array([[1.0, 0.2, 0.0], [0.1, 0.8, 0.0], [0.4, 0.3, 0.6]])
-    law = Law(np.linspace(2, 0, updates)[:, None, None] / updates * across, np.full((updates, 3, 3), 1e-4))
+    law = Law(np.linspace(2, 0, updates)[:, None, None] / updates * across, np.full((1, updates, 3, 3), 1e-3))
     goal = np.array([0.6, 0.0, 0.0])
     return ShiftTracker(plan, robot, gains, config, goal, 0.0, goal, law)
 

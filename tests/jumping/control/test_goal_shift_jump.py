@@ -23,7 +23,7 @@ class Flight:
     """Lands farther by what the trunk is faster than planned, times the length of the flight."""
 
     authority = np.tile(np.eye(3) / UPDATES, (UPDATES, 1, 1))
-    authority_variance = np.zeros((UPDATES, 3, 3))
+    authority_error = np.zeros((1, UPDATES, 3, 3))
 
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         return goal
@@ -43,7 +43,7 @@ def plan(robot: Robot, reference: Log) -> ShiftedPlan:
 
 @pytest.fixture
 def tracker(plan: ShiftedPlan, robot: Robot) -> ShiftTracker:
-    return ShiftTracker(plan, robot, PhaseGains(), GoalShiftConfig(), TARGET, 0.0, TARGET, Flight())
+    return ShiftTracker(plan, robot, PhaseGains(), GoalShiftConfig(on_rear_feet=True), TARGET, 0.0, TARGET, Flight())
 
 
 def follow(

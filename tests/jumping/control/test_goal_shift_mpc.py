@@ -19,8 +19,9 @@ from leapgap.robot.model import Robot
 UPDATES = 32
 TARGET = np.array([0.5, 0.015, 0.0])
 FREE = GoalShiftConfig(
-    largest=(1.0, 1.0, 1.0), largest_change=(1.0, 1.0, 1.0), largest_pitch_rad=9.0, below_target_m=9.0, torque_nm=1e3
-)
+    largest=(1.0, 1.0, 1.0), largest_change=(1.0, 1.0, 1.0), largest_pitch_rad=9.0, below_target_m=9.0, torque_nm=1e3,
+    on_rear_feet=True,
+)  # fmt: skip
 
 
 @dataclass
@@ -28,7 +29,7 @@ class Law:
     """A landing that follows shifts by known amounts."""
 
     authority: np.ndarray = field(default_factory=lambda: law_of_shifts())
-    authority_variance: np.ndarray = field(default_factory=lambda: np.full((UPDATES, 3, 3), 1e-4))
+    authority_error: np.ndarray = field(default_factory=lambda: error_of_shifts())
 
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         return goal
@@ -38,6 +39,12 @@ class Law:
 
     def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
         return np.array([0.01, 0.01, 0.03])
+
+
+def error_of_shifts() -> np.ndarray:
+    """Two ways: all updates do as much more, or two in a row do more and less by turns."""
+    turns = np.where(np.arange(UPDATES) % 2, 0.05, -0.05)
+    return np.stack([np.full((UPDATES, 3, 3), 0.01), np.tile(turns[:, None, None], (1, 3, 3))])
 
 
 def law_of_shifts() -> np.ndarray:
@@ -64,7 +71,12 @@ def best_shifts(plan: ShiftedPlan, config: GoalShiftConfig, update: int, predict
     law, edges = Law(), ShiftGrid(plan.reference.schedule, config.period_s, config.steps).horizon(update)
     spans = [slice(a, b) for a, b in itertools.pairwise(edges)]
     gains = [law.authority[span].sum(axis=0) for span in spans]
-    variances = [law.authority_variance[span].sum(axis=0) for span in spans]
+    padded = np.concatenate([law.authority[:1], law.authority, law.authority[-1:]])
+    later = (padded[2:] - padded[:-2]) / 2
+    later[[0, -1]] *= 2  # one-sided differences
+    ways = [*law.authority_error, config.authority_doubt * law.authority]
+    ways.append(config.timing_doubt_s / config.period_s * later)
+    errors = [[way[span].sum(axis=0) for span in spans] for way in ways]
     matters, scale = np.array(config.matters), np.array(config.scale)
 
     def cost(flat: np.ndarray) -> float:
@@ -72,9 +84,10 @@ def best_shifts(plan: ShiftedPlan, config: GoalShiftConfig, update: int, predict
         landing = predicted + sum(gain @ shift for gain, shift in zip(gains, shifts, strict=True))
         value = np.sum(((landing - TARGET) / matters) ** 2)
         value += np.sum((np.diff(shifts, axis=0, prepend=np.zeros((1, 3))) / scale) ** 2)
-        for gain, variance, shift in zip(gains, variances, shifts, strict=True):
-            spread = variance + (config.authority_doubt * gain) ** 2
-            value += np.sum((spread @ shift**2) / matters**2)
+        for way in errors:
+            for axis in range(3):
+                off = sum(error[:, axis] * shift[axis] for error, shift in zip(way, shifts, strict=True))
+                value += np.sum((off / matters) ** 2)
         return float(value)
 
     found = minimize(cost, np.zeros(3 * len(spans)), method="BFGS", options={"gtol": 1e-9})
@@ -100,6 +113,38 @@ def test_the_shift_minimises_what_is_written_above_the_problem(plan: ShiftedPlan
     predicted = TARGET + np.array([0.03, -0.02, 0.08])
     found = solve(plan, roomy, update, predicted)[:3]
     np.testing.assert_allclose(found, best_shifts(plan, roomy, update, predicted), atol=1e-4)
+
+
+def test_a_shift_whose_effect_is_fickle_is_held_and_not_taken_back(plan: ShiftedPlan) -> None:
+    """In two steps the effect may be as much larger as smaller: that cancels for a shift that is held through both."""
+    fickle, error = np.zeros((UPDATES, 3, 3)), np.zeros((1, UPDATES, 3, 3))
+    first, second = slice(9, 14), slice(14, 18)
+    fickle[first, 0, 0], fickle[second, 0, 0] = 1.5 / 5, -0.5 / 4
+    error[0, first, 0, 0], error[0, second, 0, 0] = 1 / 5, -1 / 4
+
+    def shifts(errors: np.ndarray) -> np.ndarray:
+        law = replace(Law(), authority=fickle, authority_error=errors)
+        planner = GoalShiftPlanner(plan, law, TARGET, roomy)
+        qp = planner.problem(8, TARGET - np.array([0.03, 0, 0]), np.zeros(3))
+        return solver(QpConfig()).solve(qp).x[: 3 * roomy.steps : 3]
+
+    limits = replace(FREE.limits, friction=50.0, largest_n=1e5)
+    roomy = replace(FREE, limits=limits, authority_doubt=0.0, timing_doubt_s=0.0, scale=(0.5, 0.5, 0.5))
+    sure, unsure = shifts(0 * error), shifts(3 * error)
+    assert sure[1] - sure[2] > 0.003
+    assert unsure[1] - unsure[2] == pytest.approx(0, abs=0.001)
+    assert unsure[1] > 0.5 * sure[1]
+
+
+def test_on_the_rear_feet_alone_nothing_is_shifted_any_more(plan: ShiftedPlan) -> None:
+    """The front feet leave at 0.5 s, with update 20; the last step before is held to the landing."""
+    held = replace(FREE, on_rear_feet=False)
+    off = TARGET - np.array([0.05, 0.08, 0.3])
+    assert np.abs(solve(plan, held, 19, off)[:3]).max() > 0.005
+    for update in (20, 31):
+        np.testing.assert_allclose(solve(plan, held, update, off)[:-3], 0, atol=1e-9)
+    grid = ShiftGrid(plan.reference.schedule, held.period_s, held.steps, held.on_rear_feet)
+    assert grid.horizon(14).tolist() == [14, 15, 16, 17, 18, 19, UPDATES]
 
 
 def test_on_the_target_nothing_is_shifted(plan: ShiftedPlan) -> None:

@@ -1,5 +1,7 @@
 """The model of the landing in flight: it recovers a known linear law, and knows what it does not know."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,12 @@ from leapgap.jumping.experiments.landing_feedback import (
     ShiftedJumps,
     learn_feedback,
 )
+from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
 
 UPDATES = 16
 AUTHORITY = 2 * (1 - np.arange(UPDATES) / UPDATES) / (UPDATES + 1)
 """Share of a shift that each update adds to the landing; 1 in all, as of a shift from the start on."""
-SHIFTS = Authority(AUTHORITY[:, None, None] * np.eye(3), np.zeros((UPDATES, 3, 3)))
+SHIFTS = Authority(AUTHORITY[None, :, None, None] * np.eye(3), np.zeros((1, UPDATES, 3, 3)))
 GAIN_S = 0.4
 """Landing per forward velocity, m/(m/s): the time of the flight."""
 
@@ -83,13 +86,40 @@ def test_of_a_similar_robot_few_jumps_are_enough(learned: LandingFeedback) -> No
 def test_data_correct_a_wrong_prior() -> None:
     rng = np.random.default_rng(2)
     wrong = learn_feedback(law(rng, 160, gain_s=0.2), SHIFTS, FeedbackConfig())
-    right = learn_feedback(law(rng, 80), SHIFTS, FeedbackConfig(), wrong)
+    right = learn_feedback(law(rng, 80), SHIFTS, FeedbackConfig(change=1.0), wrong)
     deviation = np.zeros(10)
     deviation[3] = 0.15
     goal = np.array([0.55, 0.05, 0.0])
     for model, gain in ((wrong, 0.2), (right, GAIN_S)):
         moved = model.predict(12, goal, 0.0, deviation) - model.predict(12, goal, 0.0, np.zeros(10))
         assert moved[0] == pytest.approx(0.15 * gain, abs=0.006)
+
+
+def test_undisturbed_jumps_are_expected_where_the_landing_model_says(learned: LandingFeedback) -> None:
+    """A robot that always is 0.1 m/s faster than planned, by which another one would fly 4 cm farther."""
+    own = law(np.random.default_rng(5), 40)
+    calm = own.undisturbed
+    own = ShiftedJumps(*(getattr(own, one.name)[calm] for one in fields(own)))
+    bent = own.goal + np.stack([0.1 * (own.goal[:, 0] - 0.55) ** 2 - 0.02, 0 * own.goal[:, 0], 0 * own.goal[:, 0]], 1)
+    faster = 1e-3 * np.random.default_rng(7).standard_normal(own.deviation.shape) + 0.1 * np.eye(10)[3]
+    own = replace(own, landing=bent, shift=0 * own.shift, deviation=faster)
+    landing = LandingModel(LandingSamples(own.goal, own.stance_pitch, own.landing), AimConfig())
+    model = learn_feedback(own, SHIFTS, FeedbackConfig(), learned, landing)
+    assert model.landing is landing
+    off = [
+        model.predict(8, own.goal[i], own.stance_pitch[i], own.deviation[i, 8])
+        - model.expect(own.goal[i], own.stance_pitch[i])
+        for i in range(len(own))
+    ]
+    assert np.abs(off).max(axis=0) == pytest.approx(np.zeros(3), abs=0.004)
+
+
+def test_what_a_shift_does_is_that_of_the_planned_distance() -> None:
+    near, far = np.full((1, UPDATES, 3, 3), 0.1), np.full((1, UPDATES, 3, 3), 0.3)
+    shifts = Authority(np.concatenate([near, far]), near, np.array([0.4, 0.6]))
+    np.testing.assert_allclose(shifts.at(np.array([0.2, 0.4, 0.45, 0.9]))[:, 0, 0, 0], [0.1, 0.1, 0.15, 0.3])
+    model = learn_feedback(law(np.random.default_rng(6), 40), shifts, FeedbackConfig())
+    assert model.planned_to(np.array([0.5, 0.0, 0.0])).authority[3, 1, 2] == pytest.approx(0.2)
 
 
 def test_doubt_grows_with_the_distance_from_what_was_seen(learned: LandingFeedback) -> None:

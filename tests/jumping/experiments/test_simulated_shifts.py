@@ -10,12 +10,15 @@ from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, shifted_plan
+from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.learned_goal_mpc import GoalShiftMethod
 from leapgap.jumping.experiments.simulated_shifts import (
     NO_KICK,
     ShiftDraws,
     ShiftSimulator,
     SimulatedJump,
+    bends,
     shift_at,
 )
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -40,7 +43,7 @@ def method(bench: Bench) -> GoalShiftMethod:
     return GoalShiftMethod(bench.robot, bench.references, planner=planner)
 
 
-def outcome(bench: Bench, method: GoalShiftMethod) -> TrialOutcome:
+def outcome(bench: Bench, method: Method) -> TrialOutcome:
     world = replace(bench.world, sensing=Sensing(SILENT, base_delay_s=0.0))
     return attempt_task(TASK, method, bench.level, (), world, np.random.default_rng(0))
 
@@ -109,6 +112,25 @@ def test_without_shifts_the_commands_are_those_of_joint_pd(bench: Bench, method:
             ("cmd_vel", expected.velocity),
         ):
             np.testing.assert_allclose(log.per_joint(name, bench.robot.joints)[first + row], values, atol=1e-9)
+
+
+def test_a_jump_without_shifts_measures_what_joint_pd_measures(bench: Bench, method: GoalShiftMethod) -> None:
+    """Practice jumps of ``ours`` teach the goal-shift MPC: same plan, same motion, same deviations."""
+    aiming = AimingMethod(bench.robot, bench.references, planner=method.planner)
+    own, shifted = (shifted_jumps(outcome(bench, one)) for one in (aiming, method))
+    assert own is not None and shifted is not None
+    assert not own.shift.any() and np.isfinite(own.deviation).all()
+    np.testing.assert_allclose(own.deviation, shifted.deviation, atol=1e-9)
+    np.testing.assert_array_equal(own.landing, shifted.landing)
+
+
+def test_one_sided_effects_and_bends_between_goals_are_errors_of_the_authority() -> None:
+    """On a line between the goals nothing bends; where the middle one is off by 0.3, that is the error."""
+    line = np.arange(3.0)[:, None, None, None] * np.ones((3, GRID.updates, 3, 3))
+    assert np.abs(bends(line)).max() == 0
+    line[1] += 0.3
+    np.testing.assert_allclose(bends(line), np.full((1, GRID.updates, 3, 3), 0.3))
+    assert len(bends(line[:2])) == 0
 
 
 def test_shifts_are_reached_linearly_and_then_held() -> None:

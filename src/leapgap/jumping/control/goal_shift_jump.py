@@ -5,14 +5,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from leapgap.jumping.control.deviation_recorder import DeviationRecorder, Observation
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor, believe
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
-from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.qp import Qp, QpConfig, solver
 from leapgap.jumping.control.reference import StartFrame
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
@@ -25,8 +25,7 @@ forces in N."""
 class ShiftTracker(JumpController):
     """Joint PD and feed-forward along a plan whose goal moves; each update's shift is reached linearly within it.
 
-    ``shifts`` (updates, 3) are the shifts from each update on; ``deviations`` (updates, 10) how far trunk and feet were
-    from the shifted plan at it.
+    ``shifts`` (updates, 3) are the shifts from each update on.
     """
 
     def __init__(
@@ -46,23 +45,21 @@ class ShiftTracker(JumpController):
         (updates, 3), added to the shifts, moves the goal."""
         super().__init__(plan.reference, robot, gains)
         self.plan, self.config, self.goal, self.stance_pitch = plan, config, goal, stance_pitch
-        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
+        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps, config.on_rear_feet)
         self.model, self.clock = model, clock
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
         self.solver = solver(QP)
         shape = (self.grid.updates, GOAL_AXES)
         self.exploration = np.zeros(shape) if exploration is None else exploration
         self.shifts = np.zeros(shape)
-        self.deviations = np.full((self.grid.updates, DEVIATIONS), np.nan)
+        self.recorder = DeviationRecorder(plan.reference, Observation(config.period_s, config.average_s))
         self._shift, self._rate = np.zeros(GOAL_AXES), np.zeros(GOAL_AXES)
         """Shift of this tick, and its rate per s."""
         self._updates = 0
-        self._latest: list[np.ndarray] = []
-        self.kept_rows = max(1, round(config.average_s / plan.reference.period_s))
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques (joints,), N·m, and pair forces (4,), N, of the shifted plan; an update first, where one is due."""
-        update = self._update_at(time_s)
+        update = self.recorder.update_at(time_s)
         before = self.shifts[update - 1] if update else np.zeros(GOAL_AXES)
         since_s = time_s - update * self.config.period_s
         share = min(since_s / self.config.period_s, 1.0)
@@ -85,20 +82,26 @@ class ShiftTracker(JumpController):
         velocity = self.plan.at("joint_vel", row, self._shift) + self._rate @ self.plan.slopes["joint_pos"][:, row]
         return self.plan.at("joint_pos", row, self._shift), velocity * moving
 
-    def _update_at(self, time_s: float) -> int:
-        return int(np.clip((time_s + ROUNDING_S) / self.config.period_s, 0, self.grid.updates - 1))
+    @property
+    def deviations(self) -> np.ndarray:
+        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
+        return self.recorder.deviations
+
+    @property
+    def kept_rows(self) -> int:
+        """Number of ticks that a deviation is averaged over."""
+        return self.recorder.kept_rows
 
     def _measure(self, time_s: float, estimate: StateEstimate, frame: StartFrame, shift: np.ndarray) -> None:
-        """Keep the latest deviations of trunk and feet from the shifted plan."""
+        """Take in the deviation of trunk and feet from the shifted plan."""
         row = self.reference.row(time_s)
         state = frame.state(estimate) - self.plan.at("state", row, shift)
         foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, shift)
-        self._latest = [*self._latest, np.concatenate([state, foot])][-self.kept_rows :]
+        self.recorder.measure(np.concatenate([state, foot]))
 
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the first of the QP's, or the one before where it has none."""
-        deviation = np.mean(self._latest, axis=0) if self._latest else np.full(DEVIATIONS, np.nan)
-        self.deviations[update] = deviation
+        deviation = self.recorder.keep(update)
         explored = self.exploration[update] - (self.exploration[update - 1] if update else 0.0)
         self.shifts[update:] = before + explored
         if self.model is None or self.planner is None:

@@ -2,11 +2,14 @@
 
 At each update the landing is predicted from the measured state, and a QP chooses the shifts δ of the remaining steps:
 
-    min ‖p + Σ_k G_k (δ_k − δ_before) − target‖²_M + Σ_k ‖δ_k − δ_{k−1}‖²_R + Σ_k ‖δ_k − δ_before‖²_V
+    min ‖p + Σ_k G_k (δ_k − δ_before) − target‖²_M + Σ_k ‖δ_k − δ_{k−1}‖²_R + Σ_q ‖Σ_k E_qk (δ_k − δ_before)‖²_M
 
 subject to limits of pitch and height at the landing, of the ground forces, the friction and the torques of the
-shifted plan, and of the shifts. V is what the variance of G adds to the expected error, so that uncertain shifts stay
-small. The first shift is applied until the next update.
+shifted plan, and of the shifts. Each E_q is one way in which G may be off in all of a jump, for one axis of the shift:
+by a share of itself, a little earlier or later, or as the model says. So uncertain shifts stay small. A short shift
+that is taken back before the take-off depends on when it comes to the millisecond, and one that is held does not: the
+error of the former is large, and that of the latter cancels from step to step.
+The first shift is applied until the next update.
 """
 
 import itertools
@@ -36,8 +39,8 @@ class LandingPredictor(Protocol):
         """Change of the landing by a shift during each update, (updates, 3 of the landing, 3 of the shift)."""
 
     @property
-    def authority_variance(self) -> np.ndarray:
-        """Variance of its entries, (updates, 3, 3)."""
+    def authority_error(self) -> np.ndarray:
+        """By how much it may be off in q independent ways, each one of the whole jump, (q, updates, 3, 3)."""
 
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         """Landing, (3,), of a jump to one constant goal (3,) in which nothing unexpected happens."""
@@ -61,8 +64,13 @@ class GoalShiftConfig:
     """Landing errors that cost alike."""
     scale: tuple[float, float, float] = (0.05, 0.04, 0.08)
     """Changes of the shift from step to step that cost one each."""
+    on_rear_feet: bool = False
+    """Whether the shift still changes when only the rear feet push. Then it moves the landing a third as far and turns
+    the trunk, and a weak robot whose motors are at their limit falls by it."""
     authority_doubt: float = 0.3
     """Standard deviation of G beyond what the model states, as a share of G."""
+    timing_doubt_s: float = 0.005
+    """Standard deviation of the time at which a shift has its effect."""
     largest: tuple[float, float, float] = (0.15, 0.1, 0.2)
     """Largest shift."""
     largest_change: tuple[float, float, float] = (0.025, 0.02, 0.04)
@@ -75,7 +83,7 @@ class GoalShiftConfig:
     """Limits of the ground forces of the shifted plan, of a pair."""
     torque_nm: float = 33.5
     """Limit of the joint torques of the shifted plan."""
-    soft_landing: tuple[float, float] = (0.1, 0.03)
+    soft_landing: tuple[float, float] = (0.08, 0.03)
     """Violations of the limits of pitch, rad, and of height, m, that cost ``slack_weight`` each."""
     soft_effort: tuple[float, float] = (10.0, 2.0)
     """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a
@@ -120,10 +128,14 @@ class GoalShiftPlanner:
     def __init__(self, plan: ShiftedPlan, model: LandingPredictor, target: np.ndarray, config: GoalShiftConfig) -> None:
         """``target`` (3,): where to land, m, m, rad."""
         self.plan, self.model, self.target, self.config = plan, model, target, config
-        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps)
+        self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps, config.on_rear_feet)
         self.errors = 1 / np.array(config.matters) ** 2
         # Left and right legs have equal torques: one of each is enough.
         self._joints = np.unique(plan.reference.torque, axis=1, return_index=True)[1]
+        mean = model.authority
+        doubts = [config.authority_doubt * mean, config.timing_doubt_s / config.period_s * np.gradient(mean, axis=0)]
+        self._authority_errors = np.concatenate([model.authority_error, doubts])
+        """Ways in which the authority may be off, (q, updates, 3, 3)."""
         self.prepared = [self._prepare(update) for update in range(self.grid.updates)]
 
     def problem(self, update: int, predicted: np.ndarray, before: np.ndarray) -> Qp:
@@ -152,17 +164,18 @@ class GoalShiftPlanner:
         config, edges = self.config, self.grid.horizon(update)
         steps = len(edges) - 1
         spans = [slice(first, last) for first, last in itertools.pairwise(edges)]
-        authority = np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
-        doubt = config.authority_doubt**2 * authority.reshape(3, steps, GOAL_AXES).transpose(1, 0, 2) ** 2
-        variance = [
-            self.errors @ (self.model.authority_variance[span].sum(axis=0) + own)
-            for span, own in zip(spans, doubt, strict=True)
-        ]
+        free = float(update < self.grid.free_updates)  # a shift without an effect stays as it is
+        authority = free * np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
+        errors = np.stack([self._authority_errors[:, span].sum(axis=1) for span in spans], axis=1)
+        variance = np.zeros((steps, GOAL_AXES, steps, GOAL_AXES))
+        for axis in range(GOAL_AXES):
+            of_axis = errors[..., axis]
+            variance[:, axis, :, axis] = np.einsum("i,qki,qli->kl", self.errors, of_axis, of_axis)
         difference = np.kron(np.eye(steps) - np.eye(steps, k=-1), np.eye(GOAL_AXES))
         change = np.tile(1 / np.array(config.scale) ** 2, steps)
         hessian = np.zeros((GOAL_AXES * steps + SLACKS,) * 2)
         of_shifts = authority.T @ (self.errors[:, None] * authority) + difference.T @ (change[:, None] * difference)
-        hessian[:-SLACKS, :-SLACKS] = of_shifts + np.diag(np.concatenate(variance))
+        hessian[:-SLACKS, :-SLACKS] = of_shifts + variance.reshape(of_shifts.shape)
         hessian[-SLACKS:, -SLACKS:] = np.diag([config.slack_weight] * SLACKS)
         landing = np.zeros((3, len(hessian)))
         landing[0, :-SLACKS], landing[1, :-SLACKS] = authority[PITCH_AXIS], -authority[PITCH_AXIS]

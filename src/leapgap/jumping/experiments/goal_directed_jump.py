@@ -5,11 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from leapgap.jumping.control.deviation_recorder import Observation, ObservedJointPd
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.landing import stand
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.reference import Reference, StartFrame
-from leapgap.jumping.control.tracking import JointPd, JumpController
+from leapgap.jumping.control.shifted_plan import GOAL_AXES
+from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
@@ -97,6 +99,8 @@ class GoalChoice:
     """Whether the stance is measured; else it is taken for level."""
     stand_s: float = 0.06
     """Time of standing before the jump, in which the stance is measured."""
+    observation: Observation = field(default_factory=Observation)
+    """When deviations from the plan are kept."""
 
 
 class GoalDirectedJump(JumpController):
@@ -144,7 +148,18 @@ class GoalDirectedJump(JumpController):
     def track(self, solution: Solution | None) -> JumpController:
         """Controller that follows ``reference``, of the plan ``solution``; None: the plan from level ground."""
         del solution
-        return JointPd(self.reference, self.robot, self.gains)
+        return ObservedJointPd(self.reference, self.robot, self.gains, self.choice.observation)
+
+    @property
+    def shifts(self) -> np.ndarray:
+        """Shift of the goal from each update on, (updates, 3): none in such a jump."""
+        return np.zeros((len(self.deviations), GOAL_AXES))
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """How far trunk and feet were from the plan at each update, (updates, 10)."""
+        assert isinstance(self.tracker, ObservedJointPd)
+        return self.tracker.recorder.deviations
 
     def _substitute(self, reason: str) -> None:
         self.fallbacks[reason] += 1

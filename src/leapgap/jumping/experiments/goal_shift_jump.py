@@ -9,7 +9,7 @@ from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
-from leapgap.jumping.control.tracking import JointPd, JumpController
+from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.experiments.landing_model import target_pose
@@ -52,9 +52,9 @@ class GoalShiftJump(GoalDirectedJump):
         if plan is None or self.goal is None:
             if solution is not None:
                 self._substitute(NO_NEIGHBOURS)
-            return JointPd(self.reference, self.robot, self.gains)
+            return super().track(solution)
         settings, feedback = self.settings, self.settings.feedback
-        clearance = 0.0 if feedback is None else feedback.config.landing.clearance_m
+        clearance = 0.0 if feedback is None else feedback.landing.config.clearance_m
         desired = target_pose(self.choice.target) + np.array([0.0, clearance, 0.0])
         self.shift_tracker = ShiftTracker(
             plan,
@@ -64,11 +64,21 @@ class GoalShiftJump(GoalDirectedJump):
             self.goal,
             self.stance_pitch,
             desired,
-            feedback,
+            None if feedback is None else feedback.planned_to(self.goal),
             settings.exploration,
         )
         self.shift_tracker.fallbacks, self.shift_tracker.substituted = self.fallbacks, self.substituted
         return self.shift_tracker
+
+    @property
+    def shifts(self) -> np.ndarray:
+        """Shift of the goal from each update on, (updates, 3)."""
+        return super().shifts if self.shift_tracker is None else self.shift_tracker.shifts
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
+        return super().deviations if self.shift_tracker is None else self.shift_tracker.deviations
 
 
 def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference, robot: Robot) -> ShiftedPlan | None:

@@ -11,7 +11,7 @@ towards the same model of another robot: the identified one, which was simulated
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -31,28 +31,37 @@ class FeedbackConfig:
 
     landing: AimConfig = field(default_factory=lambda: AimConfig(noise=0.5))
     noise: float = 1.2
-    """Standard deviation of a landing, in units of ``landing.matters``."""
-    bias: float = 1.0
+    """Standard deviation of a simulated, shifted landing, in units of ``landing.matters``."""
+    own_noise: float = 0.5
+    """The same of the robot's own, unshifted jumps."""
+    bias: float = 3.0
     """Standard deviation of the change of the constant from the prior model, in units of ``landing.matters``."""
-    change: float = 1.0
-    """The same for the other weights, per typical change of their input."""
+    change: float = 0.1
+    """The same for the other weights, per typical change of their input. It is small: undisturbed jumps deviate by a
+    tenth of what kicks do, and weights that explain their scatter miss kicks and unseen ground by centimetres."""
     first_change: float = 3.0
     """The same for a robot without a prior model."""
     doubt_share: float = 0.5
-    """Share of what the weights leave open that counts as error of a prediction. ``change`` is wide, so that few jumps
-    can still correct the prior; the prior itself is better than that."""
+    """Share of what the weights leave open that counts as error of a prediction."""
     free_bias: float = 30.0
     """The same for the constant of a robot without a prior model."""
 
 
 @dataclass(frozen=True)
 class Authority:
-    """What a shift does to the landing."""
+    """What a shift does to the landing of jumps to g goals, and in how many ways that may be off."""
 
     mean: np.ndarray
-    """G of each update, (T, 3 of the landing, 3 of the shift)."""
-    variance: np.ndarray
-    """Variance of its entries, (T, 3, 3)."""
+    """G of each goal and update, (g, T, 3 of the landing, 3 of the shift)."""
+    error: np.ndarray
+    """By how much G may be off in q independent ways, (q, T, 3, 3); each way is one of whole jumps."""
+    x_m: np.ndarray = field(default_factory=lambda: np.array([0.55]))
+    """Distances of the goals, rising, (g,), m."""
+
+    def at(self, x_m: np.ndarray) -> np.ndarray:
+        """G of goals at n distances, (n, T, 3, 3), linearly between those of the g goals."""
+        shares = np.stack([np.interp(x_m, self.x_m, one) for one in np.eye(len(self.x_m))], axis=1)
+        return np.einsum("ng,gtij->ntij", shares, self.mean)
 
 
 @dataclass(frozen=True)
@@ -140,16 +149,22 @@ class LandingFeedback:
     """Posterior covariance of a column of W, (T, 15, 15), in squared units of ``matters``."""
     scatter: np.ndarray
     """Standard deviation of held-out landings at each update, (T, 3), in units of ``matters``."""
+    planned_x_m: float = 0.55
+    """Distance of the planned goal, which decides what shifts do."""
 
-    @property
+    def planned_to(self, goal: np.ndarray) -> "LandingFeedback":
+        """The model for a jump whose plan goes to a goal (3,)."""
+        return replace(self, planned_x_m=float(goal[0]))
+
+    @cached_property
     def authority(self) -> np.ndarray:
         """G of each update, (T, 3, 3)."""
-        return self.shifts.mean
+        return self.shifts.at(np.array([self.planned_x_m]))[0]
 
     @property
-    def authority_variance(self) -> np.ndarray:
-        """Variance of the entries of G, (T, 3, 3)."""
-        return self.shifts.variance
+    def authority_error(self) -> np.ndarray:
+        """By how much G may be off in q independent ways, (q, T, 3, 3)."""
+        return self.shifts.error
 
     @cached_property
     def matters(self) -> np.ndarray:
@@ -177,25 +192,33 @@ class LandingFeedback:
 
 
 def learn_feedback(
-    jumps: ShiftedJumps, shifts: Authority, config: FeedbackConfig, prior: LandingFeedback | None = None
+    jumps: ShiftedJumps,
+    shifts: Authority,
+    config: FeedbackConfig,
+    prior: LandingFeedback | None = None,
+    landing: LandingModel | None = None,
 ) -> LandingFeedback:
-    """Fit the model to jumps, with a model of a similar robot as prior; what shifts do is known from simulation."""
-    matters, authority = np.array(config.landing.matters), shifts.mean
-    constant = jumps.landing - np.einsum("tij,ntj->ni", authority, jumps.shift)
+    """Fit the model to jumps, with a model of a similar robot as prior; what shifts do is known from simulation.
+
+    ``landing`` is the model of constant goals where it was learned from the same undisturbed jumps, in their order.
+    """
+    matters, authority = np.array(config.landing.matters), shifts.at(jumps.goal[:, 0])
+    constant = jumps.landing - np.einsum("ntij,ntj->ni", authority, jumps.shift)
     own = jumps.undisturbed
-    samples = LandingSamples(jumps.goal[own], jumps.stance_pitch[own], constant[own])
-    landing = LandingModel(samples, config.landing, None if prior is None else prior.landing)
+    if landing is None:
+        samples = LandingSamples(jumps.goal[own], jumps.stance_pitch[own], constant[own])
+        landing = LandingModel(samples, config.landing, None if prior is None else prior.landing)
     at_goal = predictions(landing, jumps.goal, jumps.stance_pitch)
     left_out, trusted = constant - at_goal, np.ones(len(jumps))
     left_out[own] = landing.dual / np.diag(landing.inverse)[:, None]
     trusted[own] = landing.sample_weights
     fits = []
-    for update in range(len(authority)):
+    for update in range(authority.shape[1]):
         goal, before = jumps.goal_at(update), jumps.shift_before(update)
-        later = np.einsum("tij,ntj->ni", authority[:update], jumps.shift[:, :update])
-        later -= np.einsum("tij,nj->ni", authority[:update], before)
+        later = np.einsum("ntij,ntj->ni", authority[:, :update], jumps.shift[:, :update])
+        later -= np.einsum("ntij,nj->ni", authority[:, :update], before)
         # landing − L(γ) − Σ_{i ≥ j} G_i (δ_i − δ_before), with L(goal) predicted from the other jumps
-        gained = before @ authority.sum(axis=0).T
+        gained = np.einsum("ntij,nj->ni", authority, before)
         moved = predictions(landing, goal, jumps.stance_pitch) - at_goal
         residual = (left_out + later + gained - moved) / matters
         usable = np.isfinite(jumps.deviation[:, update]).all(axis=1)
@@ -205,7 +228,7 @@ def learn_feedback(
         change = config.first_change if prior is None else config.change
         deviation = np.full(phi.shape[1], change)
         deviation[0] = config.free_bias if prior is None else config.bias
-        fit = Ridge(phi, residual - phi @ mean, weight, deviation, config.noise)
+        fit = Ridge(phi, residual - phi @ mean, weight, deviation, config.noise if prior is None else config.own_noise)
         uncertain = fit.covariance if prior is None else fit.covariance + prior.covariance[update]
         fits.append((mean + fit.weights, uncertain, fit.scatter))
     weights, covariance, scatter = (np.array(part) for part in zip(*fits, strict=True))

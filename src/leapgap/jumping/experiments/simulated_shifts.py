@@ -60,8 +60,8 @@ class ShiftDraws:
 class SimulatedShiftsConfig:
     """How many jumps are simulated, and what is drawn for them.
 
-    Of the jumps to each goal, every second one starts from ground and crouch that its plan does not know, and two of
-    every four are kicked.
+    Of the jumps to each goal, every second one starts from ground and crouch of its own that its plan does not know,
+    and two of every four are kicked.
     """
 
     goals: int = 36
@@ -146,7 +146,8 @@ class ShiftSimulator:
     def authority(self, config: SimulatedShiftsConfig) -> Authority:
         """What a shift during each update does to the landing: differences of jumps shifted from that update on.
 
-        The mean over some distances, and the variance between them.
+        They are off by what a shift to one side does differently from one to the other, and where the effect is no
+        straight line between the goals.
         """
         replayer = Replayer(self.robot, terrain_slots=1, threads=1)
         (start,) = prepare([MotionPlan("level", self.level)], replayer, self.effects, Course())
@@ -158,23 +159,33 @@ class ShiftSimulator:
                 jump = SimulatedJump(
                     start, plan, goal, 0.0, np.zeros((self.grid.updates, GOAL_AXES)), 0, NO_KICK, False
                 )
-                of_goals.append(self._differences(jump, replayer, config.probes))
+                of_goals.append((x, self._differences(jump, replayer, config.probes)))
         if not of_goals:
             raise InputError("land.method_settings", "no plan to any of probed_x_m", "at least one", "name other ones")
-        return Authority(np.mean(of_goals, axis=0), np.var(of_goals, axis=0))
+        mean, one_sided = (np.array(part) for part in zip(*(found for _, found in of_goals), strict=True))
+        error = np.concatenate([one_sided / np.sqrt(len(one_sided)), bends(mean)])
+        return Authority(mean, error, np.array([x for x, _ in of_goals]))
 
-    def _differences(self, jump: SimulatedJump, replayer: Replayer, probes: tuple[float, float, float]) -> np.ndarray:
-        """G of each update at one goal, (updates, 3, 3)."""
-        from_update = np.zeros((self.grid.updates + 1, GOAL_AXES, GOAL_AXES))
+    def _differences(
+        self, jump: SimulatedJump, replayer: Replayer, probes: tuple[float, float, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """G of each update at one goal, and half of how much it differs to both sides, (updates, 3, 3) each."""
+        held = np.zeros((2, self.grid.updates + 1, GOAL_AXES, GOAL_AXES))
+        """Effects of shifts that are held from each update on, to both sides."""
+        unshifted = self._simulate(jump, replayer)
+        landing = self._landing(unshifted)
+        rows_each = round(self.grid.period_s / jump.plan.reference.period_s)
         for update in range(self.grid.updates):
+            before = first_rows(unshifted, update * rows_each + 1)
             for axis, size in enumerate(probes):
-                landings = []
-                for step in (size, -size):
+                for side, step in enumerate((size, -size)):
                     shift = jump.shift.copy()
                     shift[update:, axis] = step
-                    landings.append(self._landing(self._simulate(replace(jump, shift=shift), replayer)))
-                from_update[update, :, axis] = (landings[0] - landings[1]) / (2 * size)
-        return from_update[:-1] - from_update[1:]
+                    trial = self._rollout(replace(jump, shift=shift))
+                    moved = self._landing(continued(before, before.last_state, trial, replayer)) - landing
+                    held[side, update, :, axis] = moved / step
+        forward, back = held[:, :-1] - held[:, 1:]
+        return (forward + back) / 2, (forward - back) / 2
 
     def _plan(self, goal: np.ndarray, stance_pitch: float) -> ShiftedPlan | None:
         solution = self.planner.plan(Target(round(float(goal[0]), 3)), goal, stance_pitch)
@@ -189,17 +200,9 @@ class ShiftSimulator:
         """The jumps to one random goal; none where it has no plan."""
         goal = rng.uniform(*np.transpose([config.x_m, config.z_m, config.pitch_rad]))
         block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
-        front_m, rear_m = (
-            round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)
-        )
-        wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
-        name = f"goal_{number}"
-        starts = prepare(
-            [MotionPlan(name, self.level, block_m), MotionPlan(name, self.level, front_m, rear_m, wrong)],
-            replayer,
-            self.effects,
-            Course(),
-        )
+        plans = [MotionPlan(f"goal_{number}", self.level, block_m)]
+        plans += [self._unseen(plans[0], config, rng) for _ in range(config.jumps // 2)]
+        starts = prepare(plans, replayer, self.effects, Course())
         stance = ground_pitch(starts[0].start, self.robot)
         plan = self._plan(goal, stance)
         if plan is None:
@@ -213,13 +216,21 @@ class ShiftSimulator:
             )
             kick = rng.uniform(-1, 1, 3) * config.kick
             unseen = bool(jump % 2)
-            jumps.append(SimulatedJump(starts[unseen], plan, goal, stance, shift, kick_row, kick, unseen))
+            start = starts[(jump + 1) // 2 if unseen else 0]
+            jumps.append(SimulatedJump(start, plan, goal, stance, shift, kick_row, kick, unseen))
         return jumps
+
+    def _unseen(self, known: MotionPlan, config: SimulatedShiftsConfig, rng: np.random.Generator) -> MotionPlan:
+        """The same jump from ground and crouch that its plan does not know."""
+        front_m, rear_m = (
+            round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)
+        )
+        wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
+        return MotionPlan(known.name, known.reference, front_m, rear_m, wrong)
 
     def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:
         """The true motion up to the scheduled landing."""
-        log = commanded_log(jump, self.grid, self.robot)
-        trial = Rollout(log, self.effects, first_state=jump.start.start)
+        trial = self._rollout(jump)
         if not jump.kick_row:
             return replayer.true_motions([trial])[0]
         before = replayer.true_motions([trial], jump.kick_row + 1)[0]
@@ -227,8 +238,10 @@ class ShiftSimulator:
         velocity = state[self.robot.model.nq :]
         velocity[[0, 2]] += jump.kick[:2]
         velocity[ANGULAR_VELOCITY_SLICE][1] += jump.kick[2]
-        ((after,),) = replayer.replay_pieces([trial], [Starts([jump.kick_row], state[None])], len(log) - jump.kick_row)
-        return Motion(np.concatenate([before.qpos[:-1], after.qpos]), np.concatenate([before.qvel[:-1], after.qvel]))
+        return continued(before, state, trial, replayer)
+
+    def _rollout(self, jump: SimulatedJump) -> Rollout:
+        return Rollout(commanded_log(jump, self.grid, self.robot), self.effects, first_state=jump.start.start)
 
     def _landing(self, motion: Motion) -> np.ndarray:
         """Pose (3,) at the end; where a foot touches earlier, the flight is continued as a free one."""
@@ -266,6 +279,8 @@ class ShiftSimulator:
                 *(noise.base_linvel_m_s, noise.base_linvel_m_s, noise.base_angvel_rad_s),
             ]
         ) / np.sqrt(self.average_rows)
+        start = noise.base_pos_m * rng.standard_normal()
+        """Error of where the jump began, from which x counts."""
         found = np.full((self.grid.updates, DEVIATIONS), np.nan)
         row_of = {update: round(update * self.grid.period_s / period) for update in range(self.grid.updates)}
         unfit = jump.kick_row + self.average_rows + self.late_rows if jump.kick_row else -1
@@ -276,8 +291,27 @@ class ShiftSimulator:
             base = state[np.maximum(rows - self.late_rows, 0)]
             trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
             feet = offset - jump.plan.at("foot", row, shifts[row])
+            trunk[0] += start
             found[update] = np.concatenate([trunk + spread * rng.standard_normal(6), feet])
         return found
+
+
+def bends(effects: np.ndarray) -> np.ndarray:
+    """How far inner ones of some effects (g, T, 3, 3) in a row are off the line between their neighbours, as many."""
+    inner = effects[1:-1] - (effects[:-2] + effects[2:]) / 2
+    return inner / np.sqrt(max(len(inner), 1))
+
+
+def first_rows(motion: Motion, rows: int) -> Motion:
+    """The first rows of a motion."""
+    return Motion(motion.qpos[:rows], motion.qvel[:rows])
+
+
+def continued(before: Motion, state: np.ndarray, trial: Rollout, replayer: Replayer) -> Motion:
+    """A motion whose last row is replaced by ``state`` (nq + nv,), and what the commands of a trial make of it."""
+    row = len(before) - 1
+    ((after,),) = replayer.replay_pieces([trial], [Starts([row], state[None])], len(trial.log) - row)
+    return Motion(np.concatenate([before.qpos[:-1], after.qpos]), np.concatenate([before.qvel[:-1], after.qvel]))
 
 
 def ground_pitch(state: np.ndarray, robot: Robot) -> float:

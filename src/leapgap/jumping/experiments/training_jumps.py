@@ -11,6 +11,7 @@ from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS, identify_effects_config
+from leapgap.jumping.experiments.landing_feedback import ShiftedJumps
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
 from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
@@ -79,6 +80,10 @@ class PracticeResult:
     effects: tuple[Effect, ...]
     """Effects identified in the robot's joints."""
     samples: LandingSamples
+    jumps: ShiftedJumps | None = None
+    """The jumps of the samples with what was measured on the way; None where no jump was upright."""
+    logs: tuple[Log, ...] = ()
+    """The jumps that the effects were identified from."""
 
 
 @dataclass(frozen=True)
@@ -149,11 +154,15 @@ def ends_of(config: PracticeConfig) -> list[np.ndarray]:
     return [np.array([near, 0.0, 0.0]), np.array([far, 0.0, 0.0]), np.array([(near + far) / 2, high, 0.0])]
 
 
-def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig) -> PracticeResult:
-    """Make all training jumps: identify the joints' effects, then collect samples for the landing model."""
-    draws = PracticeDraws(bench, config, np.random.default_rng([bench.seed, 7]))
+def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig, folder: str = SHARED) -> PracticeResult:
+    """Make all training jumps: identify the joints' effects, then collect samples for the landing model.
+
+    Methods that practise alike share a ``folder``, and so their jumps.
+    """
+    draws = PracticeDraws(bench, config, np.random.default_rng([bench.seed, 7]), folder)
     identified = identify_robot(draws, method)
     method, samples = replace(method, planner=identified.planner), LandingSamples()
+    upright: list[ShiftedJumps] = []
     for number, jumps in enumerate((config.random_jumps, *config.rounds)):
         landing = LandingModel(samples, config.aim) if len(samples) else None
         offsets = config.later_beyond if number else config.random_beyond
@@ -161,7 +170,9 @@ def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig) -> 
             draws.trials(f"round_{number}", jumps, replace(method, landing=landing), offsets)
         ):
             samples = samples.extended_by(result.samples)
-    return PracticeResult(identified.planner, identified.effects, samples)
+            upright += [] if result.shifted is None else [result.shifted]
+    joined = ShiftedJumps.join(upright) if upright else None
+    return PracticeResult(identified.planner, identified.effects, samples, joined, identified.logs)
 
 
 def scale_effects(found: Sequence[Effect], share: float) -> tuple[Effect, ...]:

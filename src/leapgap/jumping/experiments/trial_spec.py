@@ -9,7 +9,6 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.goal_directed_jump import GoalDirectedJump
-from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump
 from leapgap.jumping.experiments.landing import Landing
 from leapgap.jumping.experiments.landing_feedback import ShiftedJumps
 from leapgap.jumping.experiments.landing_model import LandingSamples
@@ -75,7 +74,7 @@ class TrialResult:
     samples: LandingSamples = field(default_factory=LandingSamples)
     log: Log | None = None
     shifted: ShiftedJumps | None = None
-    """What jumps with a shifted goal did; None for other methods."""
+    """What goal-directed jumps did on the way; None for other methods."""
 
     def to_json(self) -> dict[str, Any]:
         """All fields but the log, which is a file of its own."""
@@ -128,11 +127,10 @@ def landing_samples(outcome: TrialOutcome) -> LandingSamples:
 
 
 def shifted_jumps(outcome: TrialOutcome) -> ShiftedJumps | None:
-    """The same jumps with the shifts of their goals, and the deviations from the plan; None where none was shifted."""
+    """The same jumps with the shifts of their goals, and the deviations from the plan; None where there are none."""
     rows = [
-        (jump.goal, jump.stance_pitch, landing, jump.shift_tracker.shifts, jump.shift_tracker.deviations)
+        (jump.goal, jump.stance_pitch, landing, jump.shifts, jump.deviations)
         for jump, landing in upright_jumps(outcome)
-        if isinstance(jump, GoalShiftJump) and jump.shift_tracker is not None
     ]
     if not rows:
         return None

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from leapgap.jumping.control.deviation_recorder import Observation
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
@@ -24,6 +25,8 @@ class AimingMethod(Method):
     """By name of the task: mean landing − predicted landing of its jumps, (3,), m, m, rad."""
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Added to each goal for exploration, (3,), m, m, rad."""
+    observation: Observation = field(default_factory=Observation)
+    """When deviations from the plan are kept."""
 
     def explore(self, offset: np.ndarray, references: References, rng: np.random.Generator) -> "AimingMethod":
         """The method with an offset (3,) of its goals."""
@@ -38,5 +41,5 @@ class AimingMethod(Method):
         def aim(target: Target, stance_pitch: float) -> np.ndarray:
             return best_goal(self.landing, target, stance_pitch, offset) + self.goal_offset
 
-        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
+        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen, observation=self.observation)
         return GoalDirectedJump(choice, reference, self.robot, self.gains)

@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from leapgap.effects import to_config
+from leapgap.jumping.control.deviation_recorder import Observation
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
@@ -22,18 +23,18 @@ from leapgap.jumping.experiments.landing_feedback import (
     ShiftedJumps,
     learn_feedback,
 )
-from leapgap.jumping.experiments.landing_model import best_goal
-from leapgap.jumping.experiments.method import Method, References
+from leapgap.jumping.experiments.landing_model import LandingModel, best_goal
+from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.simulated_shifts import ShiftDraws, ShiftSimulator, SimulatedShiftsConfig
+from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import (
     DATA_SHEET,
-    IdentifiedRobot,
-    PracticeDraws,
+    SHARED,
+    PracticeResult,
     identify_contact_effects,
-    identify_robot,
+    run_practice,
 )
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.task import Target
@@ -49,18 +50,10 @@ class GoalShiftMethod(Method):
     planner: JumpPlanner | None = None
     feedback: LandingFeedback | None = None
     config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
-    draws: ShiftDraws | None = None
-    """Random shifts of exploration; None: without."""
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Added to each goal for exploration, (3,), m, m, rad."""
     exploration: np.ndarray | None = None
-
-    def explore(self, offset: np.ndarray, references: References, rng: np.random.Generator) -> "GoalShiftMethod":
-        """The method with an offset (3,) of its goals and with random shifts."""
-        assert self.planner is not None and self.draws is not None
-        grid = ShiftGrid(self.planner.schedule, self.config.period_s)
-        shifts = self.draws.draw(grid.updates, grid.period_s, rng)
-        return replace(self, goal_offset=offset, references=references, exploration=shifts)
+    """Added to the shifts, (updates, 3), m, m, rad."""
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """A jump that is planned after the stance was measured, and shifted on the way."""
@@ -77,17 +70,13 @@ class GoalShiftMethod(Method):
 
 @dataclass(frozen=True)
 class LearnedGoalMpcSettings(MethodSettings):
-    """Simulates jumps of the identified robot, then makes the training jumps of ``land.practice``, randomly shifted."""
+    """Makes the training jumps that ``ours`` makes, and simulates shifted jumps of the identified robot."""
 
     name = "learned_goal_mpc"
 
     mpc: GoalShiftConfig = field(default_factory=GoalShiftConfig)
     model: FeedbackConfig = field(default_factory=FeedbackConfig)
     simulated: SimulatedShiftsConfig = field(default_factory=SimulatedShiftsConfig)
-    first_shifts: ShiftDraws = field(default_factory=lambda: ShiftDraws((0.02, 0.015, 0.03)))
-    """Random shifts of the first jumps."""
-    later_shifts: ShiftDraws = field(default_factory=lambda: ShiftDraws((0.008, 0.006, 0.015)))
-    """Random shifts in addition to those of the MPC, in later jumps."""
     identify_feet: bool = False
     """Whether the softness of the feet is identified for the simulated jumps: what kicks and unseen ground do depends
     on it. Off: the simulated robot has the feet of the nominal one."""
@@ -95,26 +84,21 @@ class LearnedGoalMpcSettings(MethodSettings):
     def prepare(self, name: str, rig: "Rig") -> Method | None:
         """Make the training jumps, and fit the model of the landing to them."""
         settings = rig.settings
-        bench, config = rig.bench, settings.practice
+        bench, observation = rig.bench, Observation(self.mpc.period_s, self.mpc.average_s)
         planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)
-        draws = PracticeDraws(bench, config, np.random.default_rng([bench.seed, 7]), folder=f"practice_{name}")
-        identified = identify_robot(draws, AimingMethod(rig.robot, bench.references, planner=planner))
-        print(f"{bench.hardware}: found {json.dumps(to_config(identified.effects))}", flush=True)
-        simulated, shifts = self._simulated(bench, identified, draws.folder)
+        start = AimingMethod(rig.robot, bench.references, planner=planner, observation=observation)
+        own = f"practice_{name}"
+        learned = run_practice(bench, start, settings.practice, SHARED if observation == Observation() else own)
+        print(f"{bench.hardware}: found {json.dumps(to_config(learned.effects))}", flush=True)
+        method = GoalShiftMethod(rig.robot, bench.references, planner=learned.planner, config=self.mpc)
+        if learned.jumps is None:
+            return method
+        simulated, shifts = self._simulated(bench, learned, own)
         prior = learn_feedback(simulated, shifts, self.model)
-        method = GoalShiftMethod(
-            rig.robot, bench.references, planner=identified.planner, config=self.mpc, draws=self.first_shifts
-        )
-        made: list[ShiftedJumps] = []
-        for number, jumps in enumerate((config.random_jumps, *config.rounds)):
-            offsets = config.later_beyond if number else config.random_beyond
-            results = bench.runner.results(draws.trials(f"round_{number}", jumps, method, offsets))
-            made += [result.shifted for result in results if result.shifted is not None]
-            model = learn_feedback(ShiftedJumps.join(made), shifts, self.model, prior)
-            method = replace(method, feedback=model, draws=self.later_shifts)
-        return replace(method, draws=None)
+        landing = LandingModel(learned.samples, settings.practice.aim)
+        return replace(method, feedback=learn_feedback(learned.jumps, shifts, self.model, prior, landing))
 
-    def _simulated(self, bench: Bench, identified: IdentifiedRobot, folder: str) -> tuple[ShiftedJumps, Authority]:
+    def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[ShiftedJumps, Authority]:
         """Jumps of the identified robot in simulation and what shifts do to it, from the cache where they are there."""
         effects = identified.effects
         if self.identify_feet:
@@ -134,11 +118,14 @@ class LearnedGoalMpcSettings(MethodSettings):
         )
         place = f"{bench.hardware}/{folder}/simulated"
         found = bench.runner.value(place, simulate, simulator, self.simulated, bench.seed)
-        return ShiftedJumps.from_json(found["jumps"]), Authority(*(np.array(part) for part in found["authority"]))
+        return ShiftedJumps.from_json(found["jumps"]), Authority(
+            **{name: np.array(part) for name, part in found["authority"].items()}
+        )
 
 
 def simulate(simulator: ShiftSimulator, config: SimulatedShiftsConfig, seed: int) -> Mapping[str, Any]:
     """The simulated jumps and the authority of shifts, in a form that a JSON file can hold."""
     shifts = simulator.authority(config)
     jumps = simulator.run(config, np.random.default_rng([seed, 11]))
-    return {"jumps": jumps.to_json(), "authority": [shifts.mean.tolist(), shifts.variance.tolist()]}
+    authority = {one.name: getattr(shifts, one.name).tolist() for one in fields(shifts)}
+    return {"jumps": jumps.to_json(), "authority": authority}
