@@ -74,7 +74,7 @@ def new_tracker(
     shifts, config = Authority(mean[None], 0.1 * mean[None]), FeedbackConfig()
     other = learn_feedback(jumps(simulated, 0.0, rng), shifts, config)
     model = learn_feedback(jumps(own, 0.02, rng), shifts, config, other)
-    return kind(plan, robot, PhaseGains(), GoalShiftConfig(), GOAL, STANCE, TARGET, model)
+    return kind(plan, robot, PhaseGains(), GoalShiftConfig(on_rear_feet=True), GOAL, STANCE, TARGET, model)
 
 
 @pytest.fixture(scope="session")
