@@ -71,10 +71,10 @@ def new_tracker(
     assert plan is not None
     rng, late = np.random.default_rng(3), 1.6 * (1 - np.arange(UPDATES) / UPDATES) / UPDATES
     mean = late[:, None, None] * (np.eye(3) + 0.1 * rng.standard_normal((UPDATES, 3, 3)))
-    shifts, config = Authority(mean[None], 0.1 * mean[None]), FeedbackConfig()
+    shifts, config = Authority(mean[None], 0.01 * mean[None]), FeedbackConfig(bias=1.0, change=1.0)
     other = learn_feedback(jumps(simulated, 0.0, rng), shifts, config)
     model = learn_feedback(jumps(own, 0.02, rng), shifts, config, other)
-    return kind(plan, robot, PhaseGains(), GoalShiftConfig(), GOAL, STANCE, TARGET, model)
+    return kind(plan, robot, PhaseGains(), GoalShiftConfig(on_rear_feet=True), GOAL, STANCE, TARGET, model)
 
 
 @pytest.fixture(scope="session")
