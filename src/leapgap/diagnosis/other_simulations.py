@@ -35,7 +35,7 @@ LESS = 0.9
 """A further change of a setting has to bring the gap below this share of it."""
 HOPEFUL = 2
 """Number of changes that are tried beside short steps where none by itself brings the gap down."""
-TRIED = 3
+TRIED = 4
 """Number of other simulations whose logs are made up and compared, those of the fewest changes."""
 DRAWS = 2
 """Number of times that their sensor noise is drawn."""
@@ -89,8 +89,9 @@ INTEGRATORS = (Change("Euler's integrator", {"integrator": int(INTEGRATOR.mjINT_
 """Tried by steps of the usual length, at which integrators differ most."""
 FINE_INTEGRATORS = (Change("the discrete integrator", {"integrator": int(INTEGRATOR.mjINT_DISCRETE)}),)
 """Tried by short steps: in the limit of which it still differs from the others."""
+OTHER_CONE = Change("the other friction cone", {"other_cone": True})
 CONTACTS = (
-    Change("the other friction cone", {"other_cone": True}),
+    OTHER_CONE,
     Change("a tenth of the friction's impedance", {"friction_impedance": 0.1}),
     Change("a harder impedance of contacts", {"slack": 0.4, "width": 0.5}),
     Change("a softer impedance of contacts", {"slack": 1.5, "width": 2.0}),
@@ -199,11 +200,12 @@ class OtherSimulations:
         return next((one for one in within[:TRIED] if self.explains_pieces(one)), None)
 
     def candidates(self) -> list[OtherSimulation]:
-        """Other simulations with their gaps: by steps and integrator, and by contacts changed one after the other."""
+        """Other simulations with their gaps: by steps, integrator and cone, and by contacts changed one by one."""
         usual, own = OtherSimulation(), self.heldout_gap
         robot, fine = own.judged.robot, own.with_steps(FINE * own.replayer.largest_step_s)
         short = OtherSimulation(by_short_steps=True, gap=fine.gap(fine.nominal))
-        by_short = [short.further(change) for change in FINE_INTEGRATORS if runs(robot, change)]
+        beside = [*(one for one in FINE_INTEGRATORS if runs(robot, one)), *((OTHER_CONE,) if robot.feet else ())]
+        by_short = [short.further(change) for change in beside]
         found = [short, *self.with_gaps(by_short, fine)]
         best = replace(usual, gap=own.gap(own.nominal))
         changes = [*(one for one in INTEGRATORS if runs(robot, one)), *(CONTACTS if robot.feet else ())]
