@@ -92,7 +92,7 @@ class Settings:
     whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
     """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
     joint: JointFitSettings = field(default_factory=JointFitSettings)
-    """Settings of the fit of all effects together, used where logs have a clock of their own."""
+    """Settings of the fit of all effects together, used where a search one by one leaves much of the gap."""
     outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
     """Settings of the search for forces from outside; rows in which they act are left out."""
     best: bool = True
@@ -310,7 +310,7 @@ class FoundAnswer:
 def find_answer(
     ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
 ) -> FoundAnswer:
-    """Search for causes one by one, and where logs have a clock of their own for all together; judge them."""
+    """Search for causes one by one, and where these leave much for all together; judge them."""
     judged, clock = ready.judged, ready.clock
     kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
