@@ -149,7 +149,7 @@ class JointFit:
         return fit
 
     def rivals(self, every: FullRolloutFit, fit: FullRolloutFit) -> dict[str, str]:
-        """Effect of a fit → another effect that does as well in its place, where there is one.
+        """Effect of a fit → another effect that is as likely in its place, or closes as much of held-out logs' gap.
 
         ``every`` is the fit of all effects; by its curvature, one effect is tried in the place of each.
         """
@@ -165,8 +165,9 @@ class JointFit:
                 continue
             start = part(every, sets[other])
             again = self.fit(start.hypotheses, start.numbers, self.plan.steps)
-            self.progress(f"{other} for {name}: loss {again.loss:.0f}, was {loss:.0f}")
-            if again.loss < loss + self.plan.least_gain:
+            closes = self.closes(again)
+            self.progress(f"{other} for {name}: loss {again.loss:.0f}, was {loss:.0f}, closes {closes:.2f}")
+            if again.loss < loss + self.plan.least_gain or closes > self.closes(fit) - self.plan.most_lost:
                 found[name] = other
         return found
 
