@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.jumping.control.border import LARGEST
+from leapgap.jumping.control.deviation_recorder import Observation, ObservedJointPd
 from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
@@ -191,6 +192,7 @@ def controllers(robot: Robot, reference: Reference, rng: np.random.Generator) ->
 
     while True:
         yield JointPd(reference, robot, gains)
+        yield ObservedJointPd(reference, robot, gains, Observation())
         yield mpc("daqp")
         yield mpc("osqp")
         yield mpc(str(rng.choice(("daqp", "osqp"))), WildModel(model, 10.0 ** float(rng.uniform(-3, 6))))

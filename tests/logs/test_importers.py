@@ -20,7 +20,8 @@ from tests.conftest import standing
 def write_published(folder: Path, robot: Robot, rows: int = 1201) -> None:
     """A jump in the published layout, of a robot held in a crouch with its front feet on a 4 cm block.
 
-    Every value that is placed tells its column: joint i of the file has position 0.01 i beside the crouch.
+    Every value that is placed tells its column: joint i of the file has position 0.0001 i beside the crouch, and a
+    velocity of 0.001 i, too small to be another motion than none. All joints swing by 0.06 rad after 0.6 s.
     """
     folder.mkdir(parents=True)
     pos = np.zeros((rows, 46))
@@ -31,13 +32,17 @@ def write_published(folder: Path, robot: Robot, rows: int = 1201) -> None:
     angles = np.zeros(24)
     for at, joint in enumerate(published_a1.JOINT_COLUMNS):
         angles[at] = {"hip": 0.0, "thigh": 1.2566, "calf": -2.3562}[joint.split("_")[1]] + 1e-4 * at
-        angles[12 + at] = at
+        angles[12 + at] = 1e-3 * at
+    swing = 2 * np.pi * np.maximum(0.001 * np.arange(rows) - 0.6, 0.0)[:, None]
+    actual = np.tile(angles, (rows, 1))
+    actual[:, :12] += 0.03 * (1 - np.cos(swing))
+    actual[:, 12:] += 0.03 * 2 * np.pi * np.sin(swing)
     torque = np.tile(np.arange(40.0), (rows, 1))
     desired = np.tile(angles, (rows, 1))
     desired[790, published_a1.JOINT_COLUMNS.index("FR_thigh")] = 0.5552
     forces = np.tile(np.arange(15.0), (rows, 1))
     np.savetxt(folder / "pos.txt", pos)
-    np.savetxt(folder / "joint_act.txt", np.tile(angles, (rows, 1)))
+    np.savetxt(folder / "joint_act.txt", actual)
     np.savetxt(folder / "joint_des.txt", desired)
     np.savetxt(folder / "torque.txt", torque)
     np.savetxt(folder / "data_f.txt", forces)
@@ -61,9 +66,9 @@ def test_every_published_column_lands_in_its_place(folder: Path, robot: Robot) -
     assert jump.name == "jump_07"
     assert jump.joints == robot.joints
     # Files go joint by joint through the legs FR FL RR RL: the calf of RL is the last column.
-    assert jump["joint_vel/RL_calf"][0] == 11
-    assert jump["joint_vel/FL_hip"][0] == 1
-    assert jump["joint_vel/FR_thigh"][0] == 4
+    assert jump["joint_vel/RL_calf"][0] == 0.011
+    assert jump["joint_vel/FL_hip"][0] == 0.001
+    assert jump["joint_vel/FR_thigh"][0] == 0.004
     assert jump["cmd_tau/RR_thigh"][0] == 26
     assert [jump[f"contact/{leg}"][0] for leg in published_a1.LEGS] == [0, 0, 1, 0]
     assert jump["foot_force/FL"][0] == 20

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from leapgap.jumping.task import target_of
@@ -40,8 +41,12 @@ def assert_refused(result: subprocess.CompletedProcess, *parts: str, lines: int 
 
 @pytest.fixture
 def logs(tmp_path: Path, robot: Robot) -> Path:
-    for i in range(2):
-        jump_log.write_log(standing(robot, 1300), tmp_path / "logs" / f"jump_{i}.parquet")
+    """Two logs of a robot that stands and swings one calf."""
+    turn, calf = 2 * np.pi * np.arange(1300) / 1000, standing(robot, 1300)["joint_pos/FR_calf"]
+    for i, size in enumerate((0.03, 0.05)):
+        swing = {"joint_pos/FR_calf": calf + size * (1 - np.cos(turn))}
+        swing["joint_vel/FR_calf"] = size * 2 * np.pi * np.sin(turn)
+        jump_log.write_log(standing(robot, 1300, **swing), tmp_path / "logs" / f"jump_{i}.parquet")
     return tmp_path / "logs"
 
 
