@@ -229,14 +229,17 @@ class JointFit:
         return [Trial(*one) for one in zip(several, found, losses, strict=True)]
 
     def stepped(self, about: Numbers, at: Trial, slopes: Sequence[LogErrors], whole: bool) -> Trial:
-        """The best of steps of several dampings; the least damped alone where it does most of what it promises."""
+        """The best of steps of several dampings.
+
+        Without a clock, the least damped is taken alone where it does most of what it promises, which saves replays.
+        """
         curvature, slope = self.likelihood.normal(at.errors, slopes, about.departs(at.numbers))
         room = about.room(at.numbers)
         steps = [bounded_step(curvature, slope, damping, room) for damping in DAMPINGS]
         first, *others = (about.moved(at.numbers, step) for step in steps)
         promised = -float(slope @ steps[0] + 0.5 * steps[0] @ curvature @ steps[0])
         (found,) = self.tried(about, [first], whole)
-        if at.loss - found.loss > KEPT_PROMISE * promised > 0:
+        if self.in_parts and at.loss - found.loss > KEPT_PROMISE * promised > 0:
             return found
         return min([found, *self.tried(about, others, whole)], key=lambda one: one.loss)
 
