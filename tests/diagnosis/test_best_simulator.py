@@ -24,7 +24,7 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected, write_corrected
 from leapgap.simulation.replay import Replayer
 from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs
-from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
+from tests.diagnosis.two_link_arm import torque_driven_arm
 from tests.plain_simulation import Pd, by_motors, simulate
 
 KINDS = ["joint_damping", "joint_friction", "armature", "torque_gain", "encoder_bias", "leg_mass"]
@@ -44,9 +44,7 @@ def worn(model: mujoco.MjModel) -> None:
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    path = tmp_path_factory.mktemp("arm") / "arm.xml"
-    path.write_text(two_link_arm(TORQUE_MOTOR))
-    return Robot.load(path)
+    return torque_driven_arm(tmp_path_factory.mktemp("arm"))
 
 
 @pytest.fixture(scope="module")

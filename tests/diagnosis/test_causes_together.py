@@ -10,7 +10,7 @@ from leapgap.diagnosis.joint_sets import at_parts, merge_alike
 from leapgap.robot.model import Robot
 from tests.diagnosis.test_best_simulator import KINDS, worn
 from tests.diagnosis.test_joint_fit import noisy_logs
-from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
+from tests.diagnosis.two_link_arm import torque_driven_arm
 
 HIDDEN = {
     ("joint_damping", "all"): 0.2,
@@ -25,9 +25,7 @@ HIDDEN = {
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    path = tmp_path_factory.mktemp("arm") / "arm.xml"
-    path.write_text(two_link_arm(TORQUE_MOTOR))
-    return Robot.load(path)
+    return torque_driven_arm(tmp_path_factory.mktemp("arm"))
 
 
 @pytest.fixture(scope="module")

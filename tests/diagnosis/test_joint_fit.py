@@ -17,7 +17,7 @@ from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.simulation.replay import Replayer
-from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
+from tests.diagnosis.two_link_arm import torque_driven_arm
 from tests.plain_simulation import Pd, by_motors, simulate
 
 KINDS = ["joint_damping", "joint_friction", "armature", "torque_gain", "command_delay", "encoder_bias"]
@@ -53,10 +53,8 @@ def heldout_gap(logs: list[Log], robot: Robot) -> HeldOutGap:
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, HeldOutGap, ShortRollouts]:
-    path = tmp_path_factory.mktemp("arm") / "arm.xml"
-    path.write_text(two_link_arm(TORQUE_MOTOR))
-    robot = Robot.load(path)
-    gap = heldout_gap(noisy_logs(path, worn), robot)
+    robot = torque_driven_arm(tmp_path_factory.mktemp("arm"))
+    gap = heldout_gap(noisy_logs(robot.path, worn), robot)
     short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
     return robot, gap, short.whiten_for(short.on_every_log(()))
 

@@ -1,5 +1,9 @@
 """A two-link arm with what a test asks of its motors and its elbow."""
 
+from pathlib import Path
+
+from leapgap.robot.model import Robot
+
 ARM = """
 <mujoco model="arm">
   <option timestep="0.001" integrator="implicitfast"/>
@@ -26,3 +30,10 @@ def two_link_arm(motor: str, elbow: str = "") -> str:
     """MJCF of the arm: ``motor`` is one of the above, ``elbow`` further attributes of the elbow's joint."""
     motors = {f"{name}_motor": motor.format(joint=f"L_{name}") for name in ("shoulder", "elbow")}
     return ARM.format(elbow=elbow, **motors)
+
+
+def torque_driven_arm(folder: Path) -> Robot:
+    """The arm with torque motors, its model written into a folder."""
+    path = folder / "arm.xml"
+    path.write_text(two_link_arm(TORQUE_MOTOR))
+    return Robot.load(path)

@@ -45,6 +45,21 @@ class Candidate:
         ]
         return all(departs) and not self.at_bound
 
+    @property
+    def departs(self) -> np.ndarray:
+        """Departures of the fitted numbers from those at which the effects are absent, (numbers,)."""
+        return np.asarray(self.numbers - np.concatenate([np.zeros(0), *(h.nominal for h in self.hypotheses)]))
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Index of the first number of each hypothesis, then the number of all, (hypotheses + 1,)."""
+        return np.cumsum([0, *(len(h.parameters) for h in self.hypotheses)])
+
+    def indices(self, some: Sequence[int]) -> list[int]:
+        """Indices of the numbers of some hypotheses, which are told by their own indices."""
+        ends = self.ends
+        return [i for k in some for i in range(ends[k], ends[k + 1])]
+
     def split(self, numbers: np.ndarray | None = None) -> list[np.ndarray]:
         """Numbers (by default the fitted ones) of each hypothesis."""
         return split_numbers(self.hypotheses, self.numbers if numbers is None else numbers)

@@ -86,7 +86,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class JointFit:
-    """Fits sets of effects that act at all places to whole logs and short pieces together."""
+    """Fits sets of effects to whole logs and short pieces together."""
 
     heldout_gap: HeldOutGap
     short: ShortRollouts
@@ -155,13 +155,13 @@ class JointFit:
         """
         of = {name: [k for k, n in enumerate(every.names) if n == name] for name in every.names}
         kept = [every.hypotheses.index(h) for h in fit.hypotheses]
-        loss, found = self.loss_at(fit), dict[str, str]()
+        loss, cost, found = self.loss_at(fit), cost_of_others(every, kept), dict[str, str]()
         for name in dict.fromkeys(fit.names):
             rest = [k for k in kept if every.names[k] != name]
             sets = {other: [*rest, *places] for other, places in of.items() if other not in fit.names}
             costs = {other: cost_of_others(every, some) for other, some in sets.items()}
             other = min(costs, key=lambda one: costs[one], default=None)
-            if other is None or costs[other] - cost_of_others(every, kept) > PROMISING * self.plan.least_gain:
+            if other is None or costs[other] - cost > PROMISING * self.plan.least_gain:
                 continue
             start = part(every, sets[other])
             again = self.fit(start.hypotheses, start.numbers, self.plan.steps)
@@ -289,8 +289,7 @@ class JointFit:
     def told_by(self, fit: FullRolloutFit) -> list[int]:
         """Indices of the hypotheses of which a fit knows each number much better than it was known before."""
         spread = np.sqrt(np.diag(fit.covariance)) / self.numbers(fit.hypotheses).spread
-        ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
-        return [k for k, (begin, end) in enumerate(itertools.pairwise(ends)) if spread[begin:end].max() < KNOWN]
+        return [k for k, (begin, end) in enumerate(itertools.pairwise(fit.ends)) if spread[begin:end].max() < KNOWN]
 
     def without_idle(
         self,
@@ -352,7 +351,7 @@ class JointFit:
         By the curvature at the fit; hypotheses that are not kept are nominal.
         """
         own, shift, inner = where_others_are_nominal(fit, kept)
-        departs = (fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]))[own] + shift
+        departs = fit.departs[own] + shift
         ends = np.cumsum([0, *(len(fit.hypotheses[k].parameters) for k in kept)])
         at = [list(range(begin, end)) for begin, end in itertools.pairwise(ends)]
         return np.array([0.5 * departs[i] @ np.linalg.solve(inner[np.ix_(i, i)], departs[i]) for i in at])
@@ -406,10 +405,9 @@ def where_others_are_nominal(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[
 
     By the curvature at the fit: (numbers,), (numbers,) and (numbers, numbers).
     """
-    ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
-    own = [i for k in kept for i in range(ends[k], ends[k + 1])]
-    gone = [i for i in range(ends[-1]) if i not in own]
-    departs = (fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]))[gone]
+    own = fit.indices(kept)
+    gone = fit.indices([k for k in range(len(fit.hypotheses)) if k not in kept])
+    departs = fit.departs[gone]
     precision = np.linalg.inv(fit.covariance)
     covariance = np.linalg.inv(precision[np.ix_(own, own)])
     return own, covariance @ precision[np.ix_(own, gone)] @ departs, covariance
@@ -417,9 +415,8 @@ def where_others_are_nominal(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[
 
 def cost_of_others(fit: FullRolloutFit, kept: Sequence[int]) -> float:
     """Fall of the logarithm of the likelihood if all but some hypotheses are nominal, by the curvature at the fit."""
-    ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
-    gone = [i for k in range(len(fit.hypotheses)) if k not in kept for i in range(ends[k], ends[k + 1])]
-    departs = (fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]))[gone]
+    gone = fit.indices([k for k in range(len(fit.hypotheses)) if k not in kept])
+    departs = fit.departs[gone]
     return float(0.5 * departs @ np.linalg.solve(fit.covariance[np.ix_(gone, gone)], departs))
 
 

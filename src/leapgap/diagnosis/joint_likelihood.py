@@ -73,14 +73,17 @@ class Numbers:
 
     def room(self, numbers: np.ndarray) -> np.ndarray:
         """Largest scaled steps of the fitted numbers down and up within their ranges, (2, fitted)."""
-        limits = np.array([np.concatenate([h.bounds[side] for h in self.hypotheses]) for side in (0, 1)])
-        return np.asarray(((limits - numbers) / self.spread)[:, self.fitted])
+        return np.asarray(((self.limits - numbers) / self.spread)[:, self.fitted])
+
+    @property
+    def limits(self) -> np.ndarray:
+        """Lower and upper limits of all numbers, (2, numbers)."""
+        return np.array([np.concatenate([h.bounds[side] for h in self.hypotheses]) for side in (0, 1)])
 
     @property
     def differences(self) -> tuple[np.ndarray, np.ndarray]:
         """Sizes of finite differences of all numbers, and lower and upper limits (2, numbers)."""
-        limits = np.array([np.concatenate([h.bounds[side] for h in self.hypotheses]) for side in (0, 1)])
-        return DIFFERENCE * np.abs(np.concatenate([h.moderate for h in self.hypotheses])), limits
+        return DIFFERENCE * np.abs(np.concatenate([h.moderate for h in self.hypotheses])), self.limits
 
 
 @dataclass(frozen=True)

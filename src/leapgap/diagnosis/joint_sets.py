@@ -33,13 +33,12 @@ def merge_alike(
     By the curvature at the fit. What costs least is merged first; merging an effect must lower the logarithm of the
     likelihood by less than ``least_gain``, the others fitted anew. ``hypotheses`` hold those at all places.
     """
-    numbers, covariance = fit.numbers - np.concatenate([h.nominal for h in fit.hypotheses]), fit.covariance
+    numbers, covariance, ends = fit.departs, fit.covariance, fit.ends
     apart = {
         name: [k for k, h in enumerate(fit.hypotheses) if h.name == name]
         for name in fit.names
         if sum(h.name == name for h in fit.hypotheses) > 1
     }
-    ends = np.cumsum([0, *(len(h.parameters) for h in fit.hypotheses)])
     merged: dict[str, Hypothesis] = {}
     while apart:
         unequal = {name: differences_between(parts, ends) for name, parts in apart.items()}

@@ -303,9 +303,7 @@ def without_clocks(fit: Candidate) -> Candidate:
     kept = [k for k, h in enumerate(fit.hypotheses) if h.per_log is None]
     if len(kept) == len(fit.hypotheses):
         return fit
-    lengths = [len(h.parameters) for h in fit.hypotheses]
-    ends = np.cumsum([0, *lengths])
-    which = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in kept] or [np.zeros(0, int)]).astype(int)
+    which = np.array(fit.indices(kept), int)
     covariance = fit.covariance[np.ix_(which, which)]
     return Candidate(tuple(fit.hypotheses[k] for k in kept), fit.numbers[which], covariance, fit.fold_numbers[:, which])
 

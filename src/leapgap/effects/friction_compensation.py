@@ -33,12 +33,8 @@ class FrictionCompensation(Effect):
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """Shares of the motors' largest torque, where the model states one."""
         (declared,) = super().parameters(robot, location)
-        limits = robot.torque_limits[robot.joints_at(location)]
-        stated = limits[np.isfinite(limits)]
-        if not len(stated):
-            return (replace(declared, lower_is_physical=True),)
-        most = float(stated.max())
-        return (replace(declared, upper=LARGEST * most, moderate=MODERATE * most, lower_is_physical=True),)
+        declared, most = replace(declared, lower_is_physical=True), robot.largest_torque(location)
+        return (declared if most is None else replace(declared, upper=LARGEST * most, moderate=MODERATE * most),)
 
     def torque_by_velocity(self, velocity: np.ndarray, robot: Robot) -> np.ndarray | None:
         """Along the motion, as large at every speed at which the joint clearly moves."""

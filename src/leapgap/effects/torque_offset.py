@@ -3,8 +3,6 @@
 from dataclasses import dataclass, replace
 from math import inf
 
-import numpy as np
-
 from leapgap.effects.base import Commands, Effect, Parameter, parameter
 from leapgap.robot.model import Robot
 
@@ -27,11 +25,9 @@ class TorqueOffset(Effect):
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """Shares of the motors' largest torque, where the model states one."""
         (declared,) = super().parameters(robot, location)
-        limits = robot.torque_limits[robot.joints_at(location)]
-        stated = limits[np.isfinite(limits)]
-        if not len(stated):
+        most = robot.largest_torque(location)
+        if most is None:
             return (declared,)
-        most = float(stated.max())
         return (replace(declared, lower=-LARGEST * most, upper=LARGEST * most, moderate=MODERATE * most),)
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:

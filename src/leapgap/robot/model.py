@@ -230,6 +230,12 @@ class Robot:
         """Largest torque of each joint's motor, N·m (N for slides), shape (joints,); infinite where none is stated."""
         return np.array([max(abs(end) for end in motor.limit) for motor in self.actuators])
 
+    def largest_torque(self, location: str) -> float | None:
+        """Largest torque that the model states of the motors at some joints, N·m; None where it states none."""
+        limits = self.torque_limits[self.joints_at(location)]
+        stated = limits[np.isfinite(limits)]
+        return float(stated.max()) if len(stated) else None
+
     @cached_property
     def topology(self) -> Topology:
         """Limbs, groups, feet and pairs."""

@@ -19,7 +19,7 @@ class Observation:
     """When the deviation from the plan is kept."""
 
     period_s: float = 0.025
-    """Time between updates."""
+    """Time from one update of the shift to the next, s."""
     average_s: float = 0.01
     """Time before each update over which the deviation is averaged."""
 

@@ -57,7 +57,7 @@ class GoalShiftConfig:
     """Settings of the MPC; x and z of the landing in m, its pitch in rad."""
 
     period_s: float = 0.025
-    """Time between updates."""
+    """Time from one update of the shift to the next, s."""
     steps: int = 6
     """Steps of the horizon, the last of which ends at the landing."""
     matters: tuple[float, float, float] = (0.01, 0.03, 0.1)

@@ -118,7 +118,7 @@ class Part:
 
     job: SplitJob
     name: str
-    """The model."""
+    """Name of the model that is fitted, or whose errors are learned."""
     place: str
     key: str
     is_model: bool
