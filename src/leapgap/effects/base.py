@@ -3,6 +3,7 @@
 from abc import ABC
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import Any, ClassVar
 
 import mujoco
@@ -237,9 +238,15 @@ class Effect(ABC):
         return start
 
 
+@cache
+def overrides(kind: type[Effect], method: str) -> bool:
+    """Whether a class of effects overrides a method or a property."""
+    return getattr(kind, method) is not getattr(Effect, method)
+
+
 def overriding(effects: Iterable[Effect], method: str) -> list[Effect]:
-    """The effects whose class overrides a method; the others are not called at every tick, which saves time."""
-    return [effect for effect in effects if getattr(type(effect), method) is not getattr(Effect, method)]
+    """The effects whose class overrides a method or a property; the others are not called, which saves time."""
+    return [effect for effect in effects if overrides(type(effect), method)]
 
 
 def addition(declarations: Parameter, own: np.ndarray) -> Parameter:

@@ -10,6 +10,7 @@ import os
 import threading
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import mujoco.rollout
@@ -50,24 +51,25 @@ class Rollout:
     measured: Motion | None = None
     """The log's measured motion, where it is known already; None: read from the log."""
 
-    @property
+    @cached_property
     def structure(self) -> tuple[Hashable, ...]:
         """What the effects add to the model; only models of equal structure roll out in one batch."""
-        return tuple(effect.structure for effect in self.effects if effect.structure is not None)
+        structures = (effect.structure for effect in overriding(self.effects, "structure"))
+        return tuple(own for own in structures if own is not None)
 
-    @property
+    @cached_property
     def period_s(self) -> float:
         """True control period, s."""
         period = self.log.info.sample_period_s
-        for effect in self.effects:
+        for effect in overriding(self.effects, "change_period"):
             period = effect.change_period(period)
         return period
 
-    @property
+    @cached_property
     def step_ratio(self) -> float:
         """Length of the steps of the simulation that the motion is one of, over that of the replayer's own."""
         ratio = 1.0
-        for effect in self.effects:
+        for effect in overriding(self.effects, "change_step"):
             ratio = effect.change_step(ratio)
         return ratio
 
@@ -75,7 +77,7 @@ class Rollout:
 def batch_controls(controls: Sequence[np.ndarray]) -> np.ndarray:
     """Controls of trials, (steps, actuators) each, as (trials, steps, actuators); short trials hold their last."""
     longest = max(len(control) for control in controls)
-    return np.stack([np.pad(c, ((0, longest - len(c)), (0, 0)), mode="edge") for c in controls])
+    return np.stack([c if len(c) == longest else np.pad(c, ((0, longest - len(c)), (0, 0)), "edge") for c in controls])
 
 
 def joint_gains(log: Log, robot: Robot) -> np.ndarray:
@@ -182,7 +184,7 @@ class Replayer:
 
     def measure(self, trial: Rollout, motion: Motion) -> Motion:
         """A true motion as the sensors of the trial's robot report it."""
-        for effect in trial.effects:
+        for effect in overriding(trial.effects, "change_measured"):
             sensors = motion.sensors
             motion = replace(effect.change_measured(motion, trial.period_s, self.robot), sensors=sensors)
         return motion
@@ -299,7 +301,7 @@ class Replayer:
         """The true state (nq + nv,) behind one that was reported."""
         nq = self.bare.nq
         start = Motion(state[None, :nq].copy(), state[None, nq:].copy())
-        for effect in reversed(effects):
+        for effect in reversed(overriding(effects, "true_start")):
             start = effect.true_start(start, self.robot)
         return start.first_state
 
@@ -455,7 +457,7 @@ class Replayer:
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
         lengths = trial.log.row_lengths
-        for effect in trial.effects:
+        for effect in overriding(trial.effects, "change_rows"):
             lengths = effect.change_rows(lengths)
         ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)
         return np.maximum(np.diff(ends, prepend=0), 1)
@@ -483,7 +485,7 @@ class Replayer:
         log, robot = trial.log, self.robot
         torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
         commands = Commands(torque, position, velocity, row)
-        for effect in trial.effects:
+        for effect in overriding(trial.effects, "change_commands"):
             commands = replace(effect.change_commands(commands, period_s, robot), row=row)
         kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
         model = self._compiled(trial)
@@ -497,7 +499,7 @@ class Replayer:
     def drive(self, trial: Rollout) -> Drive:
         """Motors of the robot with the trial's effects."""
         drive = Drive.ideal(len(self.robot.joints))
-        for effect in trial.effects:
+        for effect in overriding(trial.effects, "change_drive"):
             drive = effect.change_drive(drive, self.robot)
         return drive
 
@@ -509,7 +511,7 @@ class Replayer:
         actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
         model.opt.timestep = trial.period_s / self.substeps(log)
         self.drive(trial).put_into(model, self.robot)
-        for effect in trial.effects:
+        for effect in overriding(trial.effects, "change_model"):
             effect.change_model(model, self.robot)
         put_loads(model, log, self.robot)
         return model
