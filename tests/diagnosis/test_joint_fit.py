@@ -12,6 +12,8 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
+from leapgap.diagnosis.joint_likelihood import LogErrors, updated
+from leapgap.diagnosis.joint_search import search_jointly
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.logs.log import Log
@@ -61,7 +63,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, HeldOutGap, Sh
 
 def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
     robot, gap, short = arm
-    causes = JointFit(gap, short, ()).search(list_hypotheses(KINDS, robot, None))
+    causes = search_jointly(JointFit(gap, short, ()), list_hypotheses(KINDS, robot, None))
     fit = causes[-1].fit
     found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
     assert set(found) == {"joint_damping", "joint_friction", "armature"}
@@ -78,11 +80,25 @@ def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, Sho
     robot, gap, short = arm
     told = Evidence("a test", "armature.inertia", 0.01, 0.0005, "kg·m²", {}, "said here")
     plan = JointFitSettings(first_steps=2, all_steps=2, steps=2)
-    fit = JointFit(gap, short, (told,), plan).search(list_hypotheses(KINDS, robot, None))[-1].fit
+    fit = search_jointly(JointFit(gap, short, (told,), plan), list_hypotheses(KINDS, robot, None))[-1].fit
     at = fit.names.index("armature")
     assert fit.split()[at] == pytest.approx([0.01])
     assert (fit.fold_numbers[:, at] == 0.01).all()
     assert np.sqrt(fit.covariance[at, at]) == pytest.approx(0.0005)
+
+
+def test_derivatives_updated_by_steps_become_those_of_a_linear_answer() -> None:
+    """Broyden's rule finds a matrix from as many independent steps as it has columns, each of which it then repeats."""
+    rng = np.random.default_rng(4)
+    true, slopes = rng.normal(size=(7, 3)), LogErrors(np.zeros((7, 3)), rng.normal(size=(2, 5, 3)))
+    pieces = rng.normal(size=(2, 5, 3))
+    for by in np.linalg.qr(rng.normal(size=(3, 3)))[0]:
+        start = LogErrors(rng.normal(size=7), rng.normal(size=(2, 5)))
+        end = LogErrors(start.whole + true @ by, start.pieces + pieces @ by)
+        slopes = updated(slopes, start, end, by)
+        assert slopes.whole @ by == pytest.approx(true @ by)
+    assert slopes.whole == pytest.approx(true)
+    assert slopes.pieces == pytest.approx(pieces)
 
 
 def test_the_better_parts_of_another_description_are_found() -> None:

@@ -20,11 +20,13 @@ from leapgap.diagnosis.outside_forces.episodes import (
     least_peak,
     swings,
 )
+from leapgap.diagnosis.outside_forces.explained import unexplained
 from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals, stops
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.effects.joint_damping import JointDamping
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_foreign
@@ -67,6 +69,21 @@ def test_pushes_of_an_arm_are_found_at_their_joint_and_time(arm: Robot, damping:
     """Also where the elbow has four times the damping that the model states."""
     logs = [arm_swing(k, list(PUSHES), damping) for k in range(4)]
     assert_are(find(logs, arm).forces, PUSHES, "swing")
+
+
+def test_a_force_is_dropped_only_where_the_answer_moves_through_its_moment_as_the_log_says(arm: Robot) -> None:
+    """Fast swings of an elbow with four times the damping are explained by that; a push stays, whatever is known."""
+    logs = [arm_swing(k, list(PUSHES), 0.4) for k in range(4)]
+    given, replayer = JudgedLogs.of(logs, arm), Replayer(arm, threads=1)
+    pushes = find(logs, arm).forces
+    swings = [
+        replace(pushes[0], log=log.name, at="elbow", begin_s=begin, end_s=begin + 0.3)
+        for log in (logs[1], logs[3])
+        for begin in (0.6, 1.7, 2.9)
+    ]
+    assert len(pushes) == len(PUSHES)
+    assert unexplained([*pushes, *swings], given, replayer, [JointDamping("elbow", 0.3)]) == pushes
+    assert unexplained([*pushes, *swings], given, replayer, []) == (*pushes, *swings)
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.4])

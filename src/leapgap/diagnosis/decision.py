@@ -10,6 +10,7 @@ from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, Full
 from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit
+from leapgap.diagnosis.joint_search import search_jointly
 from leapgap.diagnosis.robust_least_squares import losses
 from leapgap.diagnosis.sensitivities import FINE
 
@@ -241,7 +242,7 @@ def judge_jointly(
     within_tolerances = fit.in_parts and gap.gap(before) <= thresholds.none_gap * gap.gap(gap.floor)
     if judgement.conclusion.verdict == "none" or within_tolerances or gap.closure_value(before) >= enough:
         return judgement
-    causes = fit.search(hypotheses, judgement.result.selected.hypotheses)
+    causes = search_jointly(fit, hypotheses, judgement.result.selected, thresholds.none_gap)
     after = causes[-1].fit.heldout
     sure = float((before[gap.draws].sum(axis=1) > after[gap.draws].sum(axis=1)).mean())
     closes, gain = gap.closure_value(after), gap.closure_value(after) - gap.closure_value(before)

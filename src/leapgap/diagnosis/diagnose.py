@@ -24,6 +24,7 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
 from leapgap.diagnosis.other_simulations import judge_other_simulations
+from leapgap.diagnosis.outside_forces.explained import unexplained
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
@@ -196,8 +197,10 @@ def diagnose(
     rng = np.random.default_rng(settings.seed)
     ready = prepare(logs, robot, settings, threads, rng, progress)
     answer = find_answer(ready, kinds, settings, progress)
-    heldout_gap, judgement, clock, outside = answer.heldout_gap, answer.judgement, ready.clock, ready.outside
+    heldout_gap, judgement, clock = answer.heldout_gap, answer.judgement, ready.clock
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
+    forces = unexplained(ready.outside.forces, ready.given, ready.replayer, selected.typical_effects(names))
+    outside = replace(ready.outside, forces=forces)
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
     judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
     shared = heldout_gap.shared_closure(selected) if conclusion.answer and clock is None else None
@@ -232,7 +235,7 @@ def diagnose(
         evidence=tuple(answer.evidence),
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
         next_experiment=proposal.to_json() if proposal else None,
-        not_judged=tuple(not_judged(judged)),
+        not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
         profiles=tuple(profiles_of(judgement.result)),
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
@@ -329,7 +332,7 @@ def find_answer(
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
-    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None, settings.doubts.none_gap)
+    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None)
     if clock is None:
         least = settings.plan.least_gain
         judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)

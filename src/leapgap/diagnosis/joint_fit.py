@@ -1,24 +1,22 @@
-"""All plausible effects fitted together, then taken away while the simulation gets no worse.
+"""Fits of sets of effects to whole logs and short pieces in one likelihood.
 
 Causes that act together can each look wrong alone: right legs on soft feet open the gap. So all effects are fitted at
-once, drawn towards the nominal robot and towards what evidence says, to replays of whole logs and of short pieces in
-one likelihood. Effects without which the likelihood hardly falls are then taken away, and the rest is fitted again.
+once, drawn towards the nominal robot and towards what evidence says. ``joint_search`` takes away those without which
+the likelihood hardly falls, and fits the rest again.
 """
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs, in_words
+from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs
 from leapgap.diagnosis.evidence.base import Evidence, sure
-from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit
+from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers, bounded_step
-from leapgap.diagnosis.joint_sets import at_all_places, at_parts, merge_alike
+from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers, bounded_step, updated
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
@@ -28,16 +26,6 @@ KEPT_PROMISE = 0.5
 """A step is taken without trying others where the likelihood rises by this share of what its curvature promised."""
 SETTLED = 5.0
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
-
-
-REPLAYED = 4
-"""So many effects, those that matter least by the curvature, are taken away in turn by replays."""
-PROMISING = 5.0
-"""An effect is tried in the place of another where that costs less by the curvature, in ``least_gain``."""
-IDLE = 0.5
-"""An effect without which the logarithm of the likelihood falls by less, by the curvature, is not replayed for that."""
-KNOWN = 0.5
-"""Pieces tell a number where its spread after them is a smaller share of the one before."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +50,8 @@ class JointFitSettings:
     """Effects that help little stay where the gap of held-out logs closes less by this share without them."""
     least_part: float = 0.05
     """Without a clock, an effect stays where the gap of held-out logs closes less without it by this share."""
+    least_share: float = 0.15
+    """It stays as well where the logarithm of the likelihood falls without it by this share of its rise by all."""
     least_closure: float = 0.05
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
     least_sure: float = 0.9
@@ -95,85 +85,20 @@ class JointFit:
     progress: Callable[[str], None] = lambda _: None
     in_parts: bool = False
     """Whether effects have numbers of their own at the parts of a robot: in logs that need no clock of their own."""
-    none_gap: float = 2.7
-    """Largest gap, in noise floors, that noise and tolerances explain, as in ``DecisionThresholds``."""
     losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
     """Minus the logarithm of the likelihood by effects, places and numbers, of sets that were replayed."""
     ends: list[Linearised] = field(default_factory=list)
     """Where fits to whole logs have ended, in turn; the first is that of all effects that short pieces leave."""
 
-    def search(self, hypotheses: Sequence[Hypothesis], found: Sequence[Hypothesis] = ()) -> list[FullRolloutCause]:
-        """Fit all effects, take away those that do not matter, and return the rest, what matters most first.
-
-        Short pieces answer almost linearly: effects that they tell to be absent go first, by the curvature. Whole logs
-        answer to large changes in ways that no curvature tells, so that replays judge the others. ``found`` are the
-        hypotheses of a search one by one, at whose places effects act in parts of the robot.
-        """
-        if self.in_parts:
-            every = self.fit_in_parts(at_parts(hypotheses, found), hypotheses)
-            fit = part(every, self.without_idle(every, self.losses_without, IDLE))
-        else:
-            every = fit = self.fit_beside_clock(at_all_places(hypotheses))
-        replayed = self.without_idle(fit, self.replayed_losses_without, self.plan.least_gain, self.plan.most_causes)
-        fit = self.fit_part(fit, replayed)
-        useful = self.without_useless(fit)
-        if len(useful) < len(fit.hypotheses):
-            again = self.fit_part(fit, useful)
-            if self.closes(fit) - self.closes(again) < self.plan.most_lost:
-                fit = again
-        if not self.in_parts:
-            return self.ordered(fit, {})
-        fit = self.without_small(fit)
-        return self.ordered(fit, self.rivals(every, fit))
-
-    def fit_beside_clock(self, every: tuple[Hypothesis, ...]) -> FullRolloutFit:
-        """The fit of all effects but those that short pieces tell to be absent."""
-        near = self.fit(every, self.numbers(every).centre, self.plan.first_steps, whole=False)
-        near = part(near, self.without_idle(near, self.losses_without, self.plan.least_sign, among=self.told_by(near)))
-        self.progress(f"by short pieces, {in_words(near)}")
-        return self.fit(near.hypotheses, near.numbers, self.plan.all_steps)
-
-    def fit_in_parts(self, every: tuple[Hypothesis, ...], hypotheses: Sequence[Hypothesis]) -> FullRolloutFit:
-        """The fit of all effects, with one number for the whole robot where its parts need none of their own."""
-        near = self.fit(every, self.numbers(every).centre, self.plan.first_steps, whole=False)
-        fit = self.fit(every, near.numbers, self.plan.all_steps)
-        kept, numbers = merge_alike(fit, hypotheses, self.plan.least_gain)
-        if len(kept) < len(every):
-            fit = self.fit(kept, numbers, self.plan.steps)
-        effects = fit.typical_effects(self.heldout_gap.names)
-        lasting = [k for k, one in enumerate(effects) if not one.is_undone_by(effects, fit.hypotheses[k].robot)]
-        if len(lasting) < len(effects):
-            own = part(fit, lasting)
-            fit = self.fit(own.hypotheses, own.numbers, self.plan.steps)
-        self.progress(f"all effects, {in_words(fit)}: closes {self.closes(fit):.2f}")
-        return fit
-
-    def rivals(self, every: FullRolloutFit, fit: FullRolloutFit) -> dict[str, str]:
-        """Effect of a fit → another effect that is as likely in its place, or closes as much of held-out logs' gap.
-
-        ``every`` is the fit of all effects; by its curvature, one effect is tried in the place of each.
-        """
-        of = {name: [k for k, n in enumerate(every.names) if n == name] for name in every.names}
-        kept = [every.hypotheses.index(h) for h in fit.hypotheses]
-        loss, cost, found = self.loss_at(fit), cost_of_others(every, kept), dict[str, str]()
-        for name in dict.fromkeys(fit.names):
-            rest = [k for k in kept if every.names[k] != name]
-            sets = {other: [*rest, *places] for other, places in of.items() if other not in fit.names}
-            costs = {other: cost_of_others(every, some) for other, some in sets.items()}
-            other = min(costs, key=lambda one: costs[one], default=None)
-            if other is None or costs[other] - cost > PROMISING * self.plan.least_gain:
-                continue
-            start = part(every, sets[other])
-            again = self.fit(start.hypotheses, start.numbers, self.plan.steps)
-            closes = self.closes(again)
-            self.progress(f"{other} for {name}: loss {again.loss:.0f}, was {loss:.0f}, closes {closes:.2f}")
-            if again.loss < loss + self.plan.least_gain or closes > self.closes(fit) - self.plan.most_lost:
-                found[name] = other
-        return found
-
     def closes(self, fit: FullRolloutFit) -> float:
         """Share of the headline gap that a fit closes on held-out logs."""
         return self.heldout_gap.closure_value(fit.heldout)
+
+    @cached_property
+    def nominal_loss(self) -> float:
+        """Minus the logarithm of the likelihood of the nominal robot."""
+        (errors,) = self.likelihood.errors((), [np.zeros(0)], True, list(self.likelihood.logs))
+        return self.likelihood.loss(errors, np.zeros(0))
 
     @cached_property
     def likelihood(self) -> JointLikelihood:
@@ -195,25 +120,38 @@ class JointFit:
         return any(one is not None and sure(one.value - p.nominal, one.spread) for p, one in own)
 
     def fit(
-        self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray, steps: int, whole: bool = True
+        self,
+        hypotheses: tuple[Hypothesis, ...],
+        numbers: np.ndarray,
+        steps: int,
+        whole: bool = True,
+        settled: float = SETTLED,
     ) -> FullRolloutFit:
         """The most likely numbers of a set of effects, with their covariance and those of each fold.
 
+        It ends where the logarithm of the likelihood rises by less than ``settled``.
         ``whole``: errors of whole logs count beside those of short pieces. Derivatives are most of the work and change
-        little from step to step: after the first step, each takes those of every other log anew.
+        little from step to step: after the first step, each takes those of every other log anew. Without a clock, steps
+        that do what the derivatives promise go on with these, updated by what was seen, and are not counted.
         """
         about, every = self.numbers(hypotheses), list(self.likelihood.logs)
         (at,) = self.tried(about, [clip_numbers(hypotheses, numbers)], whole)
         slopes: Sequence[LogErrors] = at.errors
         stale, current = every, set[int]()  # logs whose derivatives are taken next, and whose are of these numbers
-        for step in range(steps):
-            slopes = self.renewed(about, at, whole, slopes, stale)
-            current |= set(stale)
-            best = self.stepped(about, at, slopes, whole)
-            if best.loss < at.loss - SETTLED:
+        taken = 0
+        while taken < steps or not stale:
+            if stale:
+                slopes = self.renewed(about, at, whole, slopes, stale)
+                current |= set(stale)
+                taken += 1
+            best, as_promised = self.stepped(about, at, slopes, whole)
+            if best.loss < at.loss - settled:
                 self.progress(f"joint fit of {len(hypotheses)} effects: loss {best.loss:.0f}, was {at.loss:.0f}")
+                if self.in_parts:
+                    by = about.departs(best.numbers) - about.departs(at.numbers)
+                    slopes = [updated(*of, by) for of in zip(slopes, at.errors, best.errors, strict=True)]
                 at, current = best, set()
-                stale = every[step % 2 :: 2]
+                stale = [] if as_promised else every[(taken - 1) % 2 :: 2]
             elif len(current) < len(every):
                 stale = [log for log in every if log not in current]
             else:
@@ -228,8 +166,8 @@ class JointFit:
         losses = (self.likelihood.loss(of, about.departs(x)) for of, x in zip(found, several, strict=True))
         return [Trial(*one) for one in zip(several, found, losses, strict=True)]
 
-    def stepped(self, about: Numbers, at: Trial, slopes: Sequence[LogErrors], whole: bool) -> Trial:
-        """The best of steps of several dampings.
+    def stepped(self, about: Numbers, at: Trial, slopes: Sequence[LogErrors], whole: bool) -> tuple[Trial, bool]:
+        """The best of steps of several dampings, and whether it does most of what the derivatives promise.
 
         Without a clock, the least damped is taken alone where it does most of what it promises, which saves replays.
         """
@@ -240,8 +178,8 @@ class JointFit:
         promised = -float(slope @ steps[0] + 0.5 * steps[0] @ curvature @ steps[0])
         (found,) = self.tried(about, [first], whole)
         if self.in_parts and at.loss - found.loss > KEPT_PROMISE * promised > 0:
-            return found
-        return min([found, *self.tried(about, others, whole)], key=lambda one: one.loss)
+            return found, True
+        return min([found, *self.tried(about, others, whole)], key=lambda one: one.loss), False
 
     def renewed(
         self,
@@ -278,96 +216,6 @@ class JointFit:
         loss = likelihood.loss(errors, departs)
         return FullRolloutFit(about.hypotheses, numbers, covariance, of_folds, loss, heldout)
 
-    def fit_part(self, fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
-        """Some of the effects of a fit, fitted again from their numbers in it."""
-        hypotheses = tuple(fit.hypotheses[k] for k in kept)
-        numbers = np.concatenate([fit.split()[k] for k in kept])
-        again = self.fit(hypotheses, numbers, self.plan.steps)
-        self.progress(f"jointly, {in_words(again)}: closes {self.closes(again):.2f}")
-        return again
-
-    def told_by(self, fit: FullRolloutFit) -> list[int]:
-        """Indices of the hypotheses of which a fit knows each number much better than it was known before."""
-        spread = np.sqrt(np.diag(fit.covariance)) / self.numbers(fit.hypotheses).spread
-        return [k for k, (begin, end) in enumerate(itertools.pairwise(fit.ends)) if spread[begin:end].max() < KNOWN]
-
-    def without_idle(
-        self,
-        fit: FullRolloutFit,
-        losses_without: Callable[[FullRolloutFit, Sequence[int]], np.ndarray],
-        least: float,
-        most: int | None = None,
-        among: Sequence[int] | None = None,
-    ) -> list[int]:
-        """Indices of at most so many hypotheses without each of which the likelihood falls by ``least`` or more.
-
-        The one that matters least goes first. Those that evidence tells stay and are not counted; so do those that are
-        not ``among`` the ones in question.
-        """
-        kept = list(range(len(fit.hypotheses)))
-        stay = [self.is_told(h) or (among is not None and k not in among) for k, h in enumerate(fit.hypotheses)]
-        while (open_to_doubt := [k for k in kept if not stay[k]]) and len(kept) > 1:
-            losses = dict(zip(kept, losses_without(fit, kept), strict=True))
-            idlest = min(open_to_doubt, key=lambda k: losses[k])
-            if losses[idlest] >= least and (most is None or len(open_to_doubt) <= most):
-                break
-            kept.remove(idlest)
-        return kept
-
-    def without_useless(self, fit: FullRolloutFit) -> list[int]:
-        """Indices of the hypotheses that help on held-out logs, or that evidence tells; what helps least goes first."""
-        kept, draws = list(range(len(fit.hypotheses))), self.heldout_gap.draws
-        while len(kept) > 1:
-            open_to_doubt = [k for k in kept if not self.is_told(fit.hypotheses[k])]
-            tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
-            whole, *without = [squares[draws].sum(axis=1) for squares in self.heldout_gap.squares(tried)]
-            sure = [float((whole < own).mean()) for own in without]
-            if not sure or min(sure) >= self.plan.least_useful:
-                break
-            kept.remove(open_to_doubt[int(np.argmin(sure))])
-        return kept
-
-    def without_small(self, fit: FullRolloutFit) -> FullRolloutFit:
-        """The fit without causes that close little which the others, fitted again, do not close as well.
-
-        A small cause stays where it closes more than is left with it, and noise does not explain what is left without.
-        """
-        gap = self.heldout_gap
-        while len(fit.hypotheses) > 1:
-            each = range(len(fit.hypotheses))
-            fewer = [part(fit, [other for other in each if other != k]) for k in each]
-            closes = [gap.closure_value(squares) for squares in gap.squares(fewer)]
-            again = self.fit_part(fit, [k for k in each if k != int(np.argmax(closes))])
-            lost, left = self.closes(fit) - self.closes(again), 1 - self.closes(fit)
-            by_noise = gap.gap(again.heldout) <= self.none_gap * gap.gap(gap.floor)
-            if lost >= self.plan.least_part or (lost > left and not by_noise):
-                break
-            fit = again
-        return fit
-
-    def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
-        """Fall of the logarithm of the likelihood without each of the kept hypotheses, the others fitted anew.
-
-        By the curvature at the fit; hypotheses that are not kept are nominal.
-        """
-        own, shift, inner = where_others_are_nominal(fit, kept)
-        departs = fit.departs[own] + shift
-        ends = np.cumsum([0, *(len(fit.hypotheses[k].parameters) for k in kept)])
-        at = [list(range(begin, end)) for begin, end in itertools.pairwise(ends)]
-        return np.array([0.5 * departs[i] @ np.linalg.solve(inner[np.ix_(i, i)], departs[i]) for i in at])
-
-    def replayed_losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
-        """As ``losses_without``, by replays where the others are at their numbers by the curvature.
-
-        Only the few that may matter least by the curvature are replayed; the others count as needed.
-        """
-        losses = dict(zip(kept, self.losses_without(fit, kept), strict=True))
-        doubtful = sorted((k for k in kept if not self.is_told(fit.hypotheses[k])), key=lambda k: losses[k])[:REPLAYED]
-        tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in doubtful)]
-        whole, *without = [self.loss_at(one) for one in tried]
-        found = dict(zip(doubtful, without, strict=True))
-        return np.array([found.get(k, np.inf) - whole for k in kept])
-
     def loss_at(self, fit: FullRolloutFit) -> float:
         """Minus the logarithm of the likelihood at the numbers of a fit, by replays; each is made once."""
         key = (tuple(h.label for h in fit.hypotheses), fit.numbers.tobytes())
@@ -375,29 +223,6 @@ class JointFit:
             (errors,) = self.likelihood.errors(fit.hypotheses, [fit.numbers], True, list(self.likelihood.logs))
             self.losses[key] = self.likelihood.loss(errors, self.numbers(fit.hypotheses).departs(fit.numbers))
         return self.losses[key]
-
-    def ordered(self, fit: FullRolloutFit, rivals: Mapping[str, str]) -> list[FullRolloutCause]:
-        """The causes of a fit, what matters most first, each with the fit of those up to it and its rival.
-
-        The probability of a cause is the share of resampled logs on which the whole set is better than without it.
-        """
-        kept = list(range(len(fit.hypotheses)))
-        last_first = []
-        while len(kept) > 1:
-            last_first.append(kept.pop(int(np.argmin(self.losses_without(fit, kept)))))
-        order = [*kept, *reversed(last_first)]
-        without = [part(fit, [k for k in order if k != one]) for one in order] if len(order) > 1 else []
-        draws = self.heldout_gap.draws
-        sure = [
-            float((own[draws].sum(axis=1) > fit.heldout[draws].sum(axis=1)).mean())
-            for own in self.heldout_gap.squares(without)
-        ]
-        whole = part(fit, order)
-        steps = [part(fit, order[: k + 1]) for k in range(len(order) - 1)] + [whole]
-        return [
-            FullRolloutCause(step, (step.names[-1], *filter(None, [rivals.get(step.names[-1])])), probability)
-            for step, probability in zip(steps, sure or [1.0], strict=True)
-        ]
 
 
 def where_others_are_nominal(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[list[int], np.ndarray, np.ndarray]:

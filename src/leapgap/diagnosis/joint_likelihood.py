@@ -204,6 +204,16 @@ def difference(moved: Sequence[np.ndarray], start: np.ndarray, share: np.ndarray
     return np.stack(found, axis=-1) if found else np.zeros((*start.shape, 0))
 
 
+def updated(slopes: LogErrors, before: LogErrors, after: LogErrors, by: np.ndarray) -> LogErrors:
+    """Derivatives of a log after a step ``by`` (numbers,) from errors ``before`` to ``after``, by Broyden's rule."""
+    along = by / max(float(by @ by), 1e-12)
+
+    def one(slope: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        return np.asarray(slope + (end - start - slope @ by)[..., None] * along)
+
+    return LogErrors(one(slopes.whole, before.whole, after.whole), one(slopes.pieces, before.pieces, after.pieces))
+
+
 def independent(values: int) -> float:
     """Number of independent values of whole replays among so many compared ones."""
     return values * EVERY_S / INDEPENDENT_S

@@ -25,6 +25,14 @@ def at_parts(hypotheses: Sequence[Hypothesis], found: Sequence[Hypothesis] = ())
     return tuple(chosen)
 
 
+def numbers_at(hypotheses: Sequence[Hypothesis], found: Candidate | None) -> np.ndarray:
+    """Numbers of some hypotheses as a candidate has them, there or at all places, else nominal, (numbers,)."""
+    known = (
+        {} if found is None else dict(zip(((h.name, h.location) for h in found.hypotheses), found.split(), strict=True))
+    )
+    return np.concatenate([known.get((h.name, h.location), known.get((h.name, "all"), h.nominal)) for h in hypotheses])
+
+
 def merge_alike(
     fit: Candidate, hypotheses: Sequence[Hypothesis], least_gain: float
 ) -> tuple[tuple[Hypothesis, ...], np.ndarray]:

@@ -43,6 +43,11 @@ class OutsideForce:
         low, high = self.impulse_ci95
         return f"{self.says}, impulse {self.impulse:+.2g} {self.unit}·s ({low:.2g} to {high:.2g})"
 
+    @property
+    def explained(self) -> str:
+        """What it is where the robot as corrected needs no such force."""
+        return f"{self.begin_s:.2f} to {self.end_s:.2f} s of {self.log}, left out as a push, which the answer explains"
+
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""
         return {**asdict(self), "impulse_ci95": list(self.impulse_ci95), "says": self.says}

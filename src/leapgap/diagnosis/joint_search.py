@@ -1,0 +1,265 @@
+"""Which effects stay of a fit of all together: what does not matter is taken away while the simulation gets no worse.
+
+Logs by their own clock and others are searched in two ways. Beside a clock, effects act at all places. Elsewhere they
+have numbers of their own at the parts of a robot.
+"""
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import Candidate, in_words
+from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.joint_fit import JointFit, cost_of_others, part, where_others_are_nominal
+from leapgap.diagnosis.joint_sets import at_all_places, at_parts, merge_alike, numbers_at
+
+REPLAYED = 4
+"""So many effects, those that matter least by the curvature, are taken away in turn by replays."""
+PROMISING = 5.0
+"""An effect is tried in the place of another where that costs less by the curvature, in ``least_gain``."""
+IDLE = 0.5
+"""An effect without which the logarithm of the likelihood falls by less, by the curvature, is not replayed for that."""
+CONVERGED = 0.5
+"""The last fit has converged when the logarithm of its likelihood rises by less than this."""
+KNOWN = 0.5
+"""Pieces tell a number where its spread after them is a smaller share of the one before."""
+
+
+def search_jointly(
+    joint: JointFit, hypotheses: Sequence[Hypothesis], found: Candidate | None = None, none_gap: float = 0.0
+) -> list[FullRolloutCause]:
+    """Fit all effects, take away those that do not matter, and return the rest, what matters most first.
+
+    ``found`` is what a search one by one has found; in parts of the robot, effects act at its places and start from its
+    numbers. ``none_gap`` is the largest gap, in noise floors, that noise and tolerances explain.
+    """
+    if joint.in_parts:
+        return SearchInParts(joint).search(hypotheses, found, none_gap)
+    return SearchBesideClock(joint).search(hypotheses)
+
+
+@dataclass(frozen=True)
+class JointSearch:
+    """What both searches share.
+
+    Short pieces answer almost linearly: effects that they tell to be absent go first, by the curvature. Whole logs
+    answer to large changes in ways that no curvature tells, so that replays judge the others.
+    """
+
+    joint: JointFit
+
+    def reduced(self, fit: FullRolloutFit) -> FullRolloutFit:
+        """The fit of the effects of another one that matter and help on held-out logs."""
+        plan = self.joint.plan
+        kept = self.without_idle(fit, self.replayed_losses_without, plan.least_gain, plan.most_causes)
+        fit = self.fit_part(fit, kept)
+        useful = self.without_useless(fit)
+        if len(useful) < len(fit.hypotheses):
+            again = self.fit_part(fit, useful)
+            if self.joint.closes(fit) - self.joint.closes(again) < plan.most_lost:
+                fit = again
+        return fit
+
+    def fit_part(self, fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
+        """Some of the effects of a fit, fitted again from their numbers in it."""
+        hypotheses = tuple(fit.hypotheses[k] for k in kept)
+        numbers = np.concatenate([fit.split()[k] for k in kept])
+        again = self.joint.fit(hypotheses, numbers, self.joint.plan.steps)
+        closes = self.joint.closes(again)
+        self.joint.progress(f"jointly, {in_words(again)}: closes {closes:.2f}, loss {again.loss:.0f}")
+        return again
+
+    def without_idle(
+        self,
+        fit: FullRolloutFit,
+        losses_without: Callable[[FullRolloutFit, Sequence[int]], np.ndarray],
+        least: float,
+        most: int | None = None,
+        among: Sequence[int] | None = None,
+    ) -> list[int]:
+        """Indices of at most so many hypotheses without each of which the likelihood falls by ``least`` or more.
+
+        The one that matters least goes first. Those that evidence tells stay and are not counted; so do those that are
+        not ``among`` the ones in question.
+        """
+        kept = list(range(len(fit.hypotheses)))
+        stay = [self.joint.is_told(h) or (among is not None and k not in among) for k, h in enumerate(fit.hypotheses)]
+        while (open_to_doubt := [k for k in kept if not stay[k]]) and len(kept) > 1:
+            losses = dict(zip(kept, losses_without(fit, kept), strict=True))
+            idlest = min(open_to_doubt, key=lambda k: losses[k])
+            if losses[idlest] >= least and (most is None or len(open_to_doubt) <= most):
+                break
+            kept.remove(idlest)
+        return kept
+
+    def without_useless(self, fit: FullRolloutFit) -> list[int]:
+        """Indices of the hypotheses that help on held-out logs, or that evidence tells; what helps least goes first."""
+        kept, draws = list(range(len(fit.hypotheses))), self.joint.heldout_gap.draws
+        while len(kept) > 1:
+            open_to_doubt = [k for k in kept if not self.joint.is_told(fit.hypotheses[k])]
+            tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
+            whole, *without = [squares[draws].sum(axis=1) for squares in self.joint.heldout_gap.squares(tried)]
+            sure = [float((whole < own).mean()) for own in without]
+            if not sure or min(sure) >= self.joint.plan.least_useful:
+                break
+            kept.remove(open_to_doubt[int(np.argmin(sure))])
+        return kept
+
+    def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
+        """Fall of the logarithm of the likelihood without each of the kept hypotheses, the others fitted anew.
+
+        By the curvature at the fit; hypotheses that are not kept are nominal.
+        """
+        own, shift, inner = where_others_are_nominal(fit, kept)
+        departs = fit.departs[own] + shift
+        ends = np.cumsum([0, *(len(fit.hypotheses[k].parameters) for k in kept)])
+        at = [list(range(begin, end)) for begin, end in itertools.pairwise(ends)]
+        return np.array([0.5 * departs[i] @ np.linalg.solve(inner[np.ix_(i, i)], departs[i]) for i in at])
+
+    def replayed_losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
+        """As ``losses_without``, by replays where the others are at their numbers by the curvature.
+
+        Only the few that may matter least by the curvature are replayed; the others count as needed.
+        """
+        losses = dict(zip(kept, self.losses_without(fit, kept), strict=True))
+        open_to_doubt = [k for k in kept if not self.joint.is_told(fit.hypotheses[k])]
+        doubtful = sorted(open_to_doubt, key=lambda k: losses[k])[:REPLAYED]
+        tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in doubtful)]
+        whole, *without = [self.joint.loss_at(one) for one in tried]
+        found = dict(zip(doubtful, without, strict=True))
+        return np.array([found.get(k, np.inf) - whole for k in kept])
+
+    def ordered(self, fit: FullRolloutFit, rivals: Mapping[str, str]) -> list[FullRolloutCause]:
+        """The causes of a fit, what matters most first, each with the fit of those up to it and its rival.
+
+        The probability of a cause is the share of resampled logs on which the whole set is better than without it.
+        """
+        kept = list(range(len(fit.hypotheses)))
+        last_first = []
+        while len(kept) > 1:
+            last_first.append(kept.pop(int(np.argmin(self.losses_without(fit, kept)))))
+        order = [*kept, *reversed(last_first)]
+        without = [part(fit, [k for k in order if k != one]) for one in order] if len(order) > 1 else []
+        draws = self.joint.heldout_gap.draws
+        sure = [
+            float((own[draws].sum(axis=1) > fit.heldout[draws].sum(axis=1)).mean())
+            for own in self.joint.heldout_gap.squares(without)
+        ]
+        whole = part(fit, order)
+        steps = [part(fit, order[: k + 1]) for k in range(len(order) - 1)] + [whole]
+        return [
+            FullRolloutCause(step, (step.names[-1], *filter(None, [rivals.get(step.names[-1])])), probability)
+            for step, probability in zip(steps, sure or [1.0], strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class SearchBesideClock(JointSearch):
+    """The search in logs by their own clock."""
+
+    def search(self, hypotheses: Sequence[Hypothesis]) -> list[FullRolloutCause]:
+        """The causes, what matters most first."""
+        return self.ordered(self.reduced(self.fit_beside_clock(at_all_places(hypotheses))), {})
+
+    def fit_beside_clock(self, every: tuple[Hypothesis, ...]) -> FullRolloutFit:
+        """The fit of all effects but those that short pieces tell to be absent."""
+        near = self.joint.fit(every, self.joint.numbers(every).centre, self.joint.plan.first_steps, whole=False)
+        near = part(
+            near, self.without_idle(near, self.losses_without, self.joint.plan.least_sign, among=self.told_by(near))
+        )
+        self.joint.progress(f"by short pieces, {in_words(near)}")
+        return self.joint.fit(near.hypotheses, near.numbers, self.joint.plan.all_steps)
+
+    def told_by(self, fit: FullRolloutFit) -> list[int]:
+        """Indices of the hypotheses of which a fit knows each number much better than it was known before."""
+        spread = np.sqrt(np.diag(fit.covariance)) / self.joint.numbers(fit.hypotheses).spread
+        return [k for k, (begin, end) in enumerate(itertools.pairwise(fit.ends)) if spread[begin:end].max() < KNOWN]
+
+
+@dataclass(frozen=True)
+class SearchInParts(JointSearch):
+    """The search in logs that need no clock of their own."""
+
+    def search(
+        self, hypotheses: Sequence[Hypothesis], found: Candidate | None, none_gap: float
+    ) -> list[FullRolloutCause]:
+        """The causes, what matters most first, each with its rival."""
+        every = self.fit_in_parts(hypotheses, found)
+        fit = self.reduced(part(every, self.without_idle(every, self.losses_without, IDLE)))
+        fit = self.without_small(fit, none_gap)
+        return self.ordered(fit, self.rivals(every, fit))
+
+    def fit_in_parts(self, hypotheses: Sequence[Hypothesis], found: Candidate | None) -> FullRolloutFit:
+        """The fit of all effects, with one number for the whole robot where its parts need none of their own.
+
+        It starts where a search one by one has ended. From the nominal robot it may end at one that moves alike, with
+        all torques, masses and friction smaller by one factor.
+        """
+        every = at_parts(hypotheses, found.hypotheses if found else ())
+        near = self.joint.fit(every, numbers_at(every, found), self.joint.plan.first_steps, whole=False)
+        fit = self.joint.fit(every, near.numbers, self.joint.plan.all_steps)
+        kept, numbers = merge_alike(fit, hypotheses, self.joint.plan.least_gain)
+        if len(kept) < len(every):
+            fit = self.joint.fit(kept, numbers, self.joint.plan.steps)
+        effects = fit.typical_effects(self.joint.heldout_gap.names)
+        lasting = [k for k, one in enumerate(effects) if not one.is_undone_by(effects, fit.hypotheses[k].robot)]
+        if len(lasting) < len(effects):
+            own = part(fit, lasting)
+            fit = self.joint.fit(own.hypotheses, own.numbers, self.joint.plan.steps)
+        self.joint.progress(f"all effects, {in_words(fit)}: closes {self.joint.closes(fit):.2f}")
+        return fit
+
+    def without_small(self, fit: FullRolloutFit, none_gap: float) -> FullRolloutFit:
+        """The fit without causes that close little which the others, fitted again, do not close as well.
+
+        A small cause stays where it closes more than is left with it, and noise does not explain what is left without;
+        and where short pieces, which tell it, make it much of what the likelihood rises by.
+        """
+        while (fewer := self.with_one_less(fit, none_gap)) is not None:
+            fit = fewer
+        return self.joint.fit(fit.hypotheses, fit.numbers, self.joint.plan.steps, settled=CONVERGED)
+
+    def with_one_less(self, fit: FullRolloutFit, none_gap: float) -> FullRolloutFit | None:
+        """The fit without a cause that closes little; what seems to close least is tried first. None: all stay."""
+        gap, plan = self.joint.heldout_gap, self.joint.plan
+        each = range(len(fit.hypotheses) if len(fit.hypotheses) > 1 else 0)
+        rests = [[other for other in each if other != k] for k in each]
+        closes = [gap.closure_value(squares) for squares in gap.squares([part(fit, rest) for rest in rests])]
+        for k in sorted(each, key=lambda k: -closes[k]):
+            again = self.fit_part(fit, rests[k])
+            lost, left = self.joint.closes(fit) - self.joint.closes(again), 1 - self.joint.closes(fit)
+            by_noise = gap.gap(again.heldout) <= none_gap * gap.gap(gap.floor)
+            share = (again.loss - fit.loss) / (self.joint.nominal_loss - fit.loss)
+            self.joint.progress(f"without {fit.names[k]}: closes {lost:.2f} less, {share:.0%} of the likelihood's rise")
+            if lost < plan.least_part and share < plan.least_share and (lost <= left or by_noise):
+                return again
+        return None
+
+    def rivals(self, every: FullRolloutFit, fit: FullRolloutFit) -> dict[str, str]:
+        """Effect of a fit → another effect that is as likely in its place, or closes as much of held-out logs' gap.
+
+        ``every`` is the fit of all effects; by its curvature, one effect is tried in the place of each.
+        """
+        of = {name: [k for k, n in enumerate(every.names) if n == name] for name in every.names}
+        kept = [every.hypotheses.index(h) for h in fit.hypotheses]
+        loss, cost, found = self.joint.loss_at(fit), cost_of_others(every, kept), dict[str, str]()
+        for name in dict.fromkeys(fit.names):
+            rest = [k for k in kept if every.names[k] != name]
+            sets = {other: [*rest, *places] for other, places in of.items() if other not in fit.names}
+            costs = {other: cost_of_others(every, some) for other, some in sets.items()}
+            other = min(costs, key=lambda one: costs[one], default=None)
+            if other is None or costs[other] - cost > PROMISING * self.joint.plan.least_gain:
+                continue
+            start = part(every, sets[other])
+            again = self.joint.fit(start.hypotheses, start.numbers, self.joint.plan.steps)
+            closes = self.joint.closes(again)
+            self.joint.progress(f"{other} for {name}: loss {again.loss:.0f}, was {loss:.0f}, closes {closes:.2f}")
+            if (
+                again.loss < loss + self.joint.plan.least_gain
+                or closes > self.joint.closes(fit) - self.joint.plan.most_lost
+            ):
+                found[name] = other
+        return found
