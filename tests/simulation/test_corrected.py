@@ -24,7 +24,7 @@ from tests.simulation.test_replay import moving
 
 NOT_IN_A_MODEL = (
     *("command_delay", "computation_delay", "dropped_commands", "encoder_bias", "frame_tilt", "joint_elasticity"),
-    *("friction_compensation", "joint_play", "loop_delay", "numerics"),
+    *("friction_compensation", "joint_play", "load_friction", "loop_delay", "numerics"),
     *("sample_period", "state_latency", "static_friction", "torque_offset", "velocity_filter"),
 )
 ROWS = 250
@@ -83,7 +83,8 @@ def plain_motion(path: Path, kind: str, log: Log, robot: Robot) -> np.ndarray:
         else:
             data.ctrl[:] = (pos[row] if kind == "ur5e" else asked)[order]
         if row == 0 and model.na:  # a lagging motor starts with the torque that it is asked for
-            data.act[:] = (scale * asked[order])[model.actuator_actnum > 0]
+            lags = np.flatnonzero((model.actuator_actnum > 0) & (model.actuator_dynprm[:, 0] > 0))
+            data.act[(model.actuator_actadr + model.actuator_actnum - 1)[lags]] = (scale * asked[order])[lags]
         mujoco.mj_step(model, data)
     return np.array(positions)
 

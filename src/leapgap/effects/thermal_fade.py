@@ -28,7 +28,7 @@ class ThermalFade(Effect):
     places = "joints"
     needs_motor = True
 
-    loss_per_s: float = parameter(0.0, "1/s", 0.0, 20.0, 0.5, limits=(0.0, inf))
+    loss_per_s: float = parameter(0.0, "1/s", 0.0, 20.0, 1.0, limits=(0.0, inf))
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
