@@ -192,6 +192,20 @@ def test_friction_under_load_is_a_share_of_the_torque_that_the_joint_carries(rob
     assert np.abs(predicted - moved[0]).max() < 0.25 * np.abs(moved[0] - arm.simulate(SENT)[0]).max()
 
 
+def test_a_gear_carries_what_the_motor_gives_and_not_what_a_biased_encoder_tells(robot_arm: Robot) -> None:
+    """The encoder of the elbow says 0.15 rad too much, of which its PD makes 6 N·m that the joint carries."""
+    bias = np.array([0.0, 0.0, 0.15])
+
+    def mislead(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        given = SENT.asked[row, 2] - arm.KP * (data.qpos[2] + 0.15) - arm.KD * data.qvel[2]
+        data.qfrc_applied[2] = -0.2 * abs(given) * np.tanh(data.qvel[2] / 0.05)
+
+    qpos, qvel = arm.simulate(SENT, before=mislead, control=SENT.asked - arm.KP * bias)
+    own = effects.effect("load_friction", "elbow", share=0.2), effects.effect("encoder_bias", "elbow", bias_rad=0.15)
+    found = replay(robot_arm, arm.as_log("misled", SENT, qpos + bias, qvel), *own)
+    assert np.abs(found - (qpos + bias)).max() < 1e-9
+
+
 def test_a_loaded_gear_holds_what_it_carries_up_to_its_share(tmp_path) -> None:
     """A beam that a motor holds at rest: 8 % less torque than its weight hardly lowers it, 12 % less drops it."""
     beam = """<mujoco model="beam"><option timestep="0.001"/><worldbody><body><joint name="j" axis="0 1 0"/>

@@ -198,6 +198,13 @@ def test_what_no_model_holds_is_listed_with_its_numbers(tmp_path: Path) -> None:
     assert dynamics.find("joint[@name='RR_calf']/dynamics").attrib == {"damping": "0.41", "friction": "0.2"}
 
 
+def test_motors_that_heat_are_said_to_be_dc_motors(tmp_path: Path) -> None:
+    write_corrected(tmp_path, Robot.load(), (effects.effect("thermal_fade", "RR_calf", loss_per_s=2.0),))
+    text = (tmp_path / "README.md").read_text()
+    assert "The actuators of RR_calf are MuJoCo's DC motors" in text
+    assert "Their temperature is the rise of their resistance, as a share of it, and begins at 0." in text
+
+
 def test_masses_and_contacts_are_among_the_numbers(tmp_path: Path) -> None:
     write_corrected(
         tmp_path, Robot.load(), (effects.effect("payload", mass_kg=1), effects.effect("foot_friction", mu=0.4))

@@ -269,10 +269,20 @@ def set_heating(model: mujoco.MjModel, actuators: np.ndarray, heating: np.ndarra
 
     A motor has the temperature as a state only where ``add_dc_heat`` has been called.
     """
-    warm = heating > 0
-    capacity = model.actuator_gainprm[actuators[warm], DC_RESISTANCE] / heating[warm]
-    model.actuator_gainprm[actuators[warm], DC_TEMPERATURE_COEFFICIENT] = 1.0
-    model.actuator_dynprm[actuators[warm], DC_HEAT] = np.column_stack([cooling_s / capacity, capacity])
+    for actuator, growth in zip(actuators, heating, strict=True):
+        if growth > 0:
+            resistance = float(model.actuator_gainprm[actuator, DC_RESISTANCE])
+            model.actuator_gainprm[actuator, DC_TEMPERATURE_COEFFICIENT] = 1.0
+            model.actuator_dynprm[actuator, DC_HEAT] = thermal_numbers(resistance, float(growth), cooling_s)
+
+
+def thermal_numbers(resistance: float, heating: float, cooling_s: float) -> tuple[float, float]:
+    """Thermal resistance and heat capacity of a DC motor whose temperature is the rise of its resistance, as a share.
+
+    ``resistance`` in V/(N·m), ``heating`` in 1/(N²m²s).
+    """
+    capacity = resistance / heating
+    return cooling_s / capacity, capacity
 
 
 def set_dc_joint_pd(model: mujoco.MjModel, actuators: np.ndarray, kp: np.ndarray, kd: np.ndarray) -> None:
@@ -562,6 +572,5 @@ def put_winding(actuator: mujoco.MjsActuator, winding: Winding) -> None:
     actuator.gainprm[DC_VOLTAGE] = winding.voltage_v
     actuator.dynprm[DC_TIME_CONSTANT] = winding.lag_s
     if winding.heating:
-        capacity = winding.resistance / winding.heating
         actuator.gainprm[DC_TEMPERATURE_COEFFICIENT] = 1.0
-        actuator.dynprm[DC_HEAT] = winding.cooling_s / capacity, capacity
+        actuator.dynprm[DC_HEAT] = thermal_numbers(winding.resistance, winding.heating, winding.cooling_s)

@@ -528,7 +528,9 @@ class Replayer:
         """
         log, robot = trial.log, self.robot
         measured = motion_of(log, robot) if trial.measured is None else trial.measured
-        position, velocity = measured.qpos[row][:, robot.joint_qpos], measured.qvel[row][:, robot.joint_dofs]
+        misread = (self.measure(trial, measured).qpos - measured.qpos)[:, robot.joint_qpos]  # biases of encoders
+        position = (measured.qpos[:, robot.joint_qpos] - misread)[row]
+        velocity = measured.qvel[row][:, robot.joint_dofs]
         kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
         torque = asked - kp * position - kd * velocity
         limits = robot.torque_limits if limited else np.inf
