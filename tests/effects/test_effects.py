@@ -43,10 +43,12 @@ NAMED_ONLY = {
     "link_com": (("outward_m", "m", 0, 0.005, 0.02641, 0.04),),
     "link_inertia": (("scale", "1", 1, 1.2, 1.5, 3),),
     "link_payload": (("mass_kg", "kg", 0, 0.1, 0.3039, 1.0),),
+    "load_friction": (("share", "1", 0, 0.03, 0.1, 0.3),),
     "loop_delay": (("delay_s", "s", 0, 0.001, 0.003, 0.008),),
     "numerics": (("step_ratio", "1", 1, 0.5, 0.25, 0.1),),
     "quadratic_damping": (("coefficient", "N·m·s²/rad²", 0, 0.01, 0.05, 0.3),),
     "static_friction": (("torque_nm", "N·m", 0, 0.3, 1.0, 2.5),),
+    "thermal_fade": (("loss_per_s", "1/s", 0, 0.2, 1.0, 5.0),),
     "torque_offset": (("torque_nm", "N·m", 0, 0.3, 1.005, 5.0),),
 }
 """The same of effects that are looked for only when they are named."""

@@ -59,6 +59,7 @@ NAMED = (
     effects.effect("link_payload", location="calf", mass_kg=0.1),
     effects.effect("gravity_direction", pitch_rad=0.02),
     effects.effect("frame_tilt", roll_rad=0.03),
+    effects.effect("thermal_fade", location="rear", loss_per_s=1.0),
 )
 
 
@@ -82,6 +83,20 @@ def test_closed_loop_of_known_commands_is_their_replay(
     )
     assert set(open_loop.columns) <= set(run.log.columns)
     assert all(run.log[name] == pytest.approx(open_loop[name], abs=1e-9) for name in open_loop.columns)
+
+
+def test_a_loop_rubs_under_its_own_load_as_a_replay_of_its_log_does(robot: Robot, reference: Log) -> None:
+    """Load and direction are those of the simulated robot, not those of its plan, in which nothing rubs."""
+    rubbing = (effects.effect("load_friction", share=0.15), effects.effect("torque_gain", location="calf", scale=0.9))
+    ready = ready_for(reference.first_rows(700), robot, rubbing)
+    run = run_closed_loop(
+        ready, Playback(ready.commanded, robot), Replayer(robot), rubbing, Sensing(SILENT), np.random.default_rng(0)
+    )
+    by_log, by_plan = Replayer(robot).true_motions(
+        [Rollout(log, rubbing, first_state=ready.start) for log in (run.log, ready.commanded)]
+    )
+    assert np.abs(by_log.qpos - run.truth.qpos).max() < 1e-9
+    assert np.abs(by_plan.qpos - run.truth.qpos).max() > 1e-4
 
 
 @pytest.mark.parametrize("name", ["joint_elasticity", "joint_play"])

@@ -24,7 +24,7 @@ from tests.simulation.test_replay import moving
 
 NOT_IN_A_MODEL = (
     *("command_delay", "computation_delay", "dropped_commands", "encoder_bias", "frame_tilt", "joint_elasticity"),
-    *("friction_compensation", "joint_play", "loop_delay", "numerics"),
+    *("friction_compensation", "joint_play", "load_friction", "loop_delay", "numerics"),
     *("sample_period", "state_latency", "static_friction", "torque_offset", "velocity_filter"),
 )
 ROWS = 250
@@ -83,7 +83,8 @@ def plain_motion(path: Path, kind: str, log: Log, robot: Robot) -> np.ndarray:
         else:
             data.ctrl[:] = (pos[row] if kind == "ur5e" else asked)[order]
         if row == 0 and model.na:  # a lagging motor starts with the torque that it is asked for
-            data.act[:] = (scale * asked[order])[model.actuator_actnum > 0]
+            lags = np.flatnonzero((model.actuator_actnum > 0) & (model.actuator_dynprm[:, 0] > 0))
+            data.act[(model.actuator_actadr + model.actuator_actnum - 1)[lags]] = (scale * asked[order])[lags]
         mujoco.mj_step(model, data)
     return np.array(positions)
 
@@ -195,6 +196,13 @@ def test_what_no_model_holds_is_listed_with_its_numbers(tmp_path: Path) -> None:
     }
     dynamics = ElementTree.fromstring((tmp_path / "urdf_dynamics.xml").read_text())
     assert dynamics.find("joint[@name='RR_calf']/dynamics").attrib == {"damping": "0.41", "friction": "0.2"}
+
+
+def test_motors_that_heat_are_said_to_be_dc_motors(tmp_path: Path) -> None:
+    write_corrected(tmp_path, Robot.load(), (effects.effect("thermal_fade", "RR_calf", loss_per_s=2.0),))
+    text = (tmp_path / "README.md").read_text()
+    assert "The actuators of RR_calf are MuJoCo's DC motors" in text
+    assert "Their temperature is the rise of their resistance, as a share of it, and begins at 0." in text
 
 
 def test_masses_and_contacts_are_among_the_numbers(tmp_path: Path) -> None:

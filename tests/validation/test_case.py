@@ -19,9 +19,10 @@ from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.experiments import proposed_logs
 from leapgap.validation.generator import Generator, Nuisance, NuisanceSizes
 from leapgap.validation.off_table import families
+from leapgap.validation.off_table.crosstalk import Crosstalk
 from leapgap.validation.off_table.loads import SLOSH_HZ, SloshingPayload
 from leapgap.validation.off_table.measurement import PacketLoss
-from leapgap.validation.off_table.motors import Backlash, HeatFade
+from leapgap.validation.off_table.motors import Backlash
 from leapgap.validation.off_table.pulls import DRAG_AREA, Wind
 from stages.common import CONF
 from tests.conftest import standing
@@ -237,13 +238,19 @@ def test_sloshing_mass_keeps_the_total_and_swings_at_its_frequency(robot: Robot)
     assert model.jnt_stiffness[model.joint(effect.name).id] == pytest.approx(1.0 * omega**2)
 
 
-def test_heat_takes_torque_away_in_time(robot: Robot) -> None:
-    generator = Generator(robot, step_s=0.001)
-    jump = standing(robot, rows=1500)
-    on, off = generator.motions([Rollout(jump, (HeatFade(fade=20.0),)), Rollout(jump)])
-    sag = off.qpos[:, 2] - on.qpos[:, 2]
-    assert abs(sag[20]) < 1e-3
-    assert sag[-1] > 2 * abs(sag[200])
+def test_a_joint_gets_a_share_of_the_torque_of_the_next_motor_of_its_leg(robot: Robot) -> None:
+    """In the air, where a calf is told 4 N·m: the thigh of that leg, and no other joint, gets a quarter of them."""
+    pushed = flying(robot, 20)
+    columns = dict(pushed.columns) | {"cmd_tau/RR_calf": np.full(20, 4.0)}
+    columns |= {name: np.zeros(20) for name in columns if name.startswith(("cmd_kp", "cmd_kd"))}
+    generator, told = Generator(robot, step_s=0.001), {"cmd_tau/RR_thigh": np.full(20, 1.0)}
+    log, thigh = Log("air", columns, pushed.info), Log("thigh", columns | told, pushed.info)
+    leaking, same, off = generator.motions(
+        [Rollout(log, (Crosstalk("thigh", share=0.25),)), Rollout(thigh), Rollout(log)]
+    )
+    moved = np.abs(same.qvel - off.qvel).max()
+    assert moved > 0.1
+    assert np.abs(leaking.qvel - same.qvel).max() < 0.02 * moved
 
 
 def test_backlash_holds_the_link_within_its_play(robot: Robot) -> None:

@@ -93,6 +93,18 @@ class Commands:
 
 
 @dataclass(frozen=True)
+class Load:
+    """What the joints carry in steps of equal length, by the commands and the motion: (steps, joints) each."""
+
+    torque: np.ndarray
+    """Of the motors, joint PD included, within their limits, N·m."""
+    velocity: np.ndarray
+    """Of the joints, rad/s."""
+    step_s: float
+    """Step of the simulation, s."""
+
+
+@dataclass(frozen=True)
 class Effect(ABC):
     """One unmodelled effect; ``collect`` injects it and ``diagnose`` looks for it, through the same methods.
 
@@ -224,6 +236,9 @@ class Effect(ABC):
         (periods, joints), N·m; None: none.
         """
         return None
+
+    def put_controls(self, control: np.ndarray, load: Load, model: mujoco.MjModel, robot: Robot) -> None:  # noqa: B027
+        """Put the controls of actuators that ``change_spec`` has added into all controls, (steps, controls)."""
 
     def is_undone_by(self, others: "Iterable[Effect]", robot: Robot) -> bool:
         """Whether other effects of a set undo it, so that the two are no causes but the form of one."""

@@ -5,6 +5,7 @@ Where neither voltage nor inductance matter they are MuJoCo's affine actuators. 
 the electrical time constant; the motor constant is 1 at the joint, so that current is torque.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -15,6 +16,8 @@ from leapgap.robot.model import Robot
 
 LEAST_INERTIA = 0.5
 """Share of a joint's inertia that a late damping leaves it."""
+COOLING_S = 60.0
+"""Time constant with which the windings of small motors give their heat to the housing."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +36,21 @@ class Drive:
     """Of the windings, V/(N·m); NaN: that of the robot's motors."""
     delay_s: np.ndarray
     """Time from a measurement to the torque with which the joint PD answers it; 0: the PD runs at the joint."""
+    heating: np.ndarray
+    """Growth of the windings' resistance by their heat, as a share of it: 1/(N²m²s); 0: none."""
 
     @staticmethod
     def ideal(joints: int) -> "Drive":
         """Motors that deliver the commanded torque at once."""
         ones, none = np.ones(joints), np.zeros(joints)
-        return Drive(ones, np.full(joints, np.inf), none, none.copy(), np.full(joints, np.nan), none.copy())
+        return Drive(
+            ones, np.full(joints, np.inf), none, none.copy(), np.full(joints, np.nan), none.copy(), none.copy()
+        )
 
     @property
     def electric(self) -> np.ndarray:
         """Which joints need MuJoCo's DC motor, bool, (joints,)."""
-        return np.isfinite(self.voltage_v) | (self.lag_s > 0)
+        return np.isfinite(self.voltage_v) | (self.lag_s > 0) | (self.heating > 0)
 
     def resistances(self, robot: Robot) -> np.ndarray:
         """Resistance of each joint's motor, V/(N·m), (joints,)."""
@@ -63,6 +70,7 @@ class Drive:
             motors = robot.joint_actuators[chosen]
             resistance = self.resistances(robot)[chosen]
             actuators.make_dc_motors(model, motors, resistance, voltage[chosen], self.lag_s[chosen])
+            actuators.set_heating(model, motors, self.heating[chosen], COOLING_S)
         self._delay_pd(model, robot)
         self.split_joint_pd(model, robot)
 
@@ -87,6 +95,22 @@ class Drive:
         added = kp * delay**2 / 2 - kd * delay
         model.dof_armature[dofs] += np.maximum(added, (LEAST_INERTIA - 1) * model.dof_M0[dofs])
 
+    def warmth(self, torque: np.ndarray, row_s: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+        """Rise of the windings' resistance, as a share of it, at some rows of a log that begins cold.
+
+        (chosen rows, joints), from the torque that was asked of the motors, N·m, (rows, joints), and the length of each
+        row, s, (rows,). With the rise r, τ² heats by τ² / (1 + r), as the current falls.
+        """
+        heat = np.concatenate([np.zeros((1, torque.shape[1])), np.cumsum(torque**2 * row_s[:, None], axis=0)])
+        time = np.concatenate([[0.0], np.cumsum(row_s)])
+        rise, found, last = np.zeros(torque.shape[1]), [], 0
+        for row in rows:
+            cooled = np.exp((time[last] - time[row]) / (2 * COOLING_S))  # half of it before the heat, and half after
+            rise = cooled * (np.sqrt((1 + cooled * rise) ** 2 + 2 * self.heating * (heat[row] - heat[last])) - 1)
+            found.append(rise)
+            last = row
+        return np.array(found)
+
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
         """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
         late = kd - kp * self.delay_s
@@ -106,6 +130,13 @@ def add_velocity_filter(spec: mujoco.MjSpec, robot: Robot, location: str) -> Non
     known = {actuator.name for actuator in spec.actuators}
     missing = [joint for joint in joints if actuators.filter_of(joint) not in known]
     actuators.add_filtered_dampers(spec, missing, resistance_of(robot))
+
+
+def add_heating(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
+    """Give the motors of the joints at a location, where they have a limit, their warmth as a state."""
+    limited = robot.driven & np.isfinite(robot.torque_limits)
+    motors = [robot.joint_actuators[i] for i in robot.joints_at(location) if limited[i]]
+    actuators.add_dc_heat(spec, np.array(motors, int), resistance_of(robot))
 
 
 def add_lag(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:

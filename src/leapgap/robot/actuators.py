@@ -21,6 +21,10 @@ DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7
 """Entries of ``gainprm`` of MuJoCo's DC motor."""
 DC_TIME_CONSTANT = 0
 """Entry of ``dynprm`` of MuJoCo's DC motor: its electrical time constant, s."""
+DC_TEMPERATURE_COEFFICIENT = 2
+"""Entry of ``gainprm`` of MuJoCo's DC motor; at 1, its temperature is the rise of its resistance as a share of it."""
+DC_HEAT = slice(2, 4)
+"""Entries of ``dynprm`` of MuJoCo's DC motor: thermal resistance, K/W, and heat capacity, J/K, of its windings."""
 POSITION_INPUT, FEED_FORWARD_INPUT, NO_INPUT = 1, 4, 16
 """MuJoCo's input signatures of a DC motor whose one control is a set point or a torque, and of one without any control
 (bits; velocity is 2)."""
@@ -28,6 +32,11 @@ LUGRE_BIAS = slice(3, 6)
 """Entries of ``biasprm`` of MuJoCo's DC motor: Coulomb and static friction, N·m, and Stribeck's speed, rad/s."""
 LUGRE_DYNAMICS = slice(5, 7)
 """Entries of ``dynprm`` of MuJoCo's DC motor: stiffness and damping of its bristles, N·m/rad and N·m·s/rad."""
+STABLE_SHARE = 0.25
+"""Largest share of a joint's speed that a damper of ours may take in one explicit step.
+
+The joint's inertia is that with all other joints held; with all others free it is smaller, and the step less stable.
+"""
 SINGLE = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 TRANSMISSIONS = {
@@ -255,6 +264,27 @@ def make_dc_motors(
     set_dc_joint_pd(model, actuators, kp, kd)
 
 
+def set_heating(model: mujoco.MjModel, actuators: np.ndarray, heating: np.ndarray, cooling_s: float) -> None:
+    """Let the resistance of DC motors rise as they heat: (actuators,), a share of it by torque² and time, 1/(N²m²s).
+
+    A motor has the temperature as a state only where ``add_dc_heat`` has been called.
+    """
+    for actuator, growth in zip(actuators, heating, strict=True):
+        if growth > 0:
+            resistance = float(model.actuator_gainprm[actuator, DC_RESISTANCE])
+            model.actuator_gainprm[actuator, DC_TEMPERATURE_COEFFICIENT] = 1.0
+            model.actuator_dynprm[actuator, DC_HEAT] = thermal_numbers(resistance, float(growth), cooling_s)
+
+
+def thermal_numbers(resistance: float, heating: float, cooling_s: float) -> tuple[float, float]:
+    """Thermal resistance and heat capacity of a DC motor whose temperature is the rise of its resistance, as a share.
+
+    ``resistance`` in V/(N·m), ``heating`` in 1/(N²m²s).
+    """
+    capacity = resistance / heating
+    return cooling_s / capacity, capacity
+
+
 def set_dc_joint_pd(model: mujoco.MjModel, actuators: np.ndarray, kp: np.ndarray, kd: np.ndarray) -> None:
     """Set the gains (actuators,) of DC motors, N·m/rad and N·m·s/rad."""
     model.actuator_gainprm[actuators, DC_KP] = kp
@@ -325,7 +355,58 @@ def bristles_in_motion(model: mujoco.MjModel, speeds: np.ndarray) -> tuple[np.nd
 def add_dc_state(spec: mujoco.MjSpec, motors: np.ndarray, resistance: float) -> None:
     """Make some actuators (indices) DC motors whose torque is a state; ``make_dc_motors`` then gives its size."""
     for motor in motors.tolist():
-        put_winding(spec.actuators[motor], Winding(resistance, voltage_v=0.0, lag_s=1.0))
+        dc_motor(spec.actuators[motor], resistance).dynprm[DC_TIME_CONSTANT] = 1.0
+
+
+def add_dc_heat(spec: mujoco.MjSpec, motors: np.ndarray, resistance: float) -> None:
+    """Make some actuators (indices) DC motors whose temperature is a state; ``set_heating`` then gives its size."""
+    for motor in motors.tolist():
+        dc_motor(spec.actuators[motor], resistance).dynprm[DC_HEAT] = 1.0, 1.0
+
+
+def dc_motor(actuator: mujoco.MjsActuator, resistance: float) -> mujoco.MjsActuator:
+    """The actuator as a DC motor without states, or with those that it has as one already."""
+    if actuator.gaintype != mujoco.mjtGain.mjGAIN_DCMOTOR:
+        put_winding(actuator, Winding(resistance, voltage_v=0.0, lag_s=0.0))
+    return actuator
+
+
+def has_current(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether the torque of a motor is a state of its own."""
+    return bool(model.actuator_actnum[actuator] and model.actuator_dynprm[actuator, DC_TIME_CONSTANT] > 0)
+
+
+def has_temperature(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether the temperature of a motor is a state of its own."""
+    return bool(model.actuator_actnum[actuator] and model.actuator_dynprm[actuator, DC_HEAT.start] > 0)
+
+
+def state_of_current(model: mujoco.MjModel, actuator: int) -> int:
+    """Address of a motor's current among the activations: MuJoCo has it last."""
+    return int(model.actuator_actadr[actuator] + model.actuator_actnum[actuator] - 1)
+
+
+def state_of_temperature(model: mujoco.MjModel, actuator: int) -> int:
+    """Address of a motor's temperature among the activations: MuJoCo has it first in a motor without an integrator."""
+    return int(model.actuator_actadr[actuator])
+
+
+def add_brake(spec: mujoco.MjSpec, joint: str, push: str, damper: str) -> None:
+    """Add two actuators at a joint: ``push`` has a torque as its control, ``damper`` a coefficient of damping."""
+    for name, gain in ((push, [1.0, 0.0, 0.0]), (damper, [0.0, 0.0, -1.0])):  # constant, by position, by velocity
+        added = spec.add_actuator()
+        added.name, added.trntype, added.target, added.gear = name, mujoco.mjtTrn.mjTRN_JOINT, joint, [1.0, *[0.0] * 5]
+        make_affine(added, gain=1.0)
+        set_limit(added, UNLIMITED)
+        added.gaintype, added.gainprm = mujoco.mjtGain.mjGAIN_AFFINE, [*gain, *[0.0] * 7]
+
+
+def largest_damping(model: mujoco.MjModel, dofs: np.ndarray, step_s: float) -> np.ndarray:
+    """Largest damping by an actuator that steps of this length stand, N·m·s/rad, (dofs,); infinite if implicit."""
+    implicit = (int(mujoco.mjtIntegrator.mjINT_IMPLICIT), int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST))
+    if int(model.opt.integrator) in implicit:
+        return np.full(len(dofs), np.inf)
+    return np.asarray(STABLE_SHARE * model.dof_M0[dofs] / step_s)
 
 
 def filter_of(joint: str) -> str:
@@ -414,6 +495,10 @@ class Winding:
     """Largest voltage; 0: no limit."""
     lag_s: float
     """Electrical time constant; 0: none."""
+    heating: float = 0.0
+    """Growth of the resistance by heat, as a share of it, 1/(N²m²s) of the joint; 0: none."""
+    cooling_s: float = 1.0
+    """Time constant of the heat."""
 
 
 def move_to_joints(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None:
@@ -486,3 +571,6 @@ def put_winding(actuator: mujoco.MjsActuator, winding: Winding) -> None:
     actuator.gainprm[DC_RESISTANCE], actuator.gainprm[DC_CONSTANT] = winding.resistance, 1.0
     actuator.gainprm[DC_VOLTAGE] = winding.voltage_v
     actuator.dynprm[DC_TIME_CONSTANT] = winding.lag_s
+    if winding.heating:
+        actuator.gainprm[DC_TEMPERATURE_COEFFICIENT] = 1.0
+        actuator.dynprm[DC_HEAT] = thermal_numbers(winding.resistance, winding.heating, winding.cooling_s)

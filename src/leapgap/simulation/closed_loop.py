@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, overriding
+from leapgap.effects.base import Commands, Effect, Load, overriding
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
@@ -64,6 +64,7 @@ class Plant:
         self.effects_of_commands = overriding(effects, "change_commands")
         self.effects_of_sensors = overriding(effects, "change_measured")
         self.effects_by_velocity = overriding(effects, "torque_by_velocity")
+        self.effects_by_load = overriding(effects, "put_controls")
         self.foot_of_geom = np.full(self.model.ngeom, -1)
         geoms = [self.model.geom(name).id for name in self.robot.foot_geom_names]
         self.foot_of_geom[geoms] = np.arange(len(geoms))
@@ -121,10 +122,21 @@ class Plant:
             added = effect.torque_by_velocity(self.data.qvel[None, self.robot.joint_dofs], self.robot)
             control = control if added is None else control + added[0]
         self.data.ctrl[self.robot.joint_actuators] = control * self.control_gain
+        if self.effects_by_load:
+            load = self._load(control, command)
+            for effect in self.effects_by_load:
+                effect.put_controls(self.data.ctrl[None], load, self.model, self.robot)
         if len(self.truth) == 1:
             self._start_motors()
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.truth.append(self.state)
+
+    def _load(self, control: np.ndarray, command: Command) -> Load:
+        """What the joints carry now, under a control (joints,) and the gains of a command."""
+        position, velocity = self.data.qpos[self.robot.joint_qpos], self.data.qvel[self.robot.joint_dofs]
+        limits = self.robot.torque_limits
+        torque = np.clip(control - command.kp * position - command.kd * velocity, -limits, limits) * self.drive.gain
+        return Load(torque[None], velocity[None], float(self.model.opt.timestep))
 
     def _start_motors(self) -> None:
         """Let motors with a state of their own start at what is asked of them first."""

@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, overriding
-from leapgap.effects.drive import Drive
+from leapgap.effects.drive import COOLING_S, Drive
 from leapgap.robot import actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
 
 OUTSIDE = (
     *("change_period", "change_rows", "change_step", "change_commands", "change_measured", "true_start"),
-    "torque_by_velocity",
+    *("torque_by_velocity", "put_controls"),
 )
 """Methods of an effect through which it acts outside the model."""
 ACTUATORS = ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange", "actuator_ctrlrange")
@@ -29,7 +29,7 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
     spec = robot.published_spec() if robot.states_actuators else robot.spec()
     actuators.move_to_joints(spec, robot.actuators)
     name_contacts(spec, robot.names.feet if robot.names else ())
-    inside = [effect for effect in correction if changes_model(effect)]
+    inside = [effect for effect in correction if changes_model(effect) and not overriding([effect], "put_controls")]
     changed = with_effects(inside, spec, robot)
     refused: list[Effect] = []
     if changed is None:  # then one by one, to name those that a model cannot hold
@@ -101,5 +101,6 @@ def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
         if gain != 1:
             actuators.scale_joint(spec, motor.joint, gain)
         if drive.electric[i]:
-            winding = actuators.Winding(float(resistance[i]), float(voltage[i]), float(drive.lag_s[i]))
+            electric = (resistance[i], voltage[i], drive.lag_s[i], drive.heating[i], COOLING_S)
+            winding = actuators.Winding(*(float(number) for number in electric))
             actuators.replace_by_dc_motor(spec, motor, gain, winding)

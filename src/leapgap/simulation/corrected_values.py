@@ -13,6 +13,7 @@ from leapgap.effects.base import Effect
 from leapgap.effects.command_delay import CommandDelay
 from leapgap.effects.drive import Drive
 from leapgap.effects.encoder_bias import EncoderBias
+from leapgap.effects.thermal_fade import ThermalFade
 from leapgap.robot.model import Robot
 
 Gains = Mapping[str, tuple[float, float]]
@@ -199,10 +200,11 @@ def entry_in_words(effect: Mapping[str, Any]) -> str:
 
 def motor_words(found: Mapping[str, Any]) -> list[str]:
     """A paragraph on motors that are DC motors in the model, where there are any."""
+    warm = {joint for effect in found["effects"] if effect["name"] == ThermalFade.name for joint in effect["at"]}
     electric = [
         joint
         for joint, of in found["joints"].items()
-        if of["motor_lag_s"]["corrected"] or of["motor_voltage_v"]["corrected"] is not None
+        if of["motor_lag_s"]["corrected"] or of["motor_voltage_v"]["corrected"] is not None or joint in warm
     ]
     if not electric:
         return []
@@ -210,4 +212,5 @@ def motor_words(found: Mapping[str, Any]) -> list[str]:
         "",
         f"The actuators of {', '.join(electric)} are MuJoCo's DC motors (`dcmotor`, MuJoCo 4.0 or later). Other",
         "simulators have no voltage and lag of theirs, nor has leapgap where `robot.xml` itself is its robot.",
+        *(["Their temperature is the rise of their resistance, as a share of it, and begins at 0."] if warm else []),
     ]

@@ -16,7 +16,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, overriding
+from leapgap.effects.base import Commands, Effect, Load, overriding
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
@@ -263,14 +263,15 @@ class Replayer:
         gains = joint_gains(trial.log, self.robot)
         of_gains: dict[bytes, mujoco.MjModel] = {}
         models, states, controls, counts = [], [], [], []
-        for row, state in zip(starts.rows, starts.states, strict=True):
+        warmth = self._warmth(trial, starts.rows, steps)
+        for row, state, warm in zip(starts.rows, starts.states, warmth, strict=True):
             key = gains[row].tobytes()
             if key not in of_gains:
                 of_gains[key] = self.model(trial, row=row)
             own = control[step[row] : step[row + rows - 1]]
             true = self.true_state(trial.effects, state)
             models.append(of_gains[key])
-            states.append(self.full_state(replace(trial, first_state=true), of_gains[key], own))
+            states.append(self.full_state(replace(trial, first_state=true), of_gains[key], own, warm))
             controls.append(own)
             counts.append(steps[row : row + rows - 1])
         return models, states, controls, counts
@@ -338,10 +339,23 @@ class Replayer:
         measured = [np.concatenate(r) if r else None for r in readings]
         return [self._of_robot(*of_trial) for of_trial in zip(trials, wholes, measured, strict=True)]
 
-    def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
+    def _warmth(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> Sequence[np.ndarray | None]:
+        """Warmth of the motors, (joints,), at some rows of a trial's log, in which each row lasts so many steps."""
+        drive = self.drive(trial)
+        if not drive.heating.any():
+            return [None] * len(rows)
+        row_s = steps * trial.period_s / self.substeps(trial.log)
+        row = np.arange(len(steps))
+        load = self._load(trial, self._asked(trial, row, trial.period_s), row, limited=False)
+        return list(drive.warmth(load.torque, row_s, rows))
+
+    def full_state(
+        self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray, warmth: np.ndarray | None = None
+    ) -> np.ndarray:
         """MuJoCo's full state: time, positions, velocities, and the states of motors that have one.
 
         The torque of a motor is the one that the first command asks for; friction with a memory is that of the motion.
+        ``warmth`` is by how much the resistance of each joint's motor has risen, (joints,); None: not at all.
         """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
         activation = np.zeros(model.na)
@@ -350,14 +364,17 @@ class Replayer:
             *actuators.filtered_dampers(model, self.robot.joints),
         ]
         for joint, actuator in motors:
-            if model.actuator_actnum[actuator]:
+            warm = 0.0 if warmth is None or not actuators.has_temperature(model, actuator) else float(warmth[joint])
+            if warm:
+                activation[actuators.state_of_temperature(model, actuator)] = warm
+            if actuators.has_current(model, actuator):
                 kp, kd = (float(gain) for gain in actuators.dc_joint_pd(model, np.array(actuator)))
                 q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
                 asked = control[0, model.actuator_ctrladr[actuator]] - kp * q - kd * v
                 limits = (
                     model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
                 )
-                activation[model.actuator_actadr[actuator]] = np.clip(asked, *limits)
+                activation[actuators.state_of_current(model, actuator)] = np.clip(asked / (1 + warm), *limits)
         if model.na:
             bristles, deflection = actuators.bristles_in_motion(model, state[self.bare.nq :])
             activation[bristles] = deflection
@@ -482,19 +499,46 @@ class Replayer:
 
         ``row`` (periods,) is the row of the log whose command was sent in each.
         """
+        model, asked = self._compiled(trial), self._asked(trial, row, period_s)
+        control = np.zeros((len(row), model.nu))
+        control[:, model.actuator_ctrladr[self.robot.joint_actuators]] = asked * self.drive(trial).control_gain
+        by_load = overriding(trial.effects, "put_controls")
+        if by_load:
+            load = self._load(trial, asked, row)
+            for effect in by_load:
+                effect.put_controls(control, load, model, self.robot)
+        return control
+
+    def _asked(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
+        """Torque τ + kp q* + kd q̇* that is asked of the joints in periods of equal length, (periods, joints)."""
         log, robot = trial.log, self.robot
         torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
         commands = Commands(torque, position, velocity, row)
         for effect in overriding(trial.effects, "change_commands"):
             commands = replace(effect.change_commands(commands, period_s, robot), row=row)
         kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
-        model = self._compiled(trial)
-        control = np.zeros((len(row), model.nu))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
         for added in torques_by_velocity(trial, robot):
             asked = asked + added[row]
-        control[:, model.actuator_ctrladr[robot.joint_actuators]] = asked * self.drive(trial).control_gain
-        return control
+        return np.asarray(asked)
+
+    def _load(self, trial: Rollout, asked: np.ndarray, row: np.ndarray, limited: bool = True) -> Load:
+        """What the joints carry in periods of equal length, by the motion that the log reports.
+
+        ``asked`` (periods, joints) is without the joint PD's feedback, which is that of the log's motion in its ``row``
+        (periods,). Without ``limited`` the torque is what is asked for, whatever the motors can deliver.
+        """
+        log, robot = trial.log, self.robot
+        measured = motion_of(log, robot) if trial.measured is None else trial.measured
+        misread = (self.measure(trial, measured).qpos - measured.qpos)[:, robot.joint_qpos]  # biases of encoders
+        position = (measured.qpos[:, robot.joint_qpos] - misread)[row]
+        velocity = measured.qvel[row][:, robot.joint_dofs]
+        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        torque = asked - kp * position - kd * velocity
+        limits = robot.torque_limits if limited else np.inf
+        return Load(
+            np.clip(torque, -limits, limits) * self.drive(trial).gain, velocity, trial.period_s / self.substeps(log)
+        )
 
     def drive(self, trial: Rollout) -> Drive:
         """Motors of the robot with the trial's effects."""

@@ -4,10 +4,10 @@ from functools import cache
 
 from leapgap.errors import InputError
 from leapgap.simulation.off_table import BentCalf
-from leapgap.validation.off_table import loads, measurement, motors, pulls, structure
+from leapgap.validation.off_table import crosstalk, loads, measurement, motors, pulls, structure
 from leapgap.validation.off_table.base import OffTableEffect
 
-FAMILIES = (pulls, loads, motors, structure, measurement)
+FAMILIES = (pulls, loads, motors, crosstalk, structure, measurement)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Off-table effects of motors and gears: heating, backlash, cogging."""
+"""Off-table effects of motors and gears: backlash, cogging."""
 
 from dataclasses import dataclass
 
@@ -16,29 +16,6 @@ TOOTH_STIFFNESS = 4000.0
 """Stiffness of the teeth in contact, N·m/rad."""
 TOOTH_DAMPING = 2.0
 """Damping of the teeth in contact, N·m·s/rad."""
-
-
-@dataclass(frozen=True)
-class HeatFade(OffTableEffect):
-    """Motors that lose torque as they heat: each has the gain exp(−fade · ∫τ² dt / (1000 N²m²s))."""
-
-    name = "heat_fade"
-    places = "joints"
-
-    fade: float = parameter(0.0, "1/(1000 N²m²s)", 0.0, 20.0)
-
-    def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
-        """Integrate the squared torque of each motor, and scale its gain and joint PD alike."""
-        at = robot.joint_actuators[robot.joints_at(self.location)]
-        gain, bias = model.actuator_gainprm[at].copy(), model.actuator_biasprm[at].copy()
-        heat = np.zeros(len(at))
-
-        def warm(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-            heat[:] += data.actuator_force[at] ** 2 * model.opt.timestep / 1000
-            left = np.exp(-self.fade * heat)[:, None]
-            model.actuator_gainprm[at], model.actuator_biasprm[at] = left * gain, left * bias
-
-        return warm
 
 
 @dataclass(frozen=True)
@@ -101,4 +78,4 @@ class Cogging(OffTableEffect):
         return ripple
 
 
-KINDS: tuple[type[OffTableEffect], ...] = (HeatFade, Backlash, Cogging)
+KINDS: tuple[type[OffTableEffect], ...] = (Backlash, Cogging)

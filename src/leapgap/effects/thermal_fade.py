@@ -1,0 +1,53 @@
+"""Motors that lose torque as they heat."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from math import inf
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect, parameter
+from leapgap.effects.drive import Drive, add_heating
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class ThermalFade(Effect):
+    """Rate at which a motor's resistance rises under its largest torque, as a share of it, and with it torque is lost.
+
+    A drive that takes its windings for cold delivers τ / (1 + r) of the torque τ that it is asked for. The rise r
+    follows the heat of the current, ṙ = loss · (τ / τ_max)² / (1 + r) − r / 60 s, with the model's limit τ_max: the
+    thermal model of MuJoCo's DC motor. A log begins with cold motors; what they have lost before is a ``torque_gain``.
+    A replay that starts within a log has the warmth that the log's commands and motion gave them before. What is asked
+    for beyond the limit heats as if it were delivered, and the limit itself does not fall.
+    """
+
+    name = "thermal_fade"
+    by_default = False
+    places = "joints"
+    needs_motor = True
+
+    loss_per_s: float = parameter(0.0, "1/s", 0.0, 20.0, 1.0, limits=(0.0, inf))
+
+    @classmethod
+    def lacks(cls, robot: Robot) -> str | None:
+        """The loss is that under the largest torque, which the model states."""
+        limits = robot.torque_limits[robot.driven]
+        return super().lacks(robot) or (None if np.isfinite(limits).all() else "limits of its torques")
+
+    @property
+    def structure(self) -> Hashable | None:
+        """Key of the motors whose warmth becomes a state; None without a loss."""
+        return None if self.is_nominal else (self.name, self.location)
+
+    def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
+        """Give the motors their warmth as a state."""
+        add_heating(spec, robot, self.location)
+
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        """Add to the motors' heating."""
+        heating = drive.heating.copy()
+        at = robot.joints_at(self.location)
+        heating[at] += np.where(robot.driven[at], self.loss_per_s / robot.torque_limits[at] ** 2, 0.0)
+        return replace(drive, heating=heating)
