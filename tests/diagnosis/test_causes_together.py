@@ -1,11 +1,17 @@
 """Causes of one robot that act together at different joints, named from the fit of all effects; plain MuJoCo's logs."""
 
+from collections.abc import Sequence
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.joint_fit import JointFitSettings
+from leapgap.diagnosis.joint_search import SearchInParts
 from leapgap.diagnosis.joint_sets import at_parts, merge_alike
 from leapgap.robot.model import Robot
 from tests.diagnosis.test_best_simulator import KINDS, worn
@@ -71,3 +77,48 @@ def test_an_effect_stays_where_a_search_found_it_if_that_is_no_part() -> None:
     leg = next(h for h in every if h.name == "joint_damping" and h.location == "FR")
     chosen = [(h.name, h.location) for h in at_parts(every, [leg])]
     assert chosen == [("joint_damping", "FR"), *(("joint_friction", group) for group in robot.joint_groups)]
+
+
+class FitsAtHand(SearchInParts):
+    """A search whose fits of fewer effects are known beforehand, by the indices of those that stay."""
+
+    def fit_part(self, fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
+        return self.joint.fits[tuple(kept)]
+
+
+@pytest.mark.parametrize(
+    ("closure", "loss", "stays"),
+    [
+        (0.87, 100.0, False),  # closes nearly as much, and is nearly as likely
+        (0.87, 160.0, True),  # short pieces tell the effect, though whole logs hardly do
+        (0.70, 100.0, True),  # whole logs tell it
+    ],
+)
+def test_a_cause_stays_where_whole_logs_or_short_pieces_tell_it(
+    robot: Robot, closure: float, loss: float, stays: bool
+) -> None:
+    """The nominal robot has a loss of 480, the fit of both effects 80, closing 88 %."""
+    both = tuple(h for h in list_hypotheses(["joint_damping", "armature"], robot, None) if h.location == "all")
+
+    def fit(some: Sequence[int], loss: float, closes: float) -> FullRolloutFit:
+        numbers, size = np.full(len(some), 0.1), len(some)
+        return FullRolloutFit(
+            tuple(both[k] for k in some), numbers, np.eye(size), numbers[None], loss, np.array([closes])
+        )
+
+    gap = SimpleNamespace(
+        squares=lambda fits: [one.heldout for one in fits],
+        closure_value=lambda heldout: heldout[0],
+        gap=lambda heldout: 1.0,
+        floor=None,
+    )
+    joint = SimpleNamespace(
+        plan=JointFitSettings(),
+        progress=lambda _: None,
+        nominal_loss=480.0,
+        heldout_gap=gap,
+        closes=lambda one: one.heldout[0],
+        fits={(0,): fit([0], loss, closure), (1,): fit([1], 300.0, 0.2)},
+    )
+    fewer = FitsAtHand(joint).with_one_less(fit([0, 1], 80.0, 0.88), none_gap=0.5)
+    assert (fewer is None) == stays
