@@ -160,10 +160,20 @@ def test_small_changes_are_not_believed_and_large_ones_are() -> None:
         return 100 * float((believe(expected, predicted, spread / certain, 3.0) - expected)[0])
 
     assert believed_cm(0.01) == 0  # one standard deviation: noise
-    assert believed_cm(0.1) == pytest.approx(10 * (1 - 3 / 100))
+    assert believed_cm(0.1) == pytest.approx(10 * (1 - (3 / 100) ** 2))
     assert believed_cm(-0.1) == -believed_cm(0.1)
     assert believed_cm(0.1, certain=0.1) == 0  # the same change, but the model does not know that state
     assert np.array_equal(believe(expected, expected, spread, 3.0), expected)
+
+
+def test_noise_alone_moves_nothing_and_a_clear_change_counts_nearly_in_full() -> None:
+    """Of 1000 draws of noise in all three components one in twenty may count; six deviations are no noise."""
+    spread, disbelief = np.array([0.01, 0.02, 0.03]), GoalShiftConfig().disbelief
+    noise = spread * np.random.default_rng(0).standard_normal((1000, 3))
+    believed = np.array([believe(np.zeros(3), one, spread, disbelief) for one in noise])
+    assert np.mean(believed.any(axis=1)) < 0.05
+    clear = np.array([6 * spread[0], 0.0, 0.0])
+    assert believe(np.zeros(3), clear, spread, disbelief)[0] > 0.9 * clear[0]
 
 
 def test_pitch_is_a_limit_before_distance(plan: ShiftedPlan) -> None:

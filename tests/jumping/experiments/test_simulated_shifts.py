@@ -10,6 +10,7 @@ from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, shifted_plan
+from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.learned_goal_mpc import GoalShiftMethod
@@ -18,6 +19,7 @@ from leapgap.jumping.experiments.simulated_shifts import (
     ShiftDraws,
     ShiftSimulator,
     SimulatedJump,
+    SimulatedShiftsConfig,
     bends,
     shift_at,
 )
@@ -122,6 +124,48 @@ def test_a_jump_without_shifts_measures_what_joint_pd_measures(bench: Bench, met
     assert not own.shift.any() and np.isfinite(own.deviation).all()
     np.testing.assert_allclose(own.deviation, shifted.deviation, atol=1e-9)
     np.testing.assert_array_equal(own.landing, shifted.landing)
+
+
+def test_jumps_that_fall_are_not_learned_from(bench: Bench, method: GoalShiftMethod) -> None:
+    """Every second jump is kicked head over heels; the others, from ground that they know, land upright."""
+    assert method.planner is not None
+    simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
+    still = ShiftDraws((0.0, 0.0, 0.0))
+    config = SimulatedShiftsConfig(
+        goals=1, jumps=4, x_m=(0.5, 0.5), z_m=(0.0, 0.0), pitch_rad=(0.0, 0.0), shifts=still, kick=(0.0, 0.0, 25.0),
+        unseen_front_m=(0.0, 0.0), unseen_rear_m=(0.0, 0.0), crouch_error_rad=0.0,
+    )  # fmt: skip
+    found = simulator.run(config, np.random.default_rng(1))
+    assert len(found) == 2
+    assert not found.disturbed[0]
+    assert np.abs(found.landing[:, 2]).max() < 0.3
+
+
+class Pessimist:
+    """Expects, and predicts at every update, to land 6 cm short of any goal."""
+
+    landing = LandingModel(LandingSamples(), AimConfig())
+    authority = np.tile(np.eye(3) / GRID.updates, (GRID.updates, 1, 1))
+    authority_error = np.zeros((1, GRID.updates, 3, 3))
+
+    def planned_to(self, goal: np.ndarray) -> "Pessimist":
+        return self
+
+    def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
+        return goal - np.array([0.06, 0.0, 0.0])
+
+    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        return self.expect(goal, stance)
+
+    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
+        return np.full(3, 0.003)
+
+
+def test_what_was_known_before_the_jump_is_not_corrected_in_it(bench: Bench, method: GoalShiftMethod) -> None:
+    """The goal was chosen with the same model: where it lands short all the same, a shift must not stretch it."""
+    jump = jump_of(outcome(bench, replace(method, feedback=Pessimist())))  # type: ignore[arg-type]
+    assert jump.shift_tracker is not None and not jump.fallbacks
+    assert np.abs(jump.shifts).max() < 1e-9
 
 
 def test_one_sided_effects_and_bends_between_goals_are_errors_of_the_authority() -> None:

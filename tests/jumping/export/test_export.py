@@ -95,8 +95,8 @@ def test_large_disturbances_get_the_commands_of_python(
     rng = np.random.default_rng(5)
     held_back = 0
     for seed in range(4):
-        pushed = rng.uniform(-1, 1, 3) * [0.5, 0.0, 0.5]
-        rate = rng.uniform(-2, 2)
+        pushed = rng.uniform(-1, 1, 3) * [0.8, 0.0, 0.8]
+        rate = rng.uniform(-3, 3)
         ticks = [
             replace(
                 tick,

@@ -89,8 +89,9 @@ class GoalShiftConfig:
     """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a
     limit already, and a linear shift of them then breaks it a little."""
     slack_weight: float = 100.0
-    disbelief: float = 3.0
-    """How much a measured change of the landing shrinks; see ``believe``."""
+    disbelief: float = 9.0
+    """Measured changes of the landing up to this count nothing, in squared standard deviations; see ``believe``. Noise
+    alone has 3 on average, and exceeds 9 in 3 of 100 updates."""
     average_s: float = 0.01
     """Time over which the measured deviation from the plan is averaged."""
 
@@ -98,13 +99,13 @@ class GoalShiftConfig:
 def believe(expected: np.ndarray, predicted: np.ndarray, spread: np.ndarray, disbelief: float) -> np.ndarray:
     """The landing (3,) to reckon with: what was expected before the jump, and a share of what was measured since.
 
-    The share is that of James and Stein, max(0, 1 − disbelief / q), where q sums the squares of predicted − expected,
-    each divided by its standard deviation. Changes within the noise, or of which the model knows too little, count
-    nothing, and large ones in full.
+    The share is max(0, 1 − (disbelief / q)²), where q sums the squares of predicted − expected, each divided by its
+    standard deviation. Changes within the noise, or of which the model knows too little, count nothing. The share rises
+    faster than that of James and Stein, 1 − disbelief / q, so that clear changes count nearly in full.
     """
     change = predicted - expected
     q = float(np.sum((change / spread) ** 2))
-    return expected + max(0.0, 1 - disbelief / max(q, 1e-9)) * change
+    return expected + max(0.0, 1 - (disbelief / max(q, 1e-9)) ** 2) * change
 
 
 @dataclass(frozen=True)

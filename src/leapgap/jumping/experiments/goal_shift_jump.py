@@ -54,8 +54,10 @@ class GoalShiftJump(GoalDirectedJump):
                 self._substitute(NO_NEIGHBOURS)
             return super().track(solution)
         settings, feedback = self.settings, self.settings.feedback
-        clearance = 0.0 if feedback is None else feedback.landing.config.clearance_m
-        desired = target_pose(self.choice.target) + np.array([0.0, clearance, 0.0])
+        # The goal was chosen with all that was known before the jump. Where no goal is expected to land on the target,
+        # a shift must not try it either: its effect is known less there.
+        known = None if feedback is None else feedback.expect(self.goal, self.stance_pitch)
+        desired = target_pose(self.choice.target) if known is None else known
         self.shift_tracker = ShiftTracker(
             plan,
             self.robot,

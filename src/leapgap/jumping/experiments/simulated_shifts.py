@@ -18,6 +18,7 @@ from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
 from leapgap.jumping.experiments.landing_feedback import Authority, ShiftedJumps
 from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.trial_spec import UPRIGHT_RAD
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.task import Target
@@ -126,21 +127,32 @@ class ShiftSimulator:
     noise: SensorNoise
 
     def run(self, config: SimulatedShiftsConfig, rng: np.random.Generator) -> ShiftedJumps:
-        """Plan goals, simulate jumps to them, and read what a controller could have measured."""
+        """Plan goals, simulate jumps to them, and read what a controller could have measured.
+
+        Jumps that fall are left out, as those of the robot itself are: how a fall ends says nothing about landings.
+        """
         replayer = Replayer(self.robot, terrain_slots=2, threads=1)
         jumps = [jump for number in range(config.goals) for jump in self._draw(number, replayer, config, rng)]
-        landings, deviations = [], []
+        landed, landings, deviations = [], [], []
         for jump in jumps:
             motion = self._simulate(jump, replayer)
-            landings.append(self._landing(motion))
-            deviations.append(self._deviations(jump, motion, rng))
+            landing, deviation = self._landing(motion), self._deviations(jump, motion, rng)
+            if abs(landing[2]) <= UPRIGHT_RAD:
+                landed.append(jump)
+                landings.append(landing)
+                deviations.append(deviation)
+        if not landed:
+            fell = f"falls in all of {len(jumps)} simulated jumps"
+            raise InputError(
+                "land.method_settings", fell, "at least one that lands", "simulate smaller kicks and shifts"
+            )
         return ShiftedJumps(
-            goal=np.array([jump.goal for jump in jumps]),
-            stance_pitch=np.array([jump.stance_pitch for jump in jumps]),
+            goal=np.array([jump.goal for jump in landed]),
+            stance_pitch=np.array([jump.stance_pitch for jump in landed]),
             landing=np.array(landings),
-            shift=np.array([jump.shift for jump in jumps]),
+            shift=np.array([jump.shift for jump in landed]),
             deviation=np.array(deviations),
-            disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in jumps]),
+            disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in landed]),
         )
 
     def authority(self, config: SimulatedShiftsConfig) -> Authority:

@@ -214,7 +214,7 @@ class Controller:
         doubt = max(inputs @ t["feedback_covariance"][update] @ inputs, 0.0)
         spread = t["matters"] * np.sqrt(t["scatter"][update] ** 2 + doubt)
         changed = self._landing(goal) + inputs @ t["feedback"][update] - expected
-        share = max(0.0, 1 - self.n["DISBELIEF"] / max(float(np.sum((changed / spread) ** 2)), 1e-9))
+        share = max(0.0, 1 - (self.n["DISBELIEF"] / max(float(np.sum((changed / spread) ** 2)), 1e-9)) ** 2)
         found = self._solve(update, expected + share * changed, before)
         if found is None:
             self.counts["not_solved"] += 1

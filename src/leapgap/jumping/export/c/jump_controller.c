@@ -219,7 +219,8 @@ static void predict(int update, const double before[3], const double deviation[D
         double deviates = matters[i] * sqrt(scatter[update][i] * scatter[update][i] + (doubt > 0 ? doubt : 0));
         squared += (predicted[i] - expected[i]) * (predicted[i] - expected[i]) / (deviates * deviates);
     }
-    double share = 1 - DISBELIEF / (squared > 1e-9 ? squared : 1e-9);
+    double doubted = DISBELIEF / (squared > 1e-9 ? squared : 1e-9);
+    double share = 1 - doubted * doubted;
     for (int i = 0; i < 3; i++) landing[i] = expected[i] + (share > 0 ? share : 0) * (predicted[i] - expected[i]);
 }
 
