@@ -14,6 +14,7 @@ from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.robot.model import Robot
+from tests.project import run_once
 
 A1_BODY = RigidBody(mass_kg=12.453, pitch_inertia_kgm2=0.347)
 CROUCH = (0.0, 1.2566371, -2.3561945)
@@ -31,6 +32,13 @@ def raw() -> Path:
         if folder and log_format("published").find(Path(folder)):
             return Path(folder)
     pytest.skip("no published jumps: set LEAPGAP_RAW or fill data/raw")
+
+
+@pytest.fixture(scope="session")
+def simulated_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project whose whole pipeline ran on simulated hardware, once for all processes of this call; not to change."""
+    own = tmp_path_factory.getbasetemp()
+    return run_once(own.parent if "PYTEST_XDIST_WORKER" in os.environ else own)
 
 
 @pytest.fixture(scope="session")

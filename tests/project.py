@@ -1,5 +1,6 @@
 """A copy of the project, for tests that run DVC in it."""
 
+import fcntl
 import os
 import re
 import shutil
@@ -36,6 +37,14 @@ class Project:
         self.change("conf/config.yaml", "size: default", "size: tiny")
         self.git("init", "-q", "-b", "main")
         self.commit("start")
+
+    @classmethod
+    def copy_of(cls, original: Path, folder: Path) -> "Project":
+        """A copy of a project with its results and its DVC cache, as if it had been run in ``folder``."""
+        shutil.copytree(original, folder, symlinks=True, dirs_exist_ok=True)
+        project = cls.__new__(cls)
+        project.folder = folder
+        return project
 
     @property
     def environment(self) -> dict[str, str]:
@@ -75,6 +84,31 @@ class Project:
             for out in stage.get("outs", [])  # type: ignore[index,call-overload]
             if not out["path"].startswith(("data/views", "data/reports"))
         }
+
+
+SAID = "said.txt"
+"""File, beside a project that was run once for all tests, with what DVC said."""
+
+
+def run_once(beside: Path) -> Path:
+    """Folder of a project without a log of a real robot, in which the whole pipeline ran once.
+
+    ``beside`` is a folder that all processes of this call of pytest share; the first that asks runs the pipeline, and
+    others wait for it. Nobody changes this project: tests that do take a copy.
+    """
+    folder = beside / "simulated_once" / "project"
+    folder.parent.mkdir(exist_ok=True)
+    with (folder.parent / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        said = folder.parent / SAID
+        if not said.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            project = Project(folder)
+            text = project.dvc("repro")
+            project.commit("run")
+            said.write_text(text)
+    return folder
 
 
 def ran(said: str) -> set[str]:

@@ -1,10 +1,12 @@
 """A result is kept as long as nothing it was made from changes, and nothing that is not ours is removed."""
 
+import ast
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,23 +107,44 @@ NO_PART_OF_RESULTS = {
 """What finds results, guards the folder they lie in, or runs what makes them."""
 
 
-@pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
-    """Makes copies of the library, and lets keys be those of the latest one."""
+@dataclass
+class LibraryCopy:
+    """A copy of the library whose files can be changed, and its keys before any change."""
 
-    def copy_library(name: str) -> Path:
-        folder = tmp_path / name / "leapgap"
-        shutil.copytree(PACKAGE, folder)
-        return folder
+    folder: Path
+    unchanged: dict[str, list[str]]
+    """Keys by stage, where they were asked for."""
 
-    return copy_library
+    def keys(self, stage: str) -> list[str]:
+        """Keys that the results of a stage have in the copy as it is now, as a new process would read it."""
+        import_closure.library.cache_clear()
+        import_closure.hash_of.cache_clear()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("leapgap.cache.PACKAGE", self.folder)
+            patch.setattr(import_closure, "PACKAGE", self.folder)
+            return [result_key(make, {"settings": 1}) for make in MAKERS[stage]]
+
+    def changed_keys(self, stage: str, file: str) -> list[tuple[str, str]]:
+        """Each key of a stage, and the same where a file of the library has one byte more."""
+        if stage not in self.unchanged:
+            self.unchanged[stage] = self.keys(stage)
+        path = self.folder / file
+        content = path.read_bytes()
+        path.write_bytes(content + b"\n")
+        try:
+            return list(zip(self.unchanged[stage], self.keys(stage), strict=True))
+        finally:
+            path.write_bytes(content)
 
 
-def key_in(folder: Path, monkeypatch: pytest.MonkeyPatch, make: Callable) -> str:
-    """The key that a result has in a copy of the library."""
-    monkeypatch.setattr("leapgap.cache.PACKAGE", folder)
-    monkeypatch.setattr(import_closure, "PACKAGE", folder)
-    return result_key(make, {"settings": 1})
+@pytest.fixture(scope="module")
+def library_copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LibraryCopy]:
+    """One copy for all tests; the readings of it go with the last test."""
+    folder = tmp_path_factory.mktemp("copy") / "leapgap"
+    shutil.copytree(PACKAGE, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    yield LibraryCopy(folder, {})
+    import_closure.library.cache_clear()
+    import_closure.hash_of.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -136,11 +159,8 @@ def key_in(folder: Path, monkeypatch: pytest.MonkeyPatch, make: Callable) -> str
         ("revisit", "validation/off_table/motors.py"),
     ],
 )
-def test_any_byte_of_the_code_changes_the_key(stage: str, file: str, package, monkeypatch) -> None:
-    before, after = package("before"), package("after")
-    (after / file).write_bytes((after / file).read_bytes() + b"\n")
-    keys = [[key_in(folder, monkeypatch, make) for make in MAKERS[stage]] for folder in (before, after)]
-    assert any(one != other for one, other in zip(*keys, strict=True))
+def test_any_byte_of_the_code_changes_the_key(stage: str, file: str, library_copy: LibraryCopy) -> None:
+    assert any(one != other for one, other in library_copy.changed_keys(stage, file))
 
 
 @pytest.mark.parametrize("stage", ["train", "diagnose_withheld", "land"])
@@ -148,11 +168,8 @@ def test_any_byte_of_the_code_changes_the_key(stage: str, file: str, package, mo
     "file",
     ["reports/log_recording.py", "jumping/reports/landing.html", "cache.py", "__init__.py", "validation/scoring.py"],
 )
-def test_code_that_shapes_no_result_changes_no_key(stage: str, file: str, package, monkeypatch) -> None:
-    before, after = package("before"), package("after")
-    (after / file).write_bytes((after / file).read_bytes() + b"\n")
-    keys = [[key_in(folder, monkeypatch, make) for make in MAKERS[stage]] for folder in (before, after)]
-    assert keys[0] == keys[1]
+def test_code_that_shapes_no_result_changes_no_key(stage: str, file: str, library_copy: LibraryCopy) -> None:
+    assert all(one == other for one, other in library_copy.changed_keys(stage, file))
 
 
 @pytest.mark.parametrize("stage", MAKERS)
@@ -208,6 +225,21 @@ def test_imports_of_every_form_are_followed(tmp_path: Path) -> None:
     tree = SourceTree((tmp_path / "p",))
     assert tree.closure("p.a") == {"p.a", "p.b", "p.d", "p.plugins", "p.plugins.one", "p.deep", "p.deep.c", "p.deep.e"}
     assert set(tree.libraries("p.a")) == {"numpy"}
+
+
+def test_a_key_parses_each_file_of_its_code_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stage with a cache waits for its keys before anything else."""
+    parsed = []
+
+    def parse(*arguments: Any) -> Any:
+        parsed.append(arguments)
+        return original(*arguments)
+
+    original = ast.parse
+    monkeypatch.setattr(import_closure.ast, "parse", parse)
+    tree = SourceTree((PACKAGE,))
+    tree.code_hash("leapgap.logs.log")
+    assert len(parsed) == len(tree.closure("leapgap.logs.log"))
 
 
 def store_result(cache: ResultCache, place: str, key: str = KEY, **texts: str) -> None:

@@ -7,6 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from stages.params import compose_params, differences, is_as_written
+from stages.repro import stage_names
 from tests.code import ROOT, closure, dependency
 
 
@@ -55,6 +56,12 @@ def test_params_knows_an_edit_by_hand_from_an_old_file() -> None:
     assert not is_as_written(old.replace("steps: 9", "steps: 8"))
     found = differences({"a": {"b": 1, "c": 2}}, {"a": {"b": 3, "c": 2}})
     assert found == ["a.b: 1 in params.yaml, 3 in conf/"]
+
+
+def test_the_lock_holds_no_stage_that_is_gone() -> None:
+    """DVC reads and writes the whole lock after every stage, which takes it a second for 7000 lines."""
+    lock = OmegaConf.to_container(OmegaConf.load(ROOT / "dvc.lock"))
+    assert set(lock["stages"]) <= set(stage_names(ROOT / "dvc.yaml"))  # type: ignore[index,call-overload,arg-type]
 
 
 def test_every_size_composes() -> None:

@@ -20,6 +20,16 @@ LOADER = "classes_by_name"
 
 
 @dataclass(frozen=True)
+class ModuleReading:
+    """What the file of a module says, from one parse: syntax trees of all modules would fill the memory."""
+
+    imports: frozenset[str]
+    """As ``SourceTree.imports``."""
+    data_names: frozenset[str]
+    """String literals that end like a data file."""
+
+
+@dataclass(frozen=True)
 class SourceTree:
     """The modules below some package folders, and what they import."""
 
@@ -37,7 +47,7 @@ class SourceTree:
         return found
 
     @cached_property
-    def _imports(self) -> dict[str, frozenset[str]]:
+    def _readings(self) -> dict[str, ModuleReading]:
         return {}
 
     def imports(self, module: str) -> frozenset[str]:
@@ -46,20 +56,27 @@ class SourceTree:
         The packages around an imported module count, since importing it runs them. The outermost package counts only
         where something of its own is imported: it may offer every other package without depending on them.
         """
-        if module not in self._imports:
+        return self._read(module).imports
+
+    def _read(self, module: str) -> ModuleReading:
+        """The reading of a module, whose file is parsed once."""
+        if module not in self._readings:
+            tree = ast.parse(self.modules[module].read_text(encoding="utf-8"))
+            names = list(self._names(module, tree))
             found: set[str] = set()
-            for name in self._names(module):
+            for name in names:
                 first = name.split(".")[0]
                 if first not in {package.name for package in self.packages}:
                     found.add(first)
                 elif name in self.modules:
                     found |= {name, *inner_packages(name)} & set(self.modules)
-            self._imports[module] = frozenset(found | self._loaded_by_name(module))
-        return self._imports[module]
+            imports = frozenset(found | self._loaded_by_name(module, tree, names))
+            self._readings[module] = ModuleReading(imports, data_names(tree))
+        return self._readings[module]
 
-    def _names(self, module: str) -> Iterator[str]:
+    def _names(self, module: str, tree: ast.Module) -> Iterator[str]:
         """Dotted names in the import statements of a module."""
-        for node in executed_nodes(self._syntax(module)):
+        for node in executed_nodes(tree):
             if isinstance(node, ast.Import):
                 yield from (alias.name for alias in node.names)
             elif isinstance(node, ast.ImportFrom):
@@ -80,28 +97,27 @@ class SourceTree:
         parts = parts[: len(parts) - node.level + 1]
         return ".".join([*parts, *([node.module] if node.module else [])])
 
-    def _loaded_by_name(self, module: str) -> set[str]:
-        """All modules of a package that finds them by their file names (pkgutil, or a computed ``import_module``)."""
-        tree = self._syntax(module)
+    def _loaded_by_name(self, module: str, tree: ast.Module, names: list[str]) -> set[str]:
+        """All modules of a package that finds them by their file names (pkgutil, or a computed ``import_module``).
+
+        ``names`` are those in the module's import statements.
+        """
         if any(isinstance(node, ast.FunctionDef) and node.name == LOADER for node in tree.body):
             return set()  # it loads packages of its callers
         own = module if self.modules[module].name == "__init__.py" else module.rpartition(".")[0]
-        packages = {own} if "pkgutil" in set(self._names(module)) else set()
+        packages = {own} if "pkgutil" in names else set()
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and call_name(node) == LOADER:
-                packages.add(self._named(module, node.args[0]) or own)
+                packages.add(self._named(names, node.args[0]) or own)
             elif isinstance(node, ast.Call) and call_name(node) == "import_module" and not is_text(node.args):
                 packages.add(own)
         return {name for name in self.modules for package in packages if name.startswith(f"{package}.")} - {module}
 
-    def _named(self, module: str, argument: ast.expr) -> str | None:
-        """The package of this tree that an argument names, where the module imports it by ``from``; else None."""
+    def _named(self, names: list[str], argument: ast.expr) -> str | None:
+        """The package of this tree that an argument names, where it is among the imported ``names``; else None."""
         if not isinstance(argument, ast.Name):
             return None
-        return next((n for n in self._names(module) if n.rpartition(".")[2] == argument.id and n in self.modules), None)
-
-    def _syntax(self, module: str) -> ast.Module:
-        return ast.parse(self.modules[module].read_text(encoding="utf-8"))
+        return next((n for n in names if n.rpartition(".")[2] == argument.id and n in self.modules), None)
 
     def closure(self, *roots: str) -> set[str]:
         """All modules of this tree that the root modules import, directly or indirectly, and the roots."""
@@ -115,13 +131,10 @@ class SourceTree:
 
     def data_files(self, module: str) -> list[Path]:
         """Data files beside a module that its string literals name, such as the template of a page."""
-        texts = {
-            node.value
-            for node in ast.walk(self._syntax(module))
-            if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        }
+        if not (named := self._read(module).data_names):
+            return []
         beside = sorted(self.modules[module].parent.iterdir())
-        return [path for path in beside if path.suffix in DATA and path.name in texts]
+        return [path for path in beside if path.suffix in DATA and path.name in named]
 
     def files(self, *roots: str) -> list[Path]:
         """The files of a closure: modules and the data they read, sorted."""
@@ -143,6 +156,12 @@ class SourceTree:
             content = path.read_bytes()
             hashed.update(f"{path.relative_to(package.parent).as_posix()} {len(content)};".encode() + content)
         return hashed.hexdigest()
+
+
+def data_names(tree: ast.Module) -> frozenset[str]:
+    """String literals of a module that end like a data file."""
+    values = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
+    return frozenset(value for value in values if isinstance(value, str) and value.endswith(DATA))
 
 
 def inner_packages(name: str) -> set[str]:

@@ -201,6 +201,11 @@ def overlay(
         horizontal_spacing=0.06,
         vertical_spacing=0.14,
     )
+    line = {"color": GREY, "width": 1, "dash": "dot"}
+    for segment in logs[0].info.segments:
+        if 0 < segment.begin_s < logs[0].time[-1]:
+            for c in range(len(channels)):  # before the curves: asking which plots are empty takes longer than all else
+                figure.add_vline(segment.begin_s, c // 3 + 1, c % 3 + 1, exclude_empty_subplots=False, line=line)
     first = report.median_log
     owners: list[str] = []
     for log in logs:
@@ -209,9 +214,6 @@ def overlay(
                 curve.update(showlegend=c == 0, visible=log.name == first)
                 figure.add_trace(curve, row=c // 3 + 1, col=c % 3 + 1)
                 owners.append(log.name)
-    for segment in logs[0].info.segments:
-        if 0 < segment.begin_s < logs[0].time[-1]:
-            figure.add_vline(x=segment.begin_s, line={"color": GREY, "width": 1, "dash": "dot"})
     buttons = [
         {
             "label": log.name,
