@@ -1,5 +1,6 @@
 """The robot that the section ``robot`` of the configuration describes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,6 +9,9 @@ from omegaconf import DictConfig, OmegaConf
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PartNames
 from stages.common import read_config
+
+MODEL = "robot.xml"
+"""File beside the logs of a withheld case with the model of its robot; without it, that of the pipeline."""
 
 
 @dataclass(frozen=True)
@@ -19,12 +23,22 @@ class RobotSettings:
     feet: list[str] = field(default_factory=list)
 
 
+def own_model(case: Path) -> Path | None:
+    """The model in a folder of a withheld case whose robot is not the pipeline's."""
+    path = case / MODEL
+    return path if path.is_file() else None
+
+
+def part_names(feet: Sequence[str]) -> PartNames | None:
+    """The user's names of the feet; None where there are none."""
+    return PartNames(feet=tuple(feet)) if feet else None
+
+
 def load_robot(config: DictConfig, model: str | Path | None = None) -> Robot:
     """The configured robot, or another model file read by the same settings; its notes are printed."""
     section = OmegaConf.masked_copy(config.robot, [key for key in config.robot if key != "body"])
     settings = read_config(RobotSettings, section, "robot")
-    names = PartNames(feet=tuple(settings.feet)) if settings.feet else None
-    robot = Robot.load(model or settings.model, names=names, fix_base=settings.fix_base)
+    robot = Robot.load(model or settings.model, names=part_names(settings.feet), fix_base=settings.fix_base)
     for note in robot.notes:
         print(f"{robot.path}: {note}", flush=True)
     return robot
