@@ -108,7 +108,7 @@ def read_class(name: str, settings: WithholdSettings, section: DictConfig) -> Cl
     merged = OmegaConf.merge(world, {"block_height_m": [0.0, 0.0]}, own.world)
     setup = read_config(CaseSetup, merged, f"withhold.robots.{name}.world")
     halves = {half: read_config(Half, own.halves[half], f"withhold.robots.{name}.halves.{half}") for half in own.halves}
-    return draw_class(robot, motion, setup, halves, settings.shares, settings.signed)
+    return draw_class(robot, motion, setup, halves, settings.shares, settings.signed, chosen.without)
 
 
 def make_class_case(

@@ -26,6 +26,8 @@ class RobotClass:
     world: dict[str, Any]
     """How its logs are generated, where that departs from the setup of the jumps."""
     halves: dict[str, Any]
+    without: list[str]
+    """Effects that are not drawn although they exist on the robot, since they change nothing of its motion."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,14 @@ def draw_class(
     halves: Mapping[str, Half],
     shares: Sizes,
     signed: Sequence[str],
+    without: Sequence[str] = (),
 ) -> ClassCases:
-    """Draw the plans and cases of one class; ``shares`` are sizes of effects as shares of the robot's own numbers."""
+    """Draw the plans and cases of one class; ``shares`` are sizes of effects as shares of the robot's own numbers.
+
+    Effects of the table that ``without`` names are not drawn.
+    """
     plans = motion.draw(robot)
     own = OwnNumbers.of(robot, motion.start(robot), motion.sample_period_s)
     setup = replace(setup, log="log", course=Course(setup.course.settle_s, after_landing_s=0.0))
-    return ClassCases(robot, plans, setup, draw_ordinary_cases(halves, shares, signed, robot, own))
+    chosen = {name: of_effect for name, of_effect in shares.items() if name not in without}
+    return ClassCases(robot, plans, setup, draw_ordinary_cases(halves, chosen, signed, robot, own))
