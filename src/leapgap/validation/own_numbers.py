@@ -25,7 +25,7 @@ class OwnNumbers:
     mass: float
     """Of the whole robot, kg."""
     length: float
-    """Height of a free base above the ground, or how far a held robot reaches, m."""
+    """Height of a free base above the ground, or how far the links of a held robot are from its base, m."""
     period: float
     """Control period, s."""
 
@@ -41,9 +41,9 @@ class OwnNumbers:
         mujoco.mj_forward(model, data)
         whole = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, whole)
-        reach = float(np.linalg.norm(data.xpos[list(robot.bodies)] - data.xpos[robot.bodies[0]], axis=1).max())
+        arms = data.xipos[list(robot.bodies)] - data.xpos[robot.bodies[0]]
         height = float(data.xpos[robot.base_body, 2]) - robot.ground_height
-        length = height if robot.has_free_base else reach
+        length = height if robot.has_free_base else float(np.linalg.norm(arms, axis=1).max())
         inertia = whole.diagonal()[robot.joint_dofs]
         return OwnNumbers(robot.torque_limits, inertia, robot.total_mass, length, period_s)
 
