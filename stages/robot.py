@@ -1,6 +1,5 @@
 """The robot that the section ``robot`` of the configuration describes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,16 +28,12 @@ def own_model(case: Path) -> Path | None:
     return path if path.is_file() else None
 
 
-def part_names(feet: Sequence[str]) -> PartNames | None:
-    """The user's names of the feet; None where there are none."""
-    return PartNames(feet=tuple(feet)) if feet else None
-
-
 def load_robot(config: DictConfig, model: str | Path | None = None) -> Robot:
     """The configured robot, or another model file read by the same settings; its notes are printed."""
     section = OmegaConf.masked_copy(config.robot, [key for key in config.robot if key != "body"])
     settings = read_config(RobotSettings, section, "robot")
-    robot = Robot.load(model or settings.model, names=part_names(settings.feet), fix_base=settings.fix_base)
+    names = PartNames(feet=tuple(settings.feet)) if settings.feet else None
+    robot = Robot.load(model or settings.model, names=names, fix_base=settings.fix_base)
     for note in robot.notes:
         print(f"{robot.path}: {note}", flush=True)
     return robot

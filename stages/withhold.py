@@ -27,7 +27,7 @@ from leapgap.validation.motions import known
 from leapgap.validation.robot_class import ClassCases, RobotClass, draw_class
 from leapgap.validation.seal import SEALS, seal
 from stages.common import find_model, output_folder, read_config, read_one_of, run_stage
-from stages.robot import MODEL, load_robot, part_names
+from stages.robot import MODEL, load_robot
 
 STAGE = "stages.withhold"
 PUBLISHED = "published"
@@ -102,7 +102,7 @@ def read_class(name: str, settings: WithholdSettings, section: DictConfig) -> Cl
     """Draw the cases of one class of ``withhold.robots``."""
     own = section.robots[name]
     chosen = read_config(RobotClass, own, f"withhold.robots.{name}")
-    robot = Robot.load(find_model(chosen.model), names=part_names(chosen.feet), fix_base=chosen.fix_base)
+    robot = Robot.load(find_model(chosen.model), fix_base=chosen.fix_base)
     motion = read_one_of(known(), {"motion": own.motion}, f"withhold.robots.{name}")["motion"]
     world = OmegaConf.create(OmegaConf.to_container(section.world))  # without its flag, so that keys may be added
     merged = OmegaConf.merge(world, {"block_height_m": [0.0, 0.0]}, own.world)

@@ -1,7 +1,6 @@
 """A robot's model as one text that needs no other file: without included files and meshes."""
 
 from leapgap.errors import InputError
-from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
 
 
@@ -11,7 +10,6 @@ def self_contained(robot: Robot) -> str:
     ``InputError`` where parts of it collide that are described by further files, meshes or heightfields.
     """
     spec = robot.published_spec()
-    name_contacts(spec, robot.names.feet if robot.names else ())
     spec.discard_visual()
     others = [part.name or part.file for part in (*spec.meshes, *spec.hfields, *spec.skins)]
     if others:

@@ -20,7 +20,7 @@ class RobotClass:
     model: str
     """Model file, or a name in MuJoCo Menagerie."""
     fix_base: bool | None
-    feet: list[str]
+    """True: a floating robot is held at the pose of its model file; null: as the file has it."""
     motion: dict[str, Any]
     """Kind of a motion and its numbers."""
     world: dict[str, Any]
