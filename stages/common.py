@@ -115,10 +115,15 @@ def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -
 
 
 def find_robot(config: DictConfig) -> None:
-    """Read the project's own robot from any working folder: its path in ``conf/`` is relative to the project."""
-    model = Path(config.robot.model)
-    if not model.exists() and (ROOT / model).is_file():
-        config.robot.model = str(ROOT / model)
+    """Read the project's own robot from any working folder."""
+    found = find_model(config.robot.model)
+    if found != config.robot.model:
+        config.robot.model = found
+
+
+def find_model(model: str) -> str:
+    """A model file from any working folder: a path in ``conf/`` is relative to the project."""
+    return str(ROOT / model) if not Path(model).exists() and (ROOT / model).is_file() else model
 
 
 def refuse(name: str, error: InputError | OSError) -> NoReturn:

@@ -26,7 +26,7 @@ from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
-from stages.robot import load_robot
+from stages.robot import load_robot, own_model
 
 STAGE = "stages.diagnose_withheld"
 SCRIPT = "plotly.js"
@@ -85,7 +85,7 @@ def diagnose_withheld(config: DictConfig) -> None:
         raise InputError("diagnose_withheld.only", ", ".join(sorted(unknown)), "names of cases", "correct them")
     own = diagnosis_settings(config, settings.settings)
     robot = load_robot(config).path
-    jobs = [Job(name, logs / name, robot, own) for name in settings.only or cases]
+    jobs = [Job(name, logs / name, own_model(logs / name) or robot, own) for name in settings.only or cases]
     claim_folder(out, STAGE)
     for name in cases:
         cache.expect(name)

@@ -27,7 +27,7 @@ from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import SEALS, open_truth
 from stages.common import output_folder, read_config, run_stage
-from stages.robot import load_robot
+from stages.robot import load_robot, own_model
 
 STAGE = "stages.score"
 REPORTED, TUNING, PUBLISHED = "reported", "tuning", "published"
@@ -64,7 +64,7 @@ def score(config: DictConfig) -> dict[str, float]:
     outcomes = [open_outcome(name, settings, robot) for name in diagnosed]
     revisits = read_revisits(settings.revisits)
     halves = {
-        half: score_half([o for o in outcomes if o.half == half], half, revisits, settings)
+        half: score_half([o for o in outcomes if o.half == half], half, revisits, settings, robot.name)
         for half in (REPORTED, TUNING)
     }
     published = [o for o in outcomes if o.half == PUBLISHED]
@@ -86,6 +86,8 @@ def score(config: DictConfig) -> dict[str, float]:
 def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
     """Outcome of one case: its seal is checked, and the realised closure measured on the jumps kept with the truth."""
     truth = open_truth(Path(settings.truth), Path(settings.logs), name)
+    if own := own_model(Path(settings.logs) / name):
+        robot = Robot.load(own)
     verdict = Path(settings.verdicts) / name
     report = read_json(verdict / "report.json")
     check_judged_logs(name, truth, report)
@@ -111,9 +113,13 @@ def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:
 
 
 def score_half(
-    outcomes: list[CaseOutcome], half: str, revisits: Mapping[str, Mapping[str, Any]], settings: ScoreSettings
+    outcomes: list[CaseOutcome],
+    half: str,
+    revisits: Mapping[str, Mapping[str, Any]],
+    settings: ScoreSettings,
+    main: str,
 ) -> dict[str, Any]:
-    """All scores of one half."""
+    """All scores of one half; ``main`` is the name of the pipeline's own robot."""
     rng = np.random.default_rng(settings.seed)
     own = {kind: {n: e for n, e in entries.items() if e["half"] == half} for kind, entries in revisits.items()}
     return {
@@ -125,8 +131,16 @@ def score_half(
         "struck_honest": scoring.share(bool(e["honest"]) for e in own["struck"].values()),
         "struck_honest_mirrored": scoring.share(bool(e["honest_mirrored"]) for e in own["struck"].values()),
         "struck_cases": len(own["struck"]),
-        "detection_limit_floors": {n: d["limit_floors"] for n, d in scoring.detection_limits(outcomes).items()},
+        "detection_limit_floors": {
+            n: d["limit_floors"] for n, d in scoring.detection_limits(of_pipeline(outcomes)).items()
+        },
+        "robots": scoring.scores_by_robot(outcomes, main, settings.bins),
     }
+
+
+def of_pipeline(outcomes: list[CaseOutcome]) -> list[CaseOutcome]:
+    """The cases of the pipeline's own robot."""
+    return [o for o in outcomes if o.robot is None]
 
 
 def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -134,7 +148,9 @@ def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     flat: dict[str, dict[str, Any]] = {}
     for half in (REPORTED, TUNING):
         flat[half] = {}
-        for key, value in halves[half].items():
+        for key, value in {**halves[half], **halves[half]["robots"]}.items():
+            if key == "robots":
+                continue
             if isinstance(value, Mapping) and "ci95" in value:
                 flat[half] |= {key: value["value"], f"{key}_ci95": value["ci95"]}
             else:
@@ -179,7 +195,7 @@ def page(
         }
         for o in outcomes
     ]
-    of_half = {half: [o for o in outcomes if o.half == half] for half in halves}
+    of_half = {half: [o for o in of_pipeline(outcomes) if o.half == half] for half in halves}
     return html(
         halves=halves,
         rows=rows,

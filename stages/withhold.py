@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import write_json
+from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
@@ -20,11 +20,14 @@ from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
+from leapgap.robot.self_contained import self_contained
 from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
+from leapgap.validation.motions import known
+from leapgap.validation.robot_class import ClassCases, RobotClass, draw_class
 from leapgap.validation.seal import SEALS, seal
-from stages.common import output_folder, read_config, run_stage
-from stages.robot import load_robot
+from stages.common import find_model, output_folder, read_config, read_one_of, run_stage
+from stages.robot import MODEL, load_robot
 
 STAGE = "stages.withhold"
 PUBLISHED = "published"
@@ -48,6 +51,9 @@ class WithholdSettings:
     further: dict[str, Any]
     clocks: dict[str, dict[str, list[float]]]
     too_high: dict[str, dict[str, list[float]]]
+    robots: dict[str, Any]
+    """Name of a class of cases → its ``RobotClass``."""
+    shares: dict[str, dict[str, list[float]]]
 
 
 def withhold_all(config: DictConfig) -> None:
@@ -61,22 +67,28 @@ def withhold_all(config: DictConfig) -> None:
     logs_out = output_folder(settings.logs, STAGE, inputs, name="logs")
     truth_out = output_folder(settings.truth, STAGE, (*inputs, logs_out), name="truth")
     robot = load_robot(config)
-    references = references_of(settings, robot)
     counts = {
         name: read_config(FurtherCounts, section.further[name], f"withhold.further.{name}") for name in section.further
     }
     further = Further(counts, settings.clocks, settings.too_high)
     cases = draw_cases(halves, settings.sizes, settings.signed, robot, further)
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
+    references = references_of(settings, robot) if cases else []
+    classes = {name: read_class(name, settings, section) for name in section.robots}
     with whole_folder(truth_out, STAGE) as truths, whole_folder(logs_out, STAGE) as logs:
         job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)
         seals = dict(executor.map(job, list(names.items())))
+        for name, own in classes.items():
+            make = partial(make_class_case, name, own, self_contained(own.robot), logs, truths)
+            seals |= executor.map(make, [(f"{name}_{i:03d}", case) for i, case in enumerate(own.cases)])
         published = jump_log.read_logs(Path(settings.published)) if settings.published else []
         if len(published) > 1:
             truth = write_case(published_case(published, len(published)), logs / PUBLISHED, truths / PUBLISHED)
             seals[PUBLISHED] = write_truth(truth, truths, PUBLISHED)
         write_json(logs / SEALS, seals)
     more = " and the published jumps" if PUBLISHED in seals else ""
+    for name, own in classes.items():
+        print(f"{name}: {len(own.cases)} cases withheld")
     print(f"{len(names)} cases{more} withheld; seals: {logs_out / SEALS}")
 
 
@@ -84,6 +96,30 @@ def references_of(settings: WithholdSettings, robot: Robot) -> list[Log]:
     """The planned jumps to all targets."""
     folder, planar = Path(settings.references), select_planar_robot(settings.planar, robot)
     return [reference_to(target, folder, planar) for target in read_targets(settings.targets, "withhold.targets")]
+
+
+def read_class(name: str, settings: WithholdSettings, section: DictConfig) -> ClassCases:
+    """Draw the cases of one class of ``withhold.robots``."""
+    own = section.robots[name]
+    chosen = read_config(RobotClass, own, f"withhold.robots.{name}")
+    robot = Robot.load(find_model(chosen.model), fix_base=chosen.fix_base)
+    motion = read_one_of(known(), {"motion": own.motion}, f"withhold.robots.{name}")["motion"]
+    world = OmegaConf.create(OmegaConf.to_container(section.world))  # without its flag, so that keys may be added
+    merged = OmegaConf.merge(world, {"block_height_m": [0.0, 0.0]}, own.world)
+    setup = read_config(CaseSetup, merged, f"withhold.robots.{name}.world")
+    halves = {half: read_config(Half, own.halves[half], f"withhold.robots.{name}.halves.{half}") for half in own.halves}
+    return draw_class(robot, motion, setup, halves, settings.shares, settings.signed, chosen.without)
+
+
+def make_class_case(
+    name: str, of: ClassCases, model: str, logs: Path, truths: Path, named: tuple[str, Case]
+) -> tuple[str, str]:
+    """Write the logs, the model and the truth of one case of a class; return the case's name and seal."""
+    case_name, case = named
+    truth = write_case(withhold(case, of.plans, of.robot, of.setup), logs / case_name, truths / case_name)
+    write_text(logs / case_name / MODEL, model)
+    truth |= {"robot": name, "model": {MODEL: sha256(logs / case_name / MODEL)}}
+    return case_name, write_truth(truth, truths, case_name)
 
 
 def make_case(

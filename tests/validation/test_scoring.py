@@ -256,3 +256,22 @@ def test_overlap_is_scored_above_five_noise_floors_and_the_top_three_of_all() ->
     assert found["where_overlap"] == pytest.approx(0.1)
     assert found["where_overlap_detectable"] == pytest.approx(0.4)
     assert found["where_top_three"] == pytest.approx(0.5)
+
+
+def test_cases_of_another_robot_have_scores_of_their_own_and_count_in_no_other() -> None:
+    def case(robot: str | None, said: str) -> CaseOutcome:
+        of = truth("single", "joint_damping") | ({} if robot is None else {"robot": robot})
+        return outcome("c", of, report("named", [[said]]), 0.75)
+
+    own = [case(None, "joint_damping")]
+    others = [case("arm", "payload"), case("arm", "joint_damping"), case("dog", "payload")]
+    alone, both = (scoring.scores(these, 5, 10, np.random.default_rng(1)) for these in (own, [*own, *others]))
+    assert both == alone
+    found = scoring.scores_by_robot([*own, *others], "hopper", 10)
+    assert list(found) == ["hopper", "arm", "dog"]
+    assert [found[name]["cases"] for name in found] == [1, 2, 1]
+    assert [found[name]["named_first"] for name in found] == [1, 0.5, 0]
+    assert [found[name]["wrongly_named"] for name in found] == [0, 0.5, 1]
+    assert found["arm"]["parameter_error_median"] == pytest.approx(0.1)
+    assert found["arm"]["brier"] == pytest.approx((0.9**2 + 0.1**2) / 2)
+    assert found["dog"]["pairs_both_named"] is None

@@ -45,6 +45,18 @@ def test_a_changed_jump_is_refused(sealed_folder: Path, side: str) -> None:
         open_truth(sealed_folder / "truth", sealed_folder / "logs", "case_000")
 
 
+def test_a_changed_model_of_a_cases_own_robot_is_refused(sealed_folder: Path) -> None:
+    model = sealed_folder / "logs/case_000/robot.xml"
+    model.write_text("<mujoco/>")
+    truth = json.loads((sealed_folder / "truth/case_000.json").read_text()) | {"model": {"robot.xml": sha256(model)}}
+    write_json(sealed_folder / "truth/case_000.json", truth)
+    write_json(sealed_folder / "logs" / SEALS, {"case_000": seal(truth)})
+    assert open_truth(sealed_folder / "truth", sealed_folder / "logs", "case_000")["model"]
+    model.write_text("<mujoco model='another'/>")
+    with pytest.raises(InputError, match=r"robot\.xml"):
+        open_truth(sealed_folder / "truth", sealed_folder / "logs", "case_000")
+
+
 def test_a_seal_needs_its_salt_and_depends_on_it() -> None:
     with pytest.raises(InputError, match="no salt"):
         seal({"effects": []})

@@ -54,12 +54,13 @@ def html(
     figures = {
         f"{kind}_{half}": embed_figure(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
         for half in halves
+        for own in [[r for r in rows if r["half"] == half and r["robot"] is None]]
         for kind, figure in (
             ("confusion", confusion_matrix(confusion[half])),
             ("limits", detection(limits[half])),
             ("reliability", calibration(reliability[half])),
-            ("parameters", parameters([r for r in rows if r["half"] == half])),
-            ("closure", closure([r for r in rows if r["half"] == half])),
+            ("parameters", parameters(own)),
+            ("closure", closure(own)),
         )
     }
     wrong = [r for r in rows if r["half"] in halves and (r["wrongly_named"] or not r["right"])]
@@ -68,6 +69,8 @@ def html(
         figures,
         halves=HALVES,
         table=score_table(halves),
+        names_of_robots={half: list(halves[half]["robots"]) for half in halves},
+        robots={half: robot_table(halves[half]["robots"]) for half in halves},
         missed=missed_bars(halves, rows, revisits["missed"]),
         counts={half: (halves[half]["cases"], halves[half]["detectable"]) for half in halves},
         wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
@@ -102,6 +105,19 @@ def score_table(halves: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]
     return lines
 
 
+def robot_table(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]:
+    """Words for a score → its value for each class of cases, in their order; empty where there is but one class."""
+    if len(scores) < 2:
+        return {}
+    lines = {"cases": [str(own["cases"]) for own in scores.values()]}
+    lines["detectable"] = [str(own["detectable"]) for own in scores.values()]
+    for key, (words, *_) in BARS.items():
+        values = [own.get(key) for own in scores.values()]
+        if any(value is not None for value in values):
+            lines[words] = ["–" if value is None else f"{value:.3g}" for value in values]
+    return lines
+
+
 def missed_bars(
     halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
 ) -> list[dict[str, str]]:
@@ -113,7 +129,8 @@ def missed_bars(
     for line, key in zip(score_table(halves), BARS, strict=True):
         for half in HALVES:
             if line[half]["reaches"] is False and key in CONDITIONS:
-                against = [r for r in rows if r["half"] == half and key in r["counted_against"]]
+                own = [r for r in rows if r["half"] == half and r["robot"] is None]
+                against = [r for r in own if key in r["counted_against"]]
                 names = Counter(f"{' + '.join(r['true']) or r['kind']} → {describe_answer(r, key)}" for r in against)
                 cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
                 reason = explain_misses(key, against, missed)

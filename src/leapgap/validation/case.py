@@ -35,7 +35,7 @@ from leapgap.validation.generator import (
 )
 from leapgap.validation.off_table import family
 from leapgap.validation.outcome import CLOCK
-from leapgap.validation.physics import USUAL, physics_of
+from leapgap.validation.physics import USUAL, Physics, physics_of
 from leapgap.validation.true_localisation import true_localisation
 from leapgap.validation.uneven_rows import UnevenRows, clock_family, draw_timings
 
@@ -72,6 +72,14 @@ class CaseSetup:
     noise: SensorNoise = NOISE
     course: Course = field(default_factory=Course)
     nuisances: NuisanceSizes = field(default_factory=NuisanceSizes)
+    physics: str = USUAL.name
+    """Physics of cases whose kind asks for no other."""
+    log: str = "jump"
+    """What the logs are called, before their number."""
+
+    def physics_of_case(self, name: str) -> Physics:
+        """The physics that a case is generated with, which itself asks for the physics of this name."""
+        return physics_of(self.physics if name == USUAL.name else name)
 
 
 @dataclass(frozen=True)
@@ -88,7 +96,8 @@ class WithheldCase:
 def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSetup) -> WithheldCase:
     """Generate the jumps of a case and measure how much its effects change them."""
     rng = np.random.default_rng(case.seed)
-    nuisance = Nuisance(seed=int(rng.integers(2**31)), sizes=setup.nuisances, physics=case.physics)
+    physics = setup.physics_of_case(case.physics.name)
+    nuisance = Nuisance(seed=int(rng.integers(2**31)), sizes=setup.nuisances, physics=physics)
     salt = rng.bytes(16).hex()
     count = setup.jumps + setup.proof_jumps
     chosen = rng.permutation(count) % len(references)
@@ -96,10 +105,12 @@ def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSet
     scatter = 1 + setup.period_scatter * rng.standard_normal(count)
     noise_rng, floor_rng = rng.spawn(2)
     plans = [
-        MotionPlan(f"jump_{i}" if i < setup.jumps else f"proof_{i - setup.jumps}", references[c], round(float(h), 4))
+        MotionPlan(
+            f"{setup.log}_{i}" if i < setup.jumps else f"proof_{i - setup.jumps}", references[c], round(float(h), 4)
+        )
         for i, (c, h) in enumerate(zip(chosen, heights, strict=True))
     ]
-    generator = Generator(robot, terrain_slots=1, step_s=case.physics.step_s or setup.step_s)
+    generator = Generator(robot, terrain_slots=1, step_s=physics.step_s or setup.step_s)
     own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in case.effects)) for s in scatter]
     rows = [planned_rows(plan, setup.course) for plan in plans]
     timings = draw_timings(case.clock, rows, robot, np.random.default_rng([case.seed, CLOCK_SEED]))
@@ -269,7 +280,7 @@ def further_logs(
     truth: Mapping[str, Any], plans: Sequence[MotionPlan], robot: Robot, setup: CaseSetup, rng: np.random.Generator
 ) -> list[Log]:
     """Generate further logs of a case's robot, with its effects and nuisances: one for each plan."""
-    seed, physics = truth["seed"], physics_of(truth.get("physics", USUAL.name))
+    seed, physics = truth["seed"], setup.physics_of_case(truth.get("physics", USUAL.name))
     nuisance = Nuisance(seed=int(np.random.default_rng(seed).integers(2**31)), sizes=setup.nuisances, physics=physics)
     clock = truth.get("clock")
     family_of_rows = clock and clock_family(clock["family"], clock["sizes"])

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap import effects
-from leapgap.effects.base import Effect
+from leapgap.diagnosis.hypotheses import places, usable
+from leapgap.effects.base import Effect, Parameter
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.validation.off_table import family
+from leapgap.validation.own_numbers import OwnNumbers
 from leapgap.validation.physics import OTHERS, USUAL, Physics
 from leapgap.validation.uneven_rows import ClockFamily, clock_family
 
@@ -95,23 +97,39 @@ def draw_cases(
     return cases + [later[i] for i in order]
 
 
-def draw_ordinary_cases(halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot) -> list[Case]:
-    """The cases of the four ordinary kinds of all halves in shuffled order."""
+def draw_ordinary_cases(
+    halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot, own: OwnNumbers | None = None
+) -> list[Case]:
+    """The cases of the four ordinary kinds of all halves in shuffled order.
+
+    With ``own`` the sizes are shares of the robot's own numbers, and effects that do not exist on it are not drawn.
+    """
     cases = []
     for name, half in sorted(halves.items()):
         rng = np.random.default_rng(half.seed)
-        sampler = EffectSampler(sizes, signed, robot, rng)
-        known = [str(n) for n in rng.permutation(sorted(set(effects.known()) & set(sizes)))]
+        sampler = (
+            EffectSampler(sizes, signed, robot, rng) if own is None else ShareSampler(sizes, signed, robot, rng, own)
+        )
+        known = [str(n) for n in rng.permutation(sorted(set(effects.known()) & set(sizes) & sampler.existing))]
         drawn: list[tuple[str, tuple[Effect, ...]]] = []
         drawn += [("single", (sampler.sample(known[i % len(known)]),)) for i in range(half.single)]
         drawn += [("pair", sampler.sample_pair(known)) for _ in range(half.pair)]
         if half.nameless and not half.families:
             raise InputError(f"withhold.halves.{name}", "no families", "names of off-table effects", "list some")
+        check_families(half.families, robot)
         drawn += [("nameless", (sampler.sample(half.families[i % len(half.families)]),)) for i in range(half.nameless)]
         drawn += [("none", ())] * half.none
         cases += [Case(name, kind, own, int(rng.integers(2**31))) for kind, own in drawn]
     order = np.random.default_rng([half.seed for half in halves.values()]).permutation(len(cases))
     return [cases[i] for i in order]
+
+
+def check_families(names: Sequence[str], robot: Robot) -> None:
+    """Raise ``InputError`` for off-table effects that do not exist on a robot."""
+    for name in names:
+        lacking = family(name).lacks(robot)
+        if lacking is not None:
+            raise InputError("families", f"{name}, for which {robot.name} lacks {lacking}", "others", "take it out")
 
 
 def uneven_cases(half: str, count: int, sampler: "EffectSampler", clocks: Sizes) -> list[Case]:
@@ -169,6 +187,15 @@ class EffectSampler:
     robot: Robot
     rng: np.random.Generator
 
+    @property
+    def existing(self) -> set[str]:
+        """Effects of the table that exist on the robot."""
+        return {name for name, kind in effects.known().items() if usable(kind, self.robot)}
+
+    def unit(self, parameter: Parameter, kind: type[Effect], location: str) -> float:
+        """What one of ``sizes`` is, in the unit of the parameter."""
+        return 1.0
+
     def sample(self, name: str, least_share: float = 0.0) -> Effect:
         """Draw one effect at a random location.
 
@@ -185,9 +212,9 @@ class EffectSampler:
             if name in self.signed and self.rng.random() < 0.5:
                 departure = -departure
             departures[parameter] = departure
-        location, values = self.sample_location(kind.places), {}
+        location, values = self.sample_location(kind), {}
         for p in kind.parameters(self.robot, location):
-            value = np.clip(p.nominal + departures[p.name], p.lower, p.upper)
+            value = np.clip(p.nominal + departures[p.name] * self.unit(p, kind, location), p.lower, p.upper)
             values[p.name] = float(f"{value:.4g}")
         return kind(location=location, **values)
 
@@ -206,17 +233,34 @@ class EffectSampler:
     def sample_reduction(self, name: str, shares: Sizes) -> Effect:
         """Draw an effect, somewhere, that leaves the robot a share of what the model has of its own."""
         kind = effects.known()[name]
-        location = self.sample_location(kind.places)
+        location = self.sample_location(kind)
         left = {key: self.rng.uniform(least, most) for key, (least, most) in shares[name].items()}
         values = {p.name: (left[p.name] - 1) * p.scale for p in kind.parameters(self.robot, location)}
         return kind(location=location, **{key: float(f"{value:.4g}") for key, value in values.items()})
 
-    def sample_location(self, places: str) -> str:
+    def sample_location(self, kind: type[Effect]) -> str:
         """Draw a location: everywhere in half the cases, else a pair, a joint group, a leg, a single joint or foot."""
-        if places == "none" or self.rng.random() < 0.5:
+        if kind.places == "none" or self.rng.random() < 0.5:
             return "all"
         legs = tuple(dict.fromkeys(self.robot.limb_of(joint) for joint in self.robot.joints))
         kinds = [("front", "rear"), self.robot.joint_groups, legs, self.robot.joints]
-        if places == "feet":
+        if kind.places == "feet":
             kinds = [("front", "rear"), self.robot.feet]
         return str(self.rng.choice(kinds[self.rng.integers(len(kinds))]))
+
+
+@dataclass(frozen=True)
+class ShareSampler(EffectSampler):
+    """Draws effects whose ``sizes`` are shares of a robot's own numbers, at places that its tree of bodies has."""
+
+    own: OwnNumbers
+
+    def unit(self, parameter: Parameter, kind: type[Effect], location: str) -> float:
+        """The robot's own number of this unit at a place."""
+        joints = self.robot.joints_at(location if kind.places == "joints" else "all")
+        return self.own.unit(parameter, joints)
+
+    def sample_location(self, kind: type[Effect]) -> str:
+        """Draw a location: everywhere in half the cases, else any other place at which the effect can act."""
+        others = [place for place in places(kind, self.robot) if place != "all"]
+        return "all" if not others or self.rng.random() < 0.5 else str(self.rng.choice(others))

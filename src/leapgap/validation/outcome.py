@@ -86,6 +86,8 @@ class CaseOutcome:
     """Whether the report names the clock as its first cause."""
     effect_detectable: bool = False
     """Whether the effect beside uneven rows, switched off alone, changes the motion detectably."""
+    robot: str | None = None
+    """Class of a case of another robot; None: the pipeline's own."""
     where_overlap: float | None = None
     """Overlap of the reported map of the gap with the true one; None where nothing acted."""
     where_top_three: bool = False
@@ -184,6 +186,7 @@ def outcome(
         accepted=tuple(truth.get("accepted", ())),
         clock_first=report["verdict"] in CLAIMS and [c["effect"] for c in report["causes"][:1]] == [CLOCK],
         effect_detectable="clock" in truth and len(truth["changes"]) > 1 and truth["changes"][1] >= 2 * floor,
+        robot=truth.get("robot"),
         where_overlap=overlap(true_map, said_map) if true_map else None,
         where_top_three=bool(true_map) and largest(true_map, 1)[0] in largest(said_map, 3),
     )

@@ -42,6 +42,8 @@ class Physics:
 INTEGRATOR, CONE = mujoco.mjtIntegrator, mujoco.mjtCone
 USUAL = Physics("usual", INTEGRATOR.mjINT_EULER, (0.88, 0.955, 0.0012))
 """That of every case whose kind asks for no other."""
+IMPLICIT = Physics("implicit", INTEGRATOR.mjINT_IMPLICIT, USUAL.impedance)
+"""That of robots whose diagnosing simulation uses Euler's method, as the usual one does."""
 OTHERS: Mapping[str, Physics] = {
     physics.name: physics
     for physics in (
@@ -63,7 +65,7 @@ OTHERS: Mapping[str, Physics] = {
 
 def physics_of(name: str) -> Physics:
     """The physics of this name; an unknown name is an ``InputError``."""
-    known = {USUAL.name: USUAL, **OTHERS}
+    known = {USUAL.name: USUAL, IMPLICIT.name: IMPLICIT, **OTHERS}
     if name not in known:
         raise InputError("withhold", f"physics {name}", f"one of {', '.join(known)}", "correct the name")
     return known[name]

@@ -117,9 +117,27 @@ def mean(of: Iterable[float]) -> float | None:
 
 
 def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.random.Generator) -> Scores:
-    """All scores of one half: those of the ordinary kinds of cases, then those of the further ones."""
+    """All scores of one half: those of the ordinary kinds of cases, then those of the further ones.
+
+    Cases of other robots have scores of their own (``scores_by_robot``).
+    """
+    own = [o for o in outcomes if o.robot is None]
+    ordinary = [o for o in own if o.is_ordinary]
+    return {**ordinary_scores(ordinary, draws, bins, rng), **further_scores(own)}
+
+
+def scores_by_robot(outcomes: Sequence[CaseOutcome], main: str, bins: int) -> Scores:
+    """Class of cases → scores of its ordinary kinds, without intervals; ``main`` is the pipeline's own robot."""
     ordinary = [o for o in outcomes if o.is_ordinary]
-    return {**ordinary_scores(ordinary, draws, bins, rng), **further_scores(outcomes)}
+    names = sorted({o.robot for o in ordinary if o.robot is not None})
+    found = {main: plain_scores([o for o in ordinary if o.robot is None], bins)}
+    return found | {name: plain_scores([o for o in ordinary if o.robot == name], bins) for name in names}
+
+
+def plain_scores(outcomes: Sequence[CaseOutcome], bins: int) -> Scores:
+    """Scores of the ordinary kinds of cases without intervals."""
+    found = ordinary_scores(outcomes, 0, bins, np.random.default_rng(0))
+    return {name: one["value"] if isinstance(one, dict) else one for name, one in found.items()}
 
 
 def further_scores(outcomes: Sequence[CaseOutcome]) -> Scores:

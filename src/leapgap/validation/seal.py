@@ -23,7 +23,8 @@ def seal(truth: Mapping[str, Any]) -> str:
 def open_truth(folder: Path, logs: Path, case: str) -> Mapping[str, Any]:
     """Read the truth of a case and check its seal.
 
-    ``InputError`` where the truth, or one of the case's jump logs, is not the one that was sealed.
+    ``InputError`` where the truth, one of the case's logs, or the model of its own robot is not the one that was
+    sealed.
     """
     path = folder / f"{case}.json"
     truth = read_json(path)
@@ -36,16 +37,17 @@ def open_truth(folder: Path, logs: Path, case: str) -> Mapping[str, Any]:
             "the truth was changed after it was sealed: withhold and diagnose the cases anew",
         )
     check_files(truth["logs"], logs / case)
+    check_files(truth.get("model", {}), logs / case)
     check_files(truth["proof"], folder / case)
     return truth
 
 
 def check_files(expected: Mapping[str, str], folder: Path) -> None:
-    """Refuse a jump log whose bytes are not those that were sealed."""
+    """Refuse a file whose bytes are not those that were sealed."""
     for name, digest in expected.items():
         path = folder / name
         found = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no file"
         if found != digest:
             raise InputError(
-                path, f"{found[:12]}…", f"the sealed jump {digest[:12]}…", "withhold and diagnose the cases anew"
+                path, f"{found[:12]}…", f"the sealed file {digest[:12]}…", "withhold and diagnose the cases anew"
             )

@@ -22,6 +22,8 @@ GRAVITY = 9.81
 class MovingMass(OffTableEffect):
     """Part of the trunk's mass on a slide along the trunk's x axis."""
 
+    needs_base = True
+
     mass_kg: float = parameter(0.0, "kg", 0.0, 3.0)
 
     @property

@@ -20,6 +20,7 @@ class TiltedImu(OffTableEffect):
     """An inertial unit mounted askew in pitch: orientation is reported nose-down by a constant."""
 
     name = "tilted_imu"
+    needs_base = True
 
     tilt_rad: float = parameter(0.0, "rad", -0.3, 0.3)
 

@@ -27,6 +27,7 @@ class Tether(OffTableEffect):
     """A safety line, slack at the start, that pulls the trunk back like a spring once it is taut."""
 
     name = "tether"
+    needs_base = True
 
     stiffness_n_m: float = parameter(0.0, "N/m", 0.0, 500.0)
 
@@ -51,6 +52,7 @@ class Wind(OffTableEffect):
     """Steady wind along x, positive from behind: drag of the trunk in the wind less its drag in still air."""
 
     name = "wind"
+    needs_base = True
 
     speed_m_s: float = parameter(0.0, "m/s", -20.0, 20.0)
 

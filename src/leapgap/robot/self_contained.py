@@ -1,0 +1,19 @@
+"""A robot's model as one text that needs no other file: without included files and meshes."""
+
+from leapgap.errors import InputError
+from leapgap.robot.model import Robot
+
+
+def self_contained(robot: Robot) -> str:
+    """MJCF of a robot with its makers' actuators, its base held where it is, without what only shows.
+
+    ``InputError`` where parts of it collide that are described by further files, meshes or heightfields.
+    """
+    spec = robot.published_spec()
+    spec.discard_visual()
+    others = [part.name or part.file for part in (*spec.meshes, *spec.hfields, *spec.skins)]
+    if others:
+        expected = "colliding parts of primitive shapes, which one text can hold"
+        raise InputError(robot.path, f"the meshes or heightfields {', '.join(others)}", expected, "replace them")
+    spec.compile()
+    return str(spec.to_xml())
