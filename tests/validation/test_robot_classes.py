@@ -33,7 +33,7 @@ from tests.code import ROOT
 from tests.plain_simulation import published
 from tests.robot.quadrupeds import GO2, mjcf
 
-MODELS = ROOT / "src/leapgap/validation/models"
+MODELS = ROOT / "conf/withhold/models"
 SAME = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "jnt_axis", "jnt_range")
 NONE = "{single: 0, pair: 0, nameless: 0, none: 0}"
 ONE_WEIGHT = """
