@@ -132,15 +132,10 @@ def score_half(
         "struck_honest_mirrored": scoring.share(bool(e["honest_mirrored"]) for e in own["struck"].values()),
         "struck_cases": len(own["struck"]),
         "detection_limit_floors": {
-            n: d["limit_floors"] for n, d in scoring.detection_limits(of_pipeline(outcomes)).items()
+            n: d["limit_floors"] for n, d in scoring.detection_limits(scoring.of_pipeline(outcomes)).items()
         },
         "robots": scoring.scores_by_robot(outcomes, main, settings.bins),
     }
-
-
-def of_pipeline(outcomes: list[CaseOutcome]) -> list[CaseOutcome]:
-    """The cases of the pipeline's own robot."""
-    return [o for o in outcomes if o.robot is None]
 
 
 def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -195,7 +190,7 @@ def page(
         }
         for o in outcomes
     ]
-    of_half = {half: [o for o in of_pipeline(outcomes) if o.half == half] for half in halves}
+    of_half = {half: [o for o in scoring.of_pipeline(outcomes) if o.half == half] for half in halves}
     return html(
         halves=halves,
         rows=rows,

@@ -24,7 +24,7 @@ class ModuleReading:
     """What the file of a module says, from one parse: syntax trees of all modules would fill the memory."""
 
     imports: frozenset[str]
-    """As ``SourceTree.imports``."""
+    """Modules of the tree, and outermost packages of others, that it imports (``SourceTree.imports``)."""
     data_names: frozenset[str]
     """String literals that end like a data file."""
 

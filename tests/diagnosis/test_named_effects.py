@@ -63,50 +63,29 @@ def test_a_named_effect_is_found_with_its_number(
     assert report.gap_corrected < 2 * report.noise_floor
 
 
-def unpowered(model: mujoco.MjModel) -> None:
-    """The shoulder's motor is simulated by the test instead."""
-    model.actuator_biasprm[1], model.actuator_gainprm[1] = 0, 0
-
-
-def heat_up(sent: arm.Sent, loss: float) -> arm.Step:
-    """A shoulder of 40 N·m that gives a share 1 / (1 + r): ṙ = loss (τ / 40)² / (1 + r) − r / 60 s of the asked τ."""
-    rise = 0.0
-
-    def act(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
-        nonlocal rise
-        given = (sent.asked[row, 1] - arm.KP * data.qpos[1] - arm.KD * data.qvel[1]) / (1 + rise)
-        data.qfrc_applied[1] = given
-        rise += model.opt.timestep * (loss * given**2 * (1 + rise) / 40**2 - rise / 60)
-
-    return act
-
-
-def rub(sent: arm.Sent, share: float) -> arm.Step:
-    """An elbow with friction that is a share of its motor's torque."""
-
-    def act(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
-        carried = sent.asked[row, 2] - arm.KP * data.qpos[2] - arm.KD * data.qvel[2]
-        data.qfrc_applied[2] = -share * abs(np.clip(carried, -40, 40)) * np.tanh(data.qvel[2] / 0.05)
-
-    return act
-
-
-def test_a_motor_that_fades_is_no_weak_motor(tmp_path: Path) -> None:
-    """A loss that grows from nothing to a seventh of the torque within each log."""
-    report = judge(tmp_path, "thermal_fade", acting=lambda sent: heat_up(sent, 15.0), change=unpowered)
+@pytest.mark.parametrize(
+    ("name", "location", "plain", "parameter", "true"),
+    [
+        # A loss that grows from nothing to a seventh of the torque within each log is no weak motor.
+        (
+            "thermal_fade",
+            "shoulder",
+            {"acting": lambda sent: arm.heat_up(sent, 15.0), "change": arm.unpowered},
+            "loss_per_s",
+            15.0,
+        ),
+        # Friction of a loaded gear is none of the bearings.
+        ("load_friction", "elbow", {"acting": lambda sent: arm.rub(sent, 0.15)}, "share", 0.15),
+    ],
+)
+def test_an_effect_that_depends_on_the_load_is_found_with_its_number(
+    tmp_path: Path, name: str, location: str, plain: dict, parameter: str, true: float
+) -> None:
+    report = judge(tmp_path, name, **plain)
     cause = report.causes[0]
-    assert (report.verdict, report.answer) == ("named", (("thermal_fade",),))
-    assert cause.location == "shoulder"
-    assert cause.parameters["loss_per_s"].value == pytest.approx(15.0, rel=0.05)
-    assert report.gap_corrected < 2 * report.noise_floor
-
-
-def test_friction_of_a_loaded_gear_is_no_friction_of_the_bearings(tmp_path: Path) -> None:
-    report = judge(tmp_path, "load_friction", acting=lambda sent: rub(sent, 0.15))
-    cause = report.causes[0]
-    assert (report.verdict, report.answer) == ("named", (("load_friction",),))
-    assert cause.location == "elbow"
-    assert cause.parameters["share"].value == pytest.approx(0.15, rel=0.05)
+    assert (report.verdict, report.answer) == ("named", ((name,),))
+    assert cause.location == location
+    assert cause.parameters[parameter].value == pytest.approx(true, rel=0.05)
     assert report.gap_corrected < 2 * report.noise_floor
 
 

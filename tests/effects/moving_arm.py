@@ -84,6 +84,39 @@ def simulate(
     return qpos, qvel
 
 
+def unpowered(model: mujoco.MjModel) -> None:
+    """The shoulder's motor is simulated by the test instead."""
+    model.actuator_biasprm[1], model.actuator_gainprm[1] = 0, 0
+
+
+def heat_up(sent: Sent, loss: float, rises: list[float] | None = None) -> Step:
+    """A shoulder of 40 N·m that gives a share 1 / (1 + r): ṙ = loss (τ / 40)² / (1 + r) − r / 60 s of the asked τ.
+
+    By Euler's method; ``rises`` gets r at every step.
+    """
+    rise = 0.0
+
+    def act(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        nonlocal rise
+        if rises is not None:
+            rises.append(rise)
+        given = (sent.asked[row, 1] - KP * data.qpos[1] - KD * data.qvel[1]) / (1 + rise)
+        data.qfrc_applied[1] = given
+        rise += model.opt.timestep * (loss * given**2 * (1 + rise) / 40**2 - rise / 60)
+
+    return act
+
+
+def rub(sent: Sent, share: float) -> Step:
+    """An elbow with friction that is a share of its motor's torque, along its own velocity."""
+
+    def act(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
+        carried = np.clip(sent.asked[row, 2] - KP * data.qpos[2] - KD * data.qvel[2], -40, 40)
+        data.qfrc_applied[2] = -share * abs(carried) * np.tanh(data.qvel[2] / 0.05)
+
+    return act
+
+
 def as_log(name: str, sent: Sent, qpos: np.ndarray, qvel: np.ndarray) -> Log:
     """A log of a motion and its commands."""
     columns = {"time": np.arange(len(qpos)) * PERIOD_S}

@@ -120,23 +120,9 @@ def test_what_makes_up_for_friction_acts_by_the_velocities_of_the_log(robot_arm:
 
 
 def heated(loss: float, sent: arm.Sent = SENT) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """The arm with a shoulder whose windings heat here, by Euler's method: ṙ = loss i² (1 + r) / 40² − r / 60 s.
-
-    Also the rise of its resistance at every row, (rows,).
-    """
-    rise, rises = 0.0, []
-
-    def off(model: mujoco.MjModel) -> None:
-        model.actuator_biasprm[1], model.actuator_gainprm[1] = 0, 0
-
-    def fade(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
-        nonlocal rise
-        rises.append(rise)
-        current = (sent.asked[row, 1] - arm.KP * data.qpos[1] - arm.KD * data.qvel[1]) / (1 + rise)
-        data.qfrc_applied[1] = current
-        rise += model.opt.timestep * (loss * current**2 * (1 + rise) / 40**2 - rise / 60)
-
-    return arm.simulate(sent, off, fade), np.array(rises)
+    """The arm with a shoulder whose windings heat, and the rise of its resistance at every row, (rows,)."""
+    rises: list[float] = []
+    return arm.simulate(sent, arm.unpowered, arm.heat_up(sent, loss, rises)), np.array(rises)
 
 
 def test_a_motor_that_heats_loses_torque_as_its_resistance_rises(robot_arm: Robot) -> None:
@@ -173,18 +159,8 @@ def test_motors_that_lag_and_heat_have_both_states_in_their_places(robot_arm: Ro
     assert np.abs(lost[2] - lost[0]).max() < 0.3 * np.abs(lost[0]).max()
 
 
-def rub(share: float, sent: arm.Sent = SENT) -> tuple[np.ndarray, np.ndarray]:
-    """The arm with friction of a share of the elbow's motor torque, along its own velocity."""
-
-    def brake(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:
-        carried = np.clip(sent.asked[row, 2] - arm.KP * data.qpos[2] - arm.KD * data.qvel[2], -40, 40)
-        data.qfrc_applied[2] = -share * abs(carried) * np.tanh(data.qvel[2] / 0.05)
-
-    return arm.simulate(sent, before=brake)
-
-
 def test_friction_under_load_is_a_share_of_the_torque_that_the_joint_carries(robot_arm: Robot, log: Log) -> None:
-    moved, own = rub(0.2), effects.effect("load_friction", "elbow", share=0.2)
+    moved, own = arm.simulate(SENT, before=arm.rub(SENT, 0.2)), effects.effect("load_friction", "elbow", share=0.2)
     assert np.abs(moved[0] - arm.simulate(SENT)[0]).max() > 1e-2
     found = replay(robot_arm, arm.as_log("rubbing", SENT, *moved), own)
     assert np.abs(found - moved[0]).max() < 1e-9

@@ -224,8 +224,9 @@ class SearchInParts(JointSearch):
 
     def with_one_less(self, fit: FullRolloutFit, none_gap: float) -> FullRolloutFit | None:
         """The fit without a cause that closes little; what seems to close least is tried first. None: all stay."""
-        gap, plan = self.joint.heldout_gap, self.joint.plan
-        each = range(len(fit.hypotheses) if len(fit.hypotheses) > 1 else 0)
+        gap, plan, each = self.joint.heldout_gap, self.joint.plan, range(len(fit.hypotheses))
+        if len(each) == 1:
+            return None
         rests = [[other for other in each if other != k] for k in each]
         closes = [gap.closure_value(squares) for squares in gap.squares([part(fit, rest) for rest in rests])]
         for k in sorted(each, key=lambda k: -closes[k]):

@@ -47,7 +47,7 @@ class LoadFriction(Effect):
                 yield int(i), f"{self.name} {where}", f"damping of {self.name} {where}"
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
-        """Add the actuators."""
+        """Add the torque and the damper of each joint that a motor drives."""
         for joint, push, damper in self._parts(robot):
             actuators.add_brake(spec, robot.joints[joint], push, damper)
 

@@ -54,7 +54,7 @@ def html(
     figures = {
         f"{kind}_{half}": embed_figure(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
         for half in halves
-        for own in [[r for r in rows if r["half"] == half and r["robot"] is None]]
+        for own in [rows_of(half, rows)]
         for kind, figure in (
             ("confusion", confusion_matrix(confusion[half])),
             ("limits", detection(limits[half])),
@@ -118,6 +118,11 @@ def robot_table(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]
     return lines
 
 
+def rows_of(half: str, rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The rows of one half that are of the pipeline's own robot."""
+    return [row for row in rows if row["half"] == half and row["robot"] is None]
+
+
 def missed_bars(
     halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
 ) -> list[dict[str, str]]:
@@ -129,8 +134,7 @@ def missed_bars(
     for line, key in zip(score_table(halves), BARS, strict=True):
         for half in HALVES:
             if line[half]["reaches"] is False and key in CONDITIONS:
-                own = [r for r in rows if r["half"] == half and r["robot"] is None]
-                against = [r for r in own if key in r["counted_against"]]
+                against = [r for r in rows_of(half, rows) if key in r["counted_against"]]
                 names = Counter(f"{' + '.join(r['true']) or r['kind']} → {describe_answer(r, key)}" for r in against)
                 cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
                 reason = explain_misses(key, against, missed)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, overriding
+from leapgap.effects.base import Effect, overrides
 from leapgap.effects.drive import COOLING_S, Drive
 from leapgap.robot import actuators
 from leapgap.robot.feet import name_contacts
@@ -29,7 +29,7 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
     spec = robot.published_spec() if robot.states_actuators else robot.spec()
     actuators.move_to_joints(spec, robot.actuators)
     name_contacts(spec, robot.names.feet if robot.names else ())
-    inside = [effect for effect in correction if changes_model(effect) and not overriding([effect], "put_controls")]
+    inside = [effect for effect in correction if changes_model(effect) and not overrides(type(effect), "put_controls")]
     changed = with_effects(inside, spec, robot)
     refused: list[Effect] = []
     if changed is None:  # then one by one, to name those that a model cannot hold
@@ -51,13 +51,12 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
 
 def acts_outside(effect: Effect) -> bool:
     """Whether an effect changes commands, the joint PD, measurements or the clock."""
-    return effect.in_controller or any(overriding([effect], method) for method in OUTSIDE)
+    return effect.in_controller or any(overrides(type(effect), method) for method in OUTSIDE)
 
 
 def changes_model(effect: Effect) -> bool:
     """Whether an effect changes the model otherwise than by its motors."""
-    own = type(effect)
-    return own.change_model is not Effect.change_model or own.change_spec is not Effect.change_spec
+    return overrides(type(effect), "change_model") or overrides(type(effect), "change_spec")
 
 
 def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjSpec | None:

@@ -10,8 +10,6 @@ from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 
 GRAVITY = 9.81
-HEAT = "1/(1000 N²m²s)"
-"""Unit of a loss of torque by the squared torque that was given."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class OwnNumbers:
     length: float
     """Height of a free base above the ground, or how far the links of a held robot are from its base, m."""
     period: float
-    """Control period, s."""
+    """Time between two commands of its motions, s."""
 
     @staticmethod
     def of(robot: Robot, state: np.ndarray, period_s: float) -> "OwnNumbers":
@@ -64,6 +62,5 @@ class OwnNumbers:
             "s": own or self.period,
             "N": self.mass * GRAVITY,
             "N/m": self.mass * GRAVITY / self.length,
-            HEAT: 1000 / float(self.torque[joints].max()) ** 2,
         }
         return by_unit.get(p.unit, own or 1.0)

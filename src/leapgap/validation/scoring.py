@@ -121,16 +121,21 @@ def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.rando
 
     Cases of other robots have scores of their own (``scores_by_robot``).
     """
-    own = [o for o in outcomes if o.robot is None]
+    own = of_pipeline(outcomes)
     ordinary = [o for o in own if o.is_ordinary]
     return {**ordinary_scores(ordinary, draws, bins, rng), **further_scores(own)}
+
+
+def of_pipeline(outcomes: Sequence[CaseOutcome]) -> list[CaseOutcome]:
+    """The cases of the pipeline's own robot."""
+    return [o for o in outcomes if o.robot is None]
 
 
 def scores_by_robot(outcomes: Sequence[CaseOutcome], main: str, bins: int) -> Scores:
     """Class of cases → scores of its ordinary kinds, without intervals; ``main`` is the pipeline's own robot."""
     ordinary = [o for o in outcomes if o.is_ordinary]
     names = sorted({o.robot for o in ordinary if o.robot is not None})
-    found = {main: plain_scores([o for o in ordinary if o.robot is None], bins)}
+    found = {main: plain_scores(of_pipeline(ordinary), bins)}
     return found | {name: plain_scores([o for o in ordinary if o.robot == name], bins) for name in names}
 
 

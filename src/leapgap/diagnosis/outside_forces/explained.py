@@ -11,10 +11,9 @@ import numpy as np
 from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
-from leapgap.diagnosis.outside_forces.search import MARGIN_S
+from leapgap.diagnosis.outside_forces.search import MARGIN_S, dof_at
 from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.effects.base import Effect
-from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer, Rollout
 
 EXPLAINED = 0.5
@@ -30,24 +29,21 @@ def unexplained(
 
 def explains(answer: Sequence[Effect], force: OutsideForce, given: JudgedLogs, replayer: Replayer) -> bool:
     """Whether the robot with its answer moves through the moment of a force as the log says."""
-    nominal, own = (moment_error(effects, force, given, replayer) for effects in ((), answer))
-    return own < EXPLAINED * nominal
+    nominal, own = moment_errors([(), tuple(answer)], force, given, replayer)
+    return bool(own < EXPLAINED * nominal)
 
 
-def moment_error(effects: Sequence[Effect], force: OutsideForce, given: JudgedLogs, replayer: Replayer) -> float:
-    """Error of the velocity that a force changes, in a replay of its moment, root mean square, m/s or rad/s."""
+def moment_errors(
+    several: Sequence[tuple[Effect, ...]], force: OutsideForce, given: JudgedLogs, replayer: Replayer
+) -> np.ndarray:
+    """Root mean squares of errors of the velocity that a force changes, in replays of its moment, (sets,)."""
     (states,) = (of_log for of_log in given.whole if of_log.log.name == force.log)
     log, robot = states.log, given.robot
     first, last = np.searchsorted(log.time, [force.begin_s - MARGIN_S, force.end_s + MARGIN_S])
     last = min(last, len(log) - 1)
     starts, _ = smooth_starts(states.motion, [int(first)], log, robot)
-    ((motion,),) = replayer.replay_pieces([Rollout(log, tuple(effects))], [starts], int(last - first) + 1)
-    error = tangent_difference(motion, states.motion[first : last + 1], robot)
-    return float(np.sqrt(np.mean(error[:, robot.model.nv + dof_of(force, robot)] ** 2)))
-
-
-def dof_of(force: OutsideForce, robot: Robot) -> int:
-    """Degree of freedom that a force acts on."""
-    if force.axis:
-        return "xyz".index(force.axis) + (0 if force.unit == "N" else 3)
-    return int(robot.joint_dofs[robot.joints.index(force.at)])
+    trials = [Rollout(log, effects) for effects in several]
+    pieces = replayer.replay_pieces(trials, [starts] * len(trials), int(last - first) + 1)
+    logged, entry = states.motion[first : last + 1], robot.model.nv + dof_at(force, robot)
+    errors = [tangent_difference(motion, logged, robot)[:, entry] for (motion,) in pieces]
+    return np.sqrt(np.mean(np.square(errors), axis=1))

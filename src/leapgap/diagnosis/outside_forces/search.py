@@ -99,6 +99,13 @@ def place_of(dof: int, robot: Robot) -> tuple[str, str, str]:
     return robot.joints[int(joint)], "", "N" if slides else "N·m"
 
 
+def dof_at(force: OutsideForce, robot: Robot) -> int:
+    """Degree of freedom that a force acts on, the inverse of ``place_of``."""
+    if force.axis:
+        return "xyz".index(force.axis) + (0 if force.unit == "N" else VELOCITY_SLICE.stop)
+    return int(robot.joint_dofs[robot.joints.index(force.at)])
+
+
 def quiet_parts(
     logs: Sequence[Log], forces: Sequence[OutsideForce], settings: OutsideForceSettings
 ) -> tuple[list[Log], dict[str, str]]:
