@@ -20,7 +20,8 @@ from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 JOINT = "RR_calf"
 CHANNELS = (

@@ -11,9 +11,13 @@ for library in ("OMP", "OPENBLAS", "MKL"):
 if sys.argv[:1] == ["-m"]:  # `python -m stages.<stage>` imports this first: Ctrl-C may come while it imports
     from leapgap.output_folder import what_is_kept
     from leapgap.processes import InterruptGuard, tolerate_terminal
+    from stages.help import answered_at_once
 
     tolerate_terminal()
     STAGE = next((word for word in sys.orig_argv if word.startswith("stages.")), "stages")
+    if answer := answered_at_once(STAGE.removeprefix("stages."), sys.argv[1:]):
+        print(answer, end="")
+        sys.exit(0)
     InterruptGuard(lambda: f"{STAGE}: stopped by Ctrl-C; {what_is_kept()}").install()
 elif "LEAPGAP_PARENT" in os.environ:  # a worker of a stage, which imports the stage before it can do anything else
     from leapgap.processes import end_with_parent_early

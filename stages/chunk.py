@@ -18,7 +18,8 @@ from leapgap.jumping.learning import window_extraction, windows
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_folder
-from leapgap.logs.row_clock import RowClock, uneven_clocks
+from leapgap.logs.row_clock import RowClock
+from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage

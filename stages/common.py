@@ -2,7 +2,8 @@
 
 From ``dvc.yaml`` (DVC sets ``DVC_STAGE``) a stage reads ``params.yaml``; by hand it is a Hydra application that
 composes ``conf/``. Both take the same ``key=value`` arguments, so a stage's ``cmd`` reads like a call by hand.
-Bad input ends with exit code 2 and one message, and no traceback.
+Bad input ends with exit code 2 and one message, and no traceback. Hydra is imported where it is used: what DVC starts
+does without it, and so do workers.
 """
 
 import hashlib
@@ -15,23 +16,17 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-import hydra
 import yaml
-from hydra._internal.utils import get_args_parser
-from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
-from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException, ValidationError
 
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
-from stages.help import help_text
+from stages.help import CONF, answered_at_once
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
-CONF = ROOT / "conf"
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
@@ -77,19 +72,14 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
         refuse(name, error)
 
 
-def answered_at_once(name: str, arguments: Sequence[str]) -> str | None:
-    """What ``--help`` and ``--version`` print; None without them."""
-    if {"--help", "-h"} & set(arguments):
-        return help_text(name, sys.modules["__main__"].__doc__ or "", CONF)
-    return f"leapgap {package_version()}\n" if "--version" in arguments else None
-
-
 def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -> Any:
     """Run one job of a multirun and keep its result below the folder of the multirun; its figures, by name.
 
     A job whose settings have a result there already is not run again. One that fails is kept with its message, and the
     others go on; the next multirun into the folder tries it again. A sweeper that optimises gets the first figure.
     """
+    from hydra.core.hydra_config import HydraConfig
+
     hydra_config = HydraConfig.get()
     settings = OmegaConf.to_yaml(config, resolve=True, sort_keys=True)
     key = hashlib.sha256(f"{name} {package_version()}\n{settings}".encode()).hexdigest()[:16]
@@ -137,6 +127,9 @@ def refuse(name: str, error: InputError | OSError) -> NoReturn:
 
 def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
     """Compose ``conf/`` with the command line (``key=value``, ``-m`` for sweeps) and run the stage."""
+    import hydra
+    from hydra.errors import HydraException
+
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hand errors to us instead of exit code 1
     sys.argv.append(f"hydra.job.name={name}")  # names the run folder
     application = hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(stage)
@@ -209,6 +202,8 @@ def nearest_key(key: str) -> str | None:
 
 def check_options(arguments: Sequence[str]) -> None:
     """Raise ``InputError`` for an option that Hydra does not have; it would print a page of usage."""
+    from hydra._internal.utils import get_args_parser
+
     known = [option for option in get_args_parser()._option_string_actions if option.startswith("--")]
     for argument in arguments:
         option = argument.partition("=")[0]
@@ -307,8 +302,20 @@ def read_one_of(kinds: Mapping[str, type[T]], section: Mapping[str, Any], key: s
     return entries
 
 
+def run_folder() -> Path:
+    """Hydra's folder of this job."""
+    from hydra.core.hydra_config import HydraConfig
+
+    return Path(HydraConfig.get().runtime.output_dir)
+
+
 def in_sweep() -> bool:
     """Whether this is a job of a Hydra multirun."""
+    if "hydra.core.hydra_config" not in sys.modules:
+        return False
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
@@ -326,7 +333,7 @@ def output_folder(
     """
     if out is None and "DVC_STAGE" in os.environ:
         raise InputError("configuration", "no output folder", "<stage>.out=<folder> in dvc.yaml's cmd", "add it")
-    folder = Path(HydraConfig.get().runtime.output_dir) / name if out is None else Path(out)
+    folder = run_folder() / name if out is None else Path(out)
     STATES[check_output(folder, by, inputs, kept)] = AS_IT_WAS
     OUTPUTS.enter_context(folder_lock(folder))
     return folder

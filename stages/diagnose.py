@@ -16,7 +16,6 @@ from leapgap.diagnosis.diagnose import Settings
 from leapgap.errors import InputError
 from leapgap.output_folder import whole_folder
 from leapgap.reports.diagnosis import RECORDING, PageSettings, Report, diagnose_folder
-from leapgap.reports.diagnosis_recording import record_report, write_replays
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 
@@ -43,6 +42,8 @@ def diagnose(config: DictConfig) -> dict[str, float] | None:
     report = diagnose_folder(logs, robot, settings, partial(print, flush=True), section.threads, descriptions=others)
     if report is None:
         print(f"no logs in {logs}: nothing to diagnose")
+    from leapgap.reports.diagnosis_recording import record_report  # imports Rerun, which a refusal does without
+
     with whole_folder(out, STAGE) as folder:
         if report is None:
             write_note(folder)
@@ -67,6 +68,8 @@ def diagnose(config: DictConfig) -> dict[str, float] | None:
 
 def write_replays_or_note(report: Report | None, folder: Path) -> None:
     """Write the replays of a report, or that there were no logs."""
+    from leapgap.reports.diagnosis_recording import write_replays
+
     if report is None:
         write_note(folder)
     else:

@@ -3,14 +3,30 @@
 The options are those of ``conf/<stage>/default.yaml``; what a comment there says of a key is what is printed of it.
 """
 
+import ast
 import re
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
+from leapgap.output_folder import package_version
+
+CONF = Path(__file__).resolve().parent.parent / "conf"
 WIDTH, KEYS = 110, 46
 """Characters of a line, and of the column of the keys."""
 LONGEST_DEFAULT = 24
 LINE = re.compile(r"(?P<indent> *)(?P<key>[\w\"*./-]+):(?: (?P<value>.*))?")
+
+
+def answered_at_once(name: str, arguments: Sequence[str]) -> str | None:
+    """What ``--help`` and ``--version`` print, by the text of a stage's file; None without them.
+
+    So it can be answered before the stage is imported, which takes a second.
+    """
+    path = Path(__file__).with_name(f"{name}.py")
+    if {"--help", "-h"} & set(arguments) and path.is_file():
+        return help_text(name, ast.get_docstring(ast.parse(path.read_bytes()), clean=False) or "", CONF)
+    return f"leapgap {package_version()}\n" if "--version" in arguments else None
 
 
 def help_text(name: str, says: str, conf: Path) -> str:

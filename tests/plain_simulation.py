@@ -78,15 +78,16 @@ def simulate(
     change: Callable[[mujoco.MjModel], None] = lambda _: None,
     servo: bool = False,
     model: mujoco.MjModel | None = None,
+    steps: int = 1,
 ) -> Plain:
     """Simulate the model file from its keyframe or pose, with sines asked of every joint that is commanded.
 
     ``servo``: the makers' own position servos get the set points, and their gains are the log's. ``model`` stands in
-    place of the file.
+    place of the file. Of so many ``steps`` of the simulation and its PD one row is logged.
     """
     model = model or mujoco.MjModel.from_xml_path(str(path))
     change(model)
-    model.opt.timestep = STEP_S
+    model.opt.timestep = STEP_S / steps
     data, rng = mujoco.MjData(model), np.random.default_rng(7)
     data.qpos[:] = model.key_qpos[0] if model.nkey else model.qpos0
     floats = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
@@ -112,11 +113,13 @@ def simulate(
     for row in range(rows):
         qpos[row], qvel[row] = data.qpos, data.qvel
         torque[row] = push[row] + kp * (wanted[row] - data.qpos[at]) + kd * (speed[row] - data.qvel[dofs])
-        if servo:
-            data.ctrl[:] = wanted[row]
-        else:
-            send(model, data, dofs, torque[row], kp, push[row] + kp * wanted[row] + kd * speed[row])
-        mujoco.mj_step(model, data)
+        for _ in range(steps):
+            asked = push[row] + kp * (wanted[row] - data.qpos[at]) + kd * (speed[row] - data.qvel[dofs])
+            if servo:
+                data.ctrl[:] = wanted[row]
+            else:
+                send(model, data, dofs, asked, kp, push[row] + kp * wanted[row] + kd * speed[row])
+            mujoco.mj_step(model, data)
     columns = {"time": time}
     if floats:
         columns |= dict(zip(BASE, qpos[:, :7].T, strict=True)) | dict(zip(BASE_RATES, qvel[:, :6].T, strict=True))

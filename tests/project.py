@@ -94,7 +94,8 @@ def run_once(beside: Path) -> Path:
     """Folder of a project without a log of a real robot, in which the whole pipeline ran once.
 
     ``beside`` is a folder that all processes of this call of pytest share; the first that asks runs the pipeline, and
-    others wait for it. Nobody changes this project: tests that do take a copy.
+    others wait for it. Nobody changes this project: tests that do take a copy. Its stages have no workers: one test for
+    each core runs beside it, and each worker would import all that its stage does.
     """
     folder = beside / "simulated_once" / "project"
     folder.parent.mkdir(exist_ok=True)
@@ -105,6 +106,8 @@ def run_once(beside: Path) -> Path:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
             project = Project(folder)
+            project.change("conf/config.yaml", "executor: joblib", "executor: local")
+            project.change("conf/train/default.yaml", "processes: 2", "processes: 1")
             text = project.dvc("repro")
             project.commit("run")
             said.write_text(text)

@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "jumping.reports": {"robot", "logs", "effects", "simulation", "diagnosis", "reports", "jumping"},
 }
 """Which packages each package may import, besides itself and the files beside it. Nobody imports ``jumping``."""
-FRONT = {"leapgap.api", "leapgap.cli", "leapgap.demo", "leapgap.settings"}
+FRONT = {"leapgap.__main__", "leapgap.api", "leapgap.cli", "leapgap.demo", "leapgap.settings"}
 """The front door: it may import everything but the application, and only the application's stages import it."""
 ONLY_IN = {
     "mujoco": {"robot", "effects", "simulation", "diagnosis", "validation", "jumping"},
@@ -39,7 +39,7 @@ ONLY_IN = {
     "dvc": set(),
 }
 SHARED = {"registry", "errors", "atomic_io", "output_folder", "processes", "executor", "cache", "content_hash"}
-SHARED |= {"import_closure", "former_results", "blas"}
+SHARED |= {"import_closure", "former_results", "blas", "interrupt"}
 """Files beside the packages, which all of them may use."""
 LIBRARY = [name for name in modules() if name.startswith("leapgap.")]
 

@@ -9,10 +9,14 @@
 What stands in ``__all__`` is public. It is imported when it is first used, so that ``import leapgap`` takes no time.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+from importlib import import_module
+
+TYPE_CHECKING = False  # as that of typing, which takes longer to import than all else here
 if TYPE_CHECKING:
+    from typing import Any
+
     from leapgap import effects
     from leapgap.api import check, diagnose, read_logs, replay, write_log
     from leapgap.diagnosis.diagnose import Settings

@@ -20,7 +20,8 @@ from leapgap.logs.log import Log
 from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 PathLike = str | Path
 Logs = Sequence[Log] | PathLike

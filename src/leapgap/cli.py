@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from leapgap.errors import InputError, did_you_mean
+from leapgap.interrupt import STOPPED
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.processes import STOPPED, InterruptGuard, open_closed_streams, tolerate_terminal
+from leapgap.processes import InterruptGuard, open_closed_streams, tolerate_terminal
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"

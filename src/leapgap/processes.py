@@ -17,13 +17,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from leapgap.atomic_io import TEMPORARY
+from leapgap.interrupt import STOPPED, end_at_once
 
 POLL_S = 1.0
 """Time between two looks of a worker at its parent."""
 WAIT_S = 0.5
 """Time that the main thread has after Ctrl-C to end its process itself."""
-STOPPED = 130
-"""Exit code of a command that Ctrl-C ended."""
 TRACKER_ADVICE = "ignore:resource_tracker"
 """Filter of the warning with which Python's own helper clears semaphores of workers that were ended."""
 PARENT = "LEAPGAP_PARENT"
@@ -156,7 +155,7 @@ class InterruptGuard:
 
     def install(self) -> None:
         """Handle Ctrl-C from now on, unless this process ignores it (as one in the background of a script does)."""
-        if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        if signal.getsignal(signal.SIGINT) not in (signal.default_int_handler, end_at_once):
             return
         heard, told = os.pipe()
         os.set_blocking(told, False)

@@ -19,7 +19,8 @@ from leapgap.diagnosis.diagnose import Settings, diagnose
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from stages.common import read_config
 
 ROWS = 1101

@@ -18,7 +18,8 @@ import numpy as np
 from leapgap.atomic_io import write_json
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 JUMPS, ROWS, REPEATS = 16, 1101, 7
 

@@ -10,7 +10,8 @@ from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.hypotheses import list_hypotheses
-from leapgap.diagnosis.joint_fit import JointFitSettings
+from leapgap.diagnosis.joint_fit import JointFitSettings, Trial
+from leapgap.diagnosis.joint_likelihood import Numbers
 from leapgap.diagnosis.joint_search import SearchInParts
 from leapgap.diagnosis.joint_sets import at_parts, merge_alike
 from leapgap.robot.model import Robot
@@ -116,9 +117,35 @@ def test_a_cause_stays_where_whole_logs_or_short_pieces_tell_it(
         plan=JointFitSettings(),
         progress=lambda _: None,
         nominal_loss=480.0,
-        heldout_gap=gap,
+        judging=gap,
         closes=lambda one: one.heldout[0],
         fits={(0,): fit([0], loss, closure), (1,): fit([1], 300.0, 0.2)},
     )
     fewer = FitsAtHand(joint).with_one_less(fit([0, 1], 80.0, 0.88), none_gap=0.5)
     assert (fewer is None) == stays
+
+
+@pytest.mark.parametrize("below_v", [17.0, 5.0])
+def test_a_limit_that_nothing_meets_at_nominal_is_tried_over_its_range(below_v: float) -> None:
+    """Logs that a supply below 17 V explains are found; below 5 V is out of the range, so that nothing is likelier."""
+    a1 = Robot.load()
+    limit, damping = (
+        next(h for h in list_hypotheses([name], a1, None) if h.location == "all")
+        for name in ("torque_speed_limit", "joint_damping")
+    )
+    about = Numbers.of((damping, limit), {})
+    numbers, spread = np.array([1.1, limit.nominal[0]]), about.spread * [0.01, 1.0]
+
+    def tried(_: Numbers, several: Sequence[np.ndarray], whole: bool) -> list[Trial]:
+        assert whole
+        return [Trial(one, [], 20.0 + abs(one[1] - 15) if one[1] < below_v else 100.0) for one in several]
+
+    joint = SimpleNamespace(plan=JointFitSettings(), numbers=lambda _: about, tried=tried)
+    fit = FullRolloutFit((damping, limit), numbers, np.diag(spread**2), numbers[None], 100.0, np.zeros(1))
+    found = SearchInParts(joint).from_afar(fit)
+    if below_v < limit.bounds[0][0]:
+        assert found is None
+    else:
+        assert found is not None
+        assert found[0] == 1.1
+        assert found[1] == pytest.approx(15, abs=1)

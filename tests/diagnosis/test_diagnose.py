@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from leapgap.jumping.task import ContactSchedule, Target, jump_info, target_of
 from leapgap.logs.log import Log
 from leapgap.reports.report import html
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import standing
 from tests.diagnosis.test_gap import hardware
@@ -34,10 +36,23 @@ FEW = Settings(
 
 
 @pytest.fixture(scope="module")
-def diagnose_effects(robot: Robot, reference: Log):
+def jumps_with(robot: Robot, reference: Log):
+    """Four noisy jumps of a robot with some effects, simulated once."""
+
+    @cache
+    def run(*found: effects.Effect) -> list[Log]:
+        return hardware(robot, reference, *found, noise=SensorNoise(), jumps=4)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def diagnose_effects(robot: Robot, jumps_with):
+    """The diagnosis of four such jumps, made once for each set of effects."""
+
+    @cache
     def run(*found: effects.Effect) -> Diagnosis:
-        jumps = hardware(robot, reference, *found, noise=SensorNoise(), jumps=4)
-        return diagnose(jumps, robot, FEW)
+        return diagnose(jumps_with(*found), robot, FEW)
 
     return run
 
@@ -70,14 +85,14 @@ def test_diagnosis_of_the_nominal_robot_is_none(diagnose_effects) -> None:
     assert report.closure_of_answer is None
 
 
-def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robot, reference: Log) -> None:
-    jumps = hardware(robot, reference, effects.effect("torque_gain", scale=0.7), noise=SensorNoise(), jumps=4)
+def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robot, jumps_with) -> None:
+    jumps = jumps_with(effects.effect("torque_gain", scale=0.7))
     settings = dataclasses.replace(FEW, effects=["sample_period"])
     report = diagnose(jumps, robot, settings).report
     assert report.closure_of_answer is None or report.closure_of_answer.value < 0.6
 
 
-def test_report_holds_the_contract_and_repeats(diagnose_effects) -> None:
+def test_report_holds_the_contract_and_repeats(diagnose_effects, robot: Robot, reference: Log) -> None:
     found = diagnose_effects(effects.effect("joint_damping", damping=0.4))
     text = json.dumps(found.report.to_json(), allow_nan=False)
     report = json.loads(text)
@@ -108,13 +123,14 @@ def test_report_holds_the_contract_and_repeats(diagnose_effects) -> None:
     assert found.correction[0].name == "joint_damping"
     for off in report["landing_misplaced_m"].values():
         assert abs(off["corrected"]) < 0.4 * abs(off["nominal"])
-    again = diagnose_effects(effects.effect("joint_damping", damping=0.4))
+    anew = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
+    again = diagnose(anew, robot, FEW)
     assert json.dumps(again.report.to_json(), allow_nan=False) == text
 
 
-def test_page_is_self_contained_and_says_the_sentence(diagnose_effects, robot: Robot, reference: Log) -> None:
+def test_page_is_self_contained_and_says_the_sentence(diagnose_effects, robot: Robot, jumps_with) -> None:
     found = diagnose_effects(effects.effect("joint_damping", damping=0.4))
-    jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
+    jumps = jumps_with(effects.effect("joint_damping", damping=0.4))
     ghosts = {jump.name: jump for jump in jumps}
     page = html(found.report, jumps, robot, ghosts, ghosts)
     own = page.split("<body>")[1]
@@ -123,10 +139,10 @@ def test_page_is_self_contained_and_says_the_sentence(diagnose_effects, robot: R
     assert page == html(found.report, jumps, robot, ghosts, ghosts)
 
 
-def test_a_library_call_knows_what_it_was_made_of(diagnose_effects, robot: Robot, reference: Log) -> None:
+def test_a_library_call_knows_what_it_was_made_of(diagnose_effects, robot: Robot, jumps_with) -> None:
     """Nobody says where the logs came from: their content stands for their files, and all else is known."""
     report = diagnose_effects(effects.effect("joint_damping", damping=0.4)).report.to_json()
-    jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
+    jumps = jumps_with(effects.effect("joint_damping", damping=0.4))
     provenance = report["provenance"]
     assert set(provenance) == {"logs", "robot", "config", "versions"}
     assert list(provenance["logs"]) == [jump.name for jump in jumps]
@@ -187,8 +203,8 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
     assert first.parameters[parameter].value == pytest.approx(found.values[parameter], abs=0.15 * abs(departure))
 
 
-def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, reference: Log) -> None:
-    jumps = hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=4)
+def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, jumps_with) -> None:
+    jumps = jumps_with(effects.effect("joint_damping", damping=0.4))
     settings = dataclasses.replace(FEW, effects=["joint_damping"], most_pieces=3, folds=2)
     assert diagnose(jumps, robot, settings).report.gap_corrected < 0.5
 

@@ -63,7 +63,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, HeldOutGap, Sh
 
 def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
     robot, gap, short = arm
-    causes = search_jointly(JointFit(gap, short, ()), list_hypotheses(KINDS, robot, None))
+    causes, _ = search_jointly(JointFit(gap, short, ()), list_hypotheses(KINDS, robot, None))
     fit = causes[-1].fit
     found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
     assert set(found) == {"joint_damping", "joint_friction", "armature"}
@@ -80,7 +80,8 @@ def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, Sho
     robot, gap, short = arm
     told = Evidence("a test", "armature.inertia", 0.01, 0.0005, "kg·m²", {}, "said here")
     plan = JointFitSettings(first_steps=2, all_steps=2, steps=2)
-    fit = search_jointly(JointFit(gap, short, (told,), plan), list_hypotheses(KINDS, robot, None))[-1].fit
+    causes, _ = search_jointly(JointFit(gap, short, (told,), plan), list_hypotheses(KINDS, robot, None))
+    fit = causes[-1].fit
     at = fit.names.index("armature")
     assert fit.split()[at] == pytest.approx([0.01])
     assert (fit.fold_numbers[:, at] == 0.01).all()

@@ -9,6 +9,7 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.experiment_forecast import Forecaster
 from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
 from leapgap.diagnosis.experiments.base import Experiment, Repetition
 from leapgap.diagnosis.experiments.gains import OtherGains
@@ -19,9 +20,10 @@ from leapgap.diagnosis.experiments.sines import Sines
 from leapgap.diagnosis.experiments.speed import OtherSpeed
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.next_experiment import Forecaster, Rival, sharpen
+from leapgap.diagnosis.next_experiment import sharpen
 from leapgap.diagnosis.outside_forces.inverse_dynamics import inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.residuals import instants_of, without_loads
+from leapgap.diagnosis.rival_fits import Rival
 from leapgap.effects.armature import Armature
 from leapgap.effects.base import Effect
 from leapgap.effects.joint_damping import JointDamping
@@ -32,7 +34,8 @@ from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.state import States, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 ROD = """<mujoco model="rod">
   <option timestep="0.0005" gravity="0 0 0"/>

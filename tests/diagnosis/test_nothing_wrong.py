@@ -99,14 +99,18 @@ def jump(model: mujoco.MjModel, plan: Log, name: str, rng: np.random.Generator, 
 
 
 def report_of(
-    plans: list[Log], a1: Robot, change: Change = lambda _: None, bias: dict[str, float] | None = None
+    plans: list[Log],
+    a1: Robot,
+    change: Change = lambda _: None,
+    bias: dict[str, float] | None = None,
+    settings: Settings = SETTINGS,
 ) -> ReportContent:
     """Report on the jumps of one robot."""
     rng = np.random.default_rng(500)
     model = simulated_robot(rng, change)
     biases = np.array([(bias or {}).get(joint, 0.0) for joint in a1.joints])
     logs = [jump(model, plan, f"jump_{k}", rng, biases) for k, plan in enumerate(plans)]
-    return diagnose(logs, a1, SETTINGS, threads=1).report
+    return diagnose(logs, a1, settings, threads=1).report
 
 
 def test_a_gap_that_steps_and_integrator_open_is_nobodys_fault(plans: list[Log], a1: Robot) -> None:
@@ -134,6 +138,16 @@ def test_a_small_bias_is_still_named_beside_them(plans: list[Log], a1: Robot) ->
     assert report.answer == (("encoder_bias",),), report.sentence
     assert report.causes[0].location == "FL_calf"
     assert report.causes[0].parameters["bias_rad"].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_bias_of_all_knees_is_no_lower_floor(plans: list[Log], a1: Robot) -> None:
+    """Knees that are 0.02 rad off lower all feet alike. Where a foot lands is not linear in an angle."""
+    settings = replace(SETTINGS, effects=["encoder_bias", "ground_height"])
+    knees = dict.fromkeys(("FR_calf", "FL_calf", "RR_calf", "RL_calf"), -0.022)
+    report = report_of(plans, a1, bias=knees, settings=settings)
+    assert report.answer == (("encoder_bias",),), report.sentence
+    assert report.causes[0].location == "calf"
+    assert report.causes[0].parameters["bias_rad"].value == pytest.approx(-0.022, rel=0.15)
 
 
 SLEEPS = """<mujoco><option><flag island="disable" sleep="enable"/></option>

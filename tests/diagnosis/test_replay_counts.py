@@ -12,7 +12,8 @@ from leapgap.diagnosis.restarts import RestartedReplayer
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import SensorNoise
 from tests.diagnosis.test_diagnose import FEW
 from tests.diagnosis.test_gap import hardware

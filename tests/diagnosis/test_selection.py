@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -117,6 +119,33 @@ def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:
     assert verdict_of(search_result(chi2=1.02), (), 2.0, None, doubts) == "none"
     assert verdict_of(search_result(chi2=1.02), (), 5.0, None, doubts) == "unknown"  # slow to act: whole jumps show it
     assert verdict_of(search_result(chi2=3.0), (), 2.0, None, doubts) == "unknown"
+
+
+def test_what_gained_too_little_is_remembered_for_the_fit_of_all_effects() -> None:
+    first, other = fit(("payload",), [20.0] * 4), fit(("armature",), [30.0] * 4)
+    last = (fit(("armature", "motor_lag"), [1.0] * 4), fit(("payload", "leg_mass"), [19.0] * 4))
+    last = tuple(replace(one, numbers=np.full(2, 0.3), covariance=np.eye(2) * 1e-4) for one in last)
+    search = SearchResult(fit((), [100.0] * 4), first, ((first, other), last), np.arange(4), 360, ())
+    assert search.further.names == ("payload", "leg_mass")
+    worse = (replace(last[1], heldout=np.full(4, 21.0)),)
+    assert replace(search, rounds=((first, other), worse)).further is first
+    assert replace(search, rounds=((first, other),)).further is first
+
+
+@pytest.mark.parametrize(
+    ("gain", "closes", "verdict"),
+    [
+        (30.0, 0.1, "none"),  # gains little, and nothing of whole jumps
+        (30.0, 0.5, "named"),  # whole jumps need it
+        (200.0, -0.2, "named"),  # short replays tell it; what whole jumps say of a gap within noise means nothing
+    ],
+)
+def test_within_noise_a_cause_must_gain_in_short_replays_or_close_something(
+    gain: float, closes: float, verdict: str
+) -> None:
+    heldout = [100.0 - gain / 4] * 4
+    search = search_result(fit(("payload",), heldout, chi2=1.0), nominal=100.0, chi2=1.05)
+    assert verdict_of(search, (("payload",),), 2.0, closes, DecisionThresholds()) == verdict
 
 
 def test_broyden_learns_the_slope_along_a_move() -> None:

@@ -15,7 +15,8 @@ from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import IMU_ACCELERATION, imu_site
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, Starts
 from tests.conftest import standing
 from tests.diagnosis.test_walking_logs import GAITS, KD, KP, SCENE, STEP_S, Gait, set_points
 from tests.plain_simulation import BASE, BASE_RATES, by_motors, published

@@ -12,7 +12,8 @@ from leapgap.logs.state import States, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotations import turn_between
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, Starts
 from leapgap.simulation.sensors import SensorNoise
 from tests.diagnosis.test_gap import hardware
 

@@ -6,7 +6,8 @@ from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 TABLE = {
     "aerodynamic_drag": (("coefficient", "N·s²/m²", 0, 0.3, 1, 3),),

@@ -11,7 +11,8 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.terrain import Box
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing
 
 G = 9.81

@@ -14,7 +14,8 @@ from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.settings import from_mapping
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from stages.common import read_config
 from tests.effects import moving_arm as arm
 

@@ -10,8 +10,10 @@ from leapgap import effects
 from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL, Robot
+from leapgap.robot.motion import Motion
 from leapgap.robot.motors import MotorConstants
-from leapgap.simulation.replay import Motion, Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing
 
 FOOT = 'condim="3" friction="0.8 0.02 0.01"\n            priority="1" solref="0.02 1" solimp="0.9 0.95 0.001"'

@@ -13,7 +13,8 @@ from leapgap.effects.base import Commands, Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, Starts
 from tests.effects import moving_arm as arm
 
 SENT = arm.commands(3)

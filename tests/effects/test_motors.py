@@ -12,7 +12,8 @@ from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motors import MotorConstants
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing
 
 DISC = """<mujoco model="disc"><option timestep="0.001" integrator="implicitfast"/><worldbody><body>

@@ -9,7 +9,8 @@ import pytest
 from leapgap import effects
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, Starts
 
 DISC = """<mujoco model="disc"><option timestep="0.001" integrator="{integrator}"/><worldbody><body>
   <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/><joint name="j" axis="0 0 1" damping="0.02"/></body>
@@ -33,10 +34,17 @@ def uneven_log(kp: float = KP, kd: float = KD, slower: int = 1) -> Log:
     return Log("uneven", {"time": time} | columns, LogInfo("disc", float(time[-1] / 39), source="made for a test"))
 
 
-def plain(robot: Robot, row_of_tick: np.ndarray, keep: float = 0.0, kp: float = KP, kd: float = KD) -> np.ndarray:
+def plain(
+    robot: Robot,
+    row_of_tick: np.ndarray,
+    keep: float = 0.0,
+    kp: float = KP,
+    kd: float = KD,
+    sent: tuple[np.ndarray, np.ndarray] = (TORQUE, ANGLE),
+) -> np.ndarray:
     """Angle at the beginning of each row: a controller of 1 kHz that holds commands of ``row_of_tick`` (ticks,).
 
-    It damps the velocity v_f = ``keep`` v_f + (1 − ``keep``) q̇.
+    It damps the velocity v_f = ``keep`` v_f + (1 − ``keep``) q̇. ``sent`` are torque and angle of each row, (rows,).
     """
     model = mujoco.MjModel.from_xml_path(str(robot.path))
     data = mujoco.MjData(model)
@@ -44,7 +52,7 @@ def plain(robot: Robot, row_of_tick: np.ndarray, keep: float = 0.0, kp: float = 
     for row in row_of_tick:
         angles.append(data.qpos[0])
         filtered = keep * filtered + (1 - keep) * data.qvel[0]
-        data.ctrl[0] = np.clip(TORQUE[row] + kp * (ANGLE[row] - data.qpos[0]) - kd * filtered, -8, 8)
+        data.ctrl[0] = np.clip(sent[0][row] + kp * (sent[1][row] - data.qpos[0]) - kd * filtered, -8, 8)
         mujoco.mj_step(model, data)
     return np.array(angles)[len(row_of_tick) // TICKS.sum() * np.concatenate([[0], np.cumsum(TICKS[:-1])])]
 
@@ -81,6 +89,35 @@ def test_a_process_that_computes_before_it_sends_is_late_by_a_share_of_each_row(
     found = replay(robot, effects.effect("computation_delay", share=0.5), slower=2)
     assert found == pytest.approx(plain(robot, halves), abs=1e-9)
     assert np.abs(found - plain(robot, np.repeat(whole, 2))).max() > 0.02
+
+
+def mean_over_losses(sent: np.ndarray, share: float) -> np.ndarray:
+    """Mean of what holds in each row, (rows,), where each command but the first is lost by chance."""
+    holds = [float(sent[0])]
+    for command in sent[1:]:
+        holds.append(share * holds[-1] + (1 - share) * float(command))
+    return np.array(holds)
+
+
+SHARE = 0.6
+
+
+def test_a_command_is_lost_once_however_long_its_row_lasts(tmp_path: Path) -> None:
+    robot = disc(tmp_path)
+    lossy = effects.effect("dropped_commands", share=SHARE)
+    held = (mean_over_losses(TORQUE, SHARE), mean_over_losses(ANGLE, SHARE))
+    found = replay(robot, lossy)
+    assert found == pytest.approx(plain(robot, SENT, sent=held), abs=1e-9)
+    assert np.abs(found - plain(robot, SENT)).max() > 0.02
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_is_left_of_lost_commands_comes_late_in_either_order(order: int, tmp_path: Path) -> None:
+    robot = disc(tmp_path)
+    both = (effects.effect("dropped_commands", share=SHARE), effects.effect("command_delay", delay_s=0.005))
+    held = (mean_over_losses(TORQUE, SHARE), mean_over_losses(ANGLE, SHARE))
+    late = np.concatenate([[0] * 5, SENT[:-5]])
+    assert replay(robot, *both[::order]) == pytest.approx(plain(robot, late, sent=held), abs=1e-9)
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])

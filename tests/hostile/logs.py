@@ -27,7 +27,11 @@ import numpy as np
 
 from tests.code import ROOT
 from tests.hostile.base_logs import FORMATS, Columns, Format
-from tests.hostile.log_harms import FILE_HARMS, HARMS, METADATA, SPECIALS, write_case
+from tests.hostile.column_harms import HARMS
+from tests.hostile.file_harms import FILE_HARMS
+from tests.hostile.harmful_files import SPECIALS
+from tests.hostile.log_harms import write_case
+from tests.hostile.metadata_harms import METADATA
 
 OUTCOMES = (
     *("refused", "set_aside", "accepted_harmless", "accepted_nonsense"),

@@ -12,8 +12,11 @@ import pytest
 from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
+from leapgap.reports.channel_names import row_of
+from leapgap.reports.colours import CORRECTED
 from leapgap.reports.diagnosis import cause_in_words
-from leapgap.reports.report import CORRECTED, closures, overlay, profiles, rounded, row_of
+from leapgap.reports.diagnosis_figures import closures, profiles
+from leapgap.reports.overlay import overlay, rounded
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 

@@ -9,7 +9,8 @@ import pytest
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.plain_simulation import Pd, Plain, by_force, simulate
 
 ARM = """

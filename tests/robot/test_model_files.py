@@ -15,7 +15,8 @@ from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames
 from leapgap.robot.visuals import body_poses
 from leapgap.simulation.corrected import read_corrected, write_corrected
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.plain_simulation import Pd, by_force, simulate
 
 HOPPER = """

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,11 +12,14 @@ from leapgap import effects
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
-from leapgap.simulation.closed_loop import Plant, Sensing, run_closed_loop
+from leapgap.robot.motion import Motion
+from leapgap.simulation.closed_loop import Plant, Sensing, as_slice, run_closed_loop
 from leapgap.simulation.controller import Command, Controller, StateEstimate
 from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, prepare, run_open_loop
-from leapgap.simulation.replay import Replayer, Rollout
-from leapgap.simulation.sensors import SensorNoise
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
+from leapgap.simulation.sensors import NoiseRows, SensorNoise
+from tests import plain_arm
 from tests.conftest import standing
 
 SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
@@ -205,3 +209,29 @@ def test_ground_forces_are_the_impulse_that_moves_the_whole_robot(robot: Robot, 
     assert gained[2] > 10  # N s: the jump itself, ten times what is allowed to differ
     assert not run.ground_force[900:1100].any()
     assert (run.ground_force[100:400, :, 2] > 0).all()
+
+
+@pytest.mark.parametrize("is_free", [True, False])
+def test_noise_of_one_tick_is_that_of_all_rows_at_once(robot: Robot, tmp_path: Path, is_free: bool) -> None:
+    """Bit for bit: tick by tick as a loop adds it, and to a whole motion, of a robot with a free base and of an arm."""
+    if not is_free:
+        plain_arm.write_model(tmp_path)
+        robot = Robot.load(tmp_path / "arm.xml")
+    rng = np.random.default_rng(3)
+    qpos = rng.uniform(-0.3, 0.3, (20, robot.model.nq))
+    if is_free:
+        qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+    motion = Motion(qpos, rng.uniform(-3, 3, (20, robot.model.nv)))
+    errors = NoiseRows.draw(SensorNoise(), 20, len(robot.joints), rng)
+    whole, measure = errors.add_to(motion, robot), errors.by_tick(robot)
+    for tick in range(20):
+        one = measure(motion[tick : tick + 1], tick)
+        assert np.array_equal(one.qpos, whole.qpos[tick : tick + 1])
+        assert np.array_equal(one.qvel, whole.qvel[tick : tick + 1])
+    assert not np.array_equal(whole.qpos, motion.qpos)
+
+
+def test_indices_that_follow_each_other_become_a_slice_and_others_stay() -> None:
+    assert as_slice(np.array([7, 8, 9])) == slice(7, 10)
+    for kept in (np.array([7, 9, 8]), np.array([7, 8, 10])):
+        assert as_slice(kept) is kept

@@ -7,7 +7,8 @@ import pytest
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan, prepare
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 
 @pytest.fixture(scope="module")

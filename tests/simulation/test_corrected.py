@@ -1,7 +1,7 @@
 """A corrected robot on disk: loaded by plain MuJoCo from another folder, it moves as the corrected replay."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,13 +12,15 @@ import pytest
 
 from leapgap import effects
 from leapgap.effects.base import Effect, parameter
+from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motors import MotorConstants
 from leapgap.robot.topology import PartNames
 from leapgap.simulation.corrected import read_corrected, write_corrected
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.plain_simulation import Pd, by_motors, published, simulate
 from tests.simulation.test_replay import moving
 
@@ -203,6 +205,31 @@ def test_motors_that_heat_are_said_to_be_dc_motors(tmp_path: Path) -> None:
     text = (tmp_path / "README.md").read_text()
     assert "The actuators of RR_calf are MuJoCo's DC motors" in text
     assert "Their temperature is the rise of their resistance, as a share of it, and begins at 0." in text
+    joints = json.loads((tmp_path / "parameters.json").read_text())["joints"]
+    # A loss of 2/s at the largest torque of a calf, 33.5 N·m.
+    assert joints["RR_calf"]["motor_heating_per_n2m2s"] == {"nominal": 0.0, "corrected": pytest.approx(2 / 33.5**2)}
+    assert joints["FR_calf"]["motor_heating_per_n2m2s"]["corrected"] == 0.0
+
+
+@dataclass(frozen=True)
+class WarmMotors(Effect):
+    """An effect of a user's own whose motors heat, which no file of ours knows."""
+
+    name = "warm_motors"
+    places = "joints"
+    heating: float = parameter(0.0, "1/(N²m²s)", 0.0, 1.0)
+
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        heating = drive.heating.copy()
+        heating[robot.joints_at(self.location)] += self.heating
+        return replace(drive, heating=heating)
+
+
+def test_an_own_effect_whose_motors_heat_is_said_to_need_dc_motors(tmp_path: Path) -> None:
+    write_corrected(tmp_path, Robot.load(), (WarmMotors("RR_calf", heating=0.002),))
+    text = (tmp_path / "README.md").read_text()
+    assert "The actuators of RR_calf are MuJoCo's DC motors" in text
+    assert "Their temperature is the rise of their resistance" in text
 
 
 def test_masses_and_contacts_are_among_the_numbers(tmp_path: Path) -> None:

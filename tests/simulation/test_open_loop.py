@@ -10,7 +10,8 @@ from leapgap import effects
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import SensorNoise
 from tests.code import ROOT
 from tests.conftest import standing

@@ -8,7 +8,8 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.off_table import BentCalf
 from leapgap.simulation.presets import NAMELESS, Variant
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 
 def test_a_range_is_drawn_by_seed_and_a_number_stays() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.plain_simulation import Pd, Plain, by_motors, published, simulate
 
 QUADRUPEDS = [

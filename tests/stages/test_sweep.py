@@ -25,6 +25,7 @@ def test_a_multirun_of_train_ends_with_one_table(windows, tmp_path):  # noqa: F8
         "train.models=[kernel]",
         "train.sessions=null",
         "train.folds=2",
+        "train.processes=1",
         "train.curvature=0",  # as the jumps were made
         f"train.windows={tmp_path / 'windows'}",
         "train.kernel.ridge_contact=10,0.02",
@@ -67,7 +68,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def diagnoses(arm: Path, folder: Path, *arguments: str, **more: Any) -> str:
     """A sweep of quick diagnoses of the arm."""
-    quick = ["noise_draws=1", "bootstrap_draws=50", "plan.most_causes=1"]
+    quick = ["noise_draws=1", "bootstrap_draws=50", "most_pieces=12", "best=false", "plan.most_causes=1"]
     return multirun(
         "stages.diagnose", "-m", f"diagnose.robot={arm / 'arm.xml'}", "diagnose.recordings=false", "diagnose.threads=1",
         *(f"diagnose.settings.{one}" for one in quick), f"hydra.sweep.dir={folder}", *arguments, **more,

@@ -13,7 +13,8 @@ from leapgap.effects.base import Commands, Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import lift_out_of_ground
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case import CaseSetup, WithheldCase, effect_from_json, effect_to_json, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.experiments import proposed_logs

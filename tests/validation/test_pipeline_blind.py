@@ -115,8 +115,14 @@ def run(jobs: list[Job], out: Path) -> None:
     run_jobs(jobs, ResultCache(out), Executor("local", 1))
 
 
-def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path) -> None:
+@pytest.fixture(scope="module")
+def verdicts(case: Path) -> Path:
+    """The verdict of the case, diagnosed once."""
     run([job_of(case)], case / "verdicts")
+    return case / "verdicts"
+
+
+def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path, verdicts: Path) -> None:
     flat = {k: v for k, v in FAST.items() if k != "plan"} | {f"plan.{k}": v for k, v in FAST["plan"].items()}
     settings = [f"diagnose.settings.{key}={json.dumps(value)}" for key, value in flat.items()]
     out = case / "in_place"
@@ -126,22 +132,23 @@ def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path)
         cwd=ROOT, check=True, capture_output=True,
     )  # fmt: skip
     for name in ("report.json", "corrected/effects.json", "corrected/robot.xml"):
-        assert (case / "verdicts/case_000" / name).read_bytes() == (out / name).read_bytes()
+        assert (verdicts / "case_000" / name).read_bytes() == (out / name).read_bytes()
     assert str(case) not in (out / "report.json").read_text()
 
 
-def test_what_is_diagnosed_is_not_diagnosed_again(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run([job_of(case)], case / "twice")
-    first = (case / "twice/case_000.key").stat().st_mtime_ns
+def test_what_is_diagnosed_is_not_diagnosed_again(
+    case: Path, verdicts: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = (verdicts / "case_000.key").stat().st_mtime_ns
     capsys.readouterr()
-    run([job_of(case)], case / "twice")
+    run([job_of(case)], verdicts)
     assert "1 of them diagnosed already" in capsys.readouterr().out
-    assert (case / "twice/case_000.key").stat().st_mtime_ns == first
+    assert (verdicts / "case_000.key").stat().st_mtime_ns == first
     log = case / "logs/case_000/jump_0.parquet"
     shutil.copyfile(case / "logs/case_000/jump_1.parquet", case / "swap")
     kept = log.read_bytes()
     log.write_bytes((case / "swap").read_bytes())
-    assert job_of(case).key != json.loads((case / "twice/case_000.key").read_text())["key"]
+    assert job_of(case).key != json.loads((verdicts / "case_000.key").read_text())["key"]
     log.write_bytes(kept)
 
 

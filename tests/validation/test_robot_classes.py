@@ -20,7 +20,7 @@ from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import self_contained
-from leapgap.simulation.replay import Rollout
+from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case_draw import Case, Half, draw_ordinary_cases
 from leapgap.validation.generator import Generator, Nuisance
 from leapgap.validation.motions import known

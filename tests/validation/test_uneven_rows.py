@@ -12,7 +12,7 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Rollout
+from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case import CaseSetup, WithheldCase, further_jumps, withhold
 from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance

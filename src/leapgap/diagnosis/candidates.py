@@ -144,6 +144,14 @@ class SearchResult:
         return self.rounds[len(self.selected.hypotheses) - 1] if self.selected.hypotheses else ()
 
     @property
+    def further(self) -> Fit:
+        """The best fit of one effect more than are selected, which gained too little; the selected where none gains."""
+        size = len(self.selected.hypotheses)
+        last = self.rounds[size] if len(self.rounds) == size + 1 else ()
+        more = [fit for fit in last if fit.sensible and fit.hypotheses[:size] == self.selected.hypotheses]
+        return min([self.selected, *more], key=lambda fit: float(fit.heldout.sum()))
+
+    @property
     def alternatives(self) -> tuple[Fit, ...]:
         """The rivals, then each effect alone."""
         return (*self.rivals, *(self.rounds[0] if self.rounds else ()))

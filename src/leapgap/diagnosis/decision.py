@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
-from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRollouts, FullRolloutSettings
+from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit, FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.joint_fit import JointFit
+from leapgap.diagnosis.joint_fit import JointFit, part
 from leapgap.diagnosis.joint_search import search_jointly
 from leapgap.diagnosis.robust_least_squares import losses
-from leapgap.diagnosis.sensitivities import FINE
 
 Answer = tuple[tuple[str, ...], ...]
 
@@ -48,8 +47,8 @@ class DecisionThresholds:
     enough_closure: float = 0.7
     least_closure: float = 0.35
     enough_jointly: float = 0.9
-    """All effects are fitted together where the answer of a search one by one closes less of the headline gap, and what
-    they explain is the whole of it where they close so much; 0: never."""
+    """Where the answer of a search one by one leaves more than noise and tolerances, all effects are fitted together.
+    They explain the whole gap where they close so much of it; 0: they are never fitted."""
     partly_closure: float = 0.2
     """Causes that are believed and explain too little are told as such (``partly``) where they close this share of the
     headline gap on held-out logs, and surely some of it."""
@@ -60,6 +59,8 @@ class DecisionThresholds:
     """Largest median of χ² over its expectation at which noise explains short replays of the nominal robot."""
     none_gap: float = 2.7
     """Largest gap of full rollouts, in noise floors, that noise and tolerances of the model explain."""
+    none_gain: float = 40.0
+    """Causes that close little of a gap within noise are none where they gain less in short replays."""
 
 
 def best_set_shares(result: SearchResult, draws: np.ndarray) -> np.ndarray:
@@ -120,11 +121,20 @@ def verdict_of(
     ``gap`` is the nominal robot's headline gap in noise floors, ``closes`` the share of it that the answer closes on
     held-out logs, None where there is nothing to close.
     """
+    within = np.median(result.nominal.chi2) <= thresholds.none_below and gap <= thresholds.none_gap
     if not result.selected.hypotheses:
-        within = np.median(result.nominal.chi2) <= thresholds.none_below and gap <= thresholds.none_gap
         return "none" if within else "unknown"
-    if not explains(result, closes, thresholds):
+    gain = float((result.nominal.heldout - result.selected.heldout).sum())
+    if within and gain < thresholds.none_gain and not (closes is not None and closes >= thresholds.partly_closure):
+        return "none"
+    # A gap that noise explains is closed by nothing: only short replays tell what is wrong then.
+    if not explains(result, None if gap <= thresholds.none_gap else closes, thresholds):
         return "unknown"
+    return named_or_ambiguous(answer)
+
+
+def named_or_ambiguous(answer: Answer) -> str:
+    """The verdict of an answer that explains the logs."""
     return "named" if all(len(names) == 1 for names in answer) else "ambiguous"
 
 
@@ -218,7 +228,7 @@ def judge(
     heldout_gap.squares([*result.steps, *result.alternatives])
     gap = heldout_gap.gap(heldout_gap.before) / heldout_gap.gap(heldout_gap.floor)
     # The nominal step's own error may hide what a small effect closes.
-    closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure, FINE)
+    closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure)
     conclusion = decide(result, shares, gap, closes, thresholds)
     if conclusion.verdict == "unknown" and is_first_cause_confirmed(result):
         causes = FullRollouts(heldout_gap, full, progress).search(result.before(1), hypotheses, thresholds.rival_share)
@@ -234,18 +244,28 @@ def judge_jointly(
 ) -> Judgement:
     """The judgement, or that of all effects fitted together where it leaves much and they explain it better.
 
-    The causes of a joint fit that leave much themselves are told as such (``partly``).
+    The causes of a joint fit that leave much themselves are told as such (``partly``). Where logs tell short steps of
+    the simulation from the usual ones, the numbers are those by short steps.
     """
-    gap = fit.heldout_gap
-    enough = thresholds.enough_jointly if fit.in_parts else thresholds.enough_closure
-    (before,) = gap.squares([judgement.selected])
-    within_tolerances = fit.in_parts and gap.gap(before) <= thresholds.none_gap * gap.gap(gap.floor)
-    if judgement.conclusion.verdict == "none" or within_tolerances or gap.closure_value(before) >= enough:
+    if judgement.conclusion.verdict == "none":
         return judgement
-    causes = search_jointly(fit, hypotheses, judgement.result.selected, thresholds.none_gap)
+    fit = fit.by_steps_of(judgement.result.selected) or fit
+    (before,) = fit.judging.squares([judgement.selected])
+    if not is_explained(before, fit, thresholds):
+        causes, fit = search_jointly(fit, hypotheses, judgement.result.further, thresholds.none_gap)
+        judgement = better_jointly(judgement, causes, fit, thresholds)
+    return with_numbers_by_short_steps(judgement, fit, thresholds)
+
+
+def better_jointly(
+    judgement: Judgement, causes: Sequence[FullRolloutCause], fit: JointFit, thresholds: DecisionThresholds
+) -> Judgement:
+    """The judgement, or that of the causes of a fit of all effects where they explain more, or as much with fewer."""
+    gap = fit.judging
+    (before,) = gap.squares([judgement.selected])
     after = causes[-1].fit.heldout
-    sure = float((before[gap.draws].sum(axis=1) > after[gap.draws].sum(axis=1)).mean())
-    closes, gain = gap.closure_value(after), gap.closure_value(after) - gap.closure_value(before)
+    closes, sure = gap.closure_value(after), gap.share_better(after, before)
+    gain = closes - gap.closure_value(before)
     simpler = fit.in_parts and len(causes) < len(judgement.conclusion.answer) and gain > -fit.plan.most_lost
     if (gain < fit.plan.least_closure or sure < fit.plan.least_sure) and not simpler:
         return judgement
@@ -253,16 +273,61 @@ def judge_jointly(
         return judgement
     conclusion = conclude_from(causes)
     verdict = conclusion.verdict if fit.in_parts else "named"
-    return replace(judgement, conclusion=replace(conclusion, verdict=verdict if closes >= enough else "partly"))
+    explained = closes_enough(causes[-1].fit, fit, thresholds)
+    return replace(judgement, conclusion=replace(conclusion, verdict=verdict if explained else "partly"))
+
+
+def is_explained(squares: np.ndarray, fit: JointFit, thresholds: DecisionThresholds) -> bool:
+    """Whether an answer that leaves some squares on held-out logs, (logs,), is not looked beyond."""
+    gap = fit.judging
+    if not fit.in_parts:
+        return gap.closure_value(squares) >= thresholds.enough_closure
+    if not thresholds.enough_jointly:
+        return True
+    return is_noise(squares, fit, thresholds) and gap.closure_value(squares) > -thresholds.most_worsened
+
+
+def is_noise(squares: np.ndarray, fit: JointFit, thresholds: DecisionThresholds) -> bool:
+    """Whether noise and tolerances explain squares on held-out logs, (logs,)."""
+    return fit.judging.gap(squares) <= thresholds.none_gap * fit.judging.gap(fit.judging.floor)
+
+
+def closes_enough(found: FullRolloutFit, fit: JointFit, thresholds: DecisionThresholds) -> bool:
+    """Whether the causes of a fit are the whole explanation: of whole logs, or nearly, and of short pieces."""
+    closes = fit.judging.closure_value(found.heldout)
+    if not fit.in_parts or closes >= thresholds.enough_jointly:
+        return closes >= thresholds.enough_closure
+    if closes < thresholds.enough_closure or not is_noise(found.heldout, fit, thresholds):
+        return False
+    return fit.explains_pieces(found)
+
+
+def with_numbers_by_short_steps(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
+    """The judgement with the numbers that short steps of the simulation give, where these explain the logs better.
+
+    A usual step itself delays and softens: numbers fitted by it are off by what it does. Whole logs have a say in such
+    numbers, so these are taken only where they explain whole logs nearly wholly.
+    """
+    conclusion, gap = judgement.conclusion, fit.judging
+    if gap is fit.heldout_gap or not conclusion.steps:
+        return judgement
+    whole = fit.by_short_steps(judgement.selected)
+    (before,) = gap.squares([judgement.selected])
+    sure = gap.share_better(whole.heldout, before)
+    if gap.closure_value(whole.heldout) < thresholds.enough_jointly or sure < fit.plan.least_sure:
+        return judgement
+    steps = (*(part(whole, range(k)) for k in range(1, len(whole.hypotheses))), whole)
+    verdict = conclusion.verdict
+    if verdict == "partly":
+        verdict = named_or_ambiguous(conclusion.answer)
+    return replace(judgement, conclusion=replace(conclusion, verdict=verdict, steps=steps))
 
 
 def conclude_from(causes: Sequence[FullRolloutCause]) -> Conclusion:
     """Conclusion from causes found in full rollouts."""
     answer = tuple(cause.names for cause in causes)
-    verdict = "named" if all(len(names) == 1 for names in answer) else "ambiguous"
-    return Conclusion(
-        verdict, answer, tuple(cause.fit for cause in causes), tuple(cause.probability for cause in causes)
-    )
+    fits, probabilities = tuple(cause.fit for cause in causes), tuple(cause.probability for cause in causes)
+    return Conclusion(named_or_ambiguous(answer), answer, fits, probabilities)
 
 
 def is_first_cause_confirmed(result: SearchResult) -> bool:

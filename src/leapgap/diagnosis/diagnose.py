@@ -241,6 +241,7 @@ def diagnose(
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
         set_aside=dict(set_aside),
+        notes=answer.notes,
         best_simulator=answer.best,
     )
     return Diagnosis(
@@ -308,6 +309,8 @@ class FoundAnswer:
     by_source: ClosureBySource | None
     best: BestSimulator | None
     """None where the settings ask for none."""
+    notes: tuple[str, ...] = ()
+    """What a report must say of how the search was made."""
 
 
 def find_answer(
@@ -332,7 +335,8 @@ def find_answer(
     progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
-    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None)
+    near = result.selected if clock is None else None
+    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None, near)
     if clock is None:
         least = settings.plan.least_gain
         judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)
@@ -344,7 +348,7 @@ def find_answer(
         by_source = closure_by_source(joint, judgement.selected)
         judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     best = best_simulator(joint, judgement.selected, hypotheses, settings, clock) if settings.best else None
-    return FoundAnswer(judgement, heldout_gap, evidence, by_source, best)
+    return FoundAnswer(judgement, heldout_gap, evidence, by_source, best, tuple(joint.notes))
 
 
 def whitened(pieces: ShortRollouts) -> ShortRollouts:

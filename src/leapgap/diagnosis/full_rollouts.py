@@ -134,9 +134,9 @@ class FullRollouts:
 
     def is_convincing(self, before: FullRolloutFit, after: FullRolloutFit) -> bool:
         """Whether a further cause closes enough more of the gap, on enough held-out logs."""
-        plan, draws = self.plan, self.heldout_gap.draws
+        plan = self.plan
         closes = [self.heldout_gap.closure_value(fit.heldout) for fit in (before, after)]
-        sure = (before.heldout[draws].sum(axis=1) > after.heldout[draws].sum(axis=1)).mean()
+        sure = self.heldout_gap.share_better(after.heldout, before.heldout)
         agree = (after.heldout < before.heldout).mean()
         return bool(
             closes[1] - closes[0] >= plan.least_closure and sure >= plan.least_sure and agree >= plan.least_agree

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from leapgap.diagnosis.horizons import (
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.restarts import RestartedReplayer, replayer_at
+from leapgap.diagnosis.sensitivities import FINE
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.motion import Motion
@@ -354,8 +356,8 @@ class HeldOutGap:
         """The horizon that is judged; None: whole logs."""
         return self.replayer.horizon_s if isinstance(self.replayer, RestartedReplayer) else None
 
-    def best_closure(self, candidate: Candidate, enough: float, fine: float) -> float | None:
-        """Share of the gap that a candidate closes, where that is not ``enough`` by steps of the share ``fine``.
+    def best_closure(self, candidate: Candidate, enough: float) -> float | None:
+        """Share of the gap that a candidate closes, where that is not ``enough`` by short steps of the simulation.
 
         None where there is nothing to close.
         """
@@ -364,7 +366,7 @@ class HeldOutGap:
         closes = self.closure_value(*self.squares([candidate]))
         if closes >= enough:
             return closes
-        finer = self.with_steps(fine * self.replayer.largest_step_s)
+        finer = self.by_short_steps
         return max(closes, finer.closure_value(*finer.squares([candidate])))
 
     @property
@@ -388,6 +390,15 @@ class HeldOutGap:
         after = final_position_errors(corrected, self.judged)
         of_logs = zip(self.names, before, after, strict=False)
         return {log: {"nominal": nominal, "corrected": own} for log, nominal, own in of_logs}
+
+    def share_better(self, squares: np.ndarray, others: np.ndarray) -> float:
+        """Share of the resamples of logs in which sums of squares (logs,) are smaller than others."""
+        return float((others[self.draws].sum(axis=1) > squares[self.draws].sum(axis=1)).mean())
+
+    @cached_property
+    def by_short_steps(self) -> "HeldOutGap":
+        """The same by short steps of the simulation."""
+        return self.with_steps(FINE * self.replayer.largest_step_s)
 
     def with_steps(self, largest_step_s: float) -> "HeldOutGap":
         """The same with another largest step of the simulation."""

@@ -6,17 +6,25 @@ the likelihood hardly falls, and fits the rest again.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs
 from leapgap.diagnosis.evidence.base import Evidence, sure
 from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers, bounded_step, updated
+from leapgap.diagnosis.joint_likelihood import (
+    JointLikelihood,
+    Linearised,
+    LogErrors,
+    Numbers,
+    bounded_step,
+    chi2_of_pieces,
+    updated,
+)
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
@@ -26,6 +34,12 @@ KEPT_PROMISE = 0.5
 """A step is taken without trying others where the likelihood rises by this share of what its curvature promised."""
 SETTLED = 5.0
 """A fit has converged when the logarithm of its likelihood rises by less than this."""
+SHORT_STEPS = 0.5
+"""Share of what steps of a quarter change from which on these explain logs better than the usual steps."""
+NEAR_NOISE = 2.0
+"""Largest median over pieces of χ² over its expectation at which the error of a step can be told from causes."""
+FINE_FITS, FINE_SETTLED = 2, 0.5
+"""Most steps of a fit by short steps of the simulation, which begins near its end, and when it has converged."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +99,76 @@ class JointFit:
     progress: Callable[[str], None] = lambda _: None
     in_parts: bool = False
     """Whether effects have numbers of their own at the parts of a robot: in logs that need no clock of their own."""
+    near: Candidate | None = None
+    """A robot near which the error of the simulation's step is taken; None: the step is not in doubt."""
+    short_gap: HeldOutGap | None = None
+    """The gap by short steps, where these explain the logs better."""
+    usual: bool = False
+    """Whether the usual steps are known to explain them as well."""
+    made: dict[bool, JointLikelihood] = field(default_factory=dict)
+    """The likelihoods made so far, by whether the step is in doubt."""
     losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
     """Minus the logarithm of the likelihood by effects, places and numbers, of sets that were replayed."""
+    notes: list[str] = field(default_factory=list)
+    """What a report must say of how sets were judged."""
     ends: list[Linearised] = field(default_factory=list)
     """Where fits to whole logs have ended, in turn; the first is that of all effects that short pieces leave."""
 
     def closes(self, fit: FullRolloutFit) -> float:
         """Share of the headline gap that a fit closes on held-out logs."""
-        return self.heldout_gap.closure_value(fit.heldout)
+        return self.judging.closure_value(fit.heldout)
+
+    @property
+    def judging(self) -> HeldOutGap:
+        """The gap of held-out logs that sets are judged by."""
+        return self.heldout_gap if self.short_gap is None else self.short_gap
+
+    @property
+    def steps_known(self) -> bool:
+        """Whether it is known by which steps of the simulation logs are explained."""
+        return self.near is None or self.short_gap is not None or self.usual
+
+    def by_steps_of(self, candidate: Candidate) -> "JointFit | None":
+        """The same, judged by the steps of the simulation that explain a candidate's short pieces better.
+
+        None where it leaves much more than noise: then causes that it lacks may look like the error of a step.
+        """
+        if self.steps_known:
+            return self
+        share, left = self.share_and_rest(candidate)
+        if left > NEAR_NOISE:
+            return None
+        if share < SHORT_STEPS:
+            return replace(self, usual=True)
+        short_gap = self.heldout_gap.by_short_steps
+        usual_ms, short_ms = (1e3 * gap.replayer.largest_step_s for gap in (self.heldout_gap, short_gap))
+        self.notes.append(
+            f"steps of the simulation of {short_ms:.2g} ms explain these logs better than those of "
+            f"{usual_ms:.2g} ms, whose error looks like damping and lag; causes were chosen by the short steps"
+        )
+        self.progress(self.notes[-1])
+        return replace(self, short_gap=short_gap)
+
+    def share_and_rest(self, candidate: Candidate) -> tuple[float, float]:
+        """Share of short steps that a candidate tells, and the median over pieces of χ² over its expectation."""
+        likelihood = self.likelihood
+        (errors,) = likelihood.errors(candidate.hypotheses, [candidate.numbers], True, list(likelihood.logs))
+        share = likelihood.step_share(errors)
+        return share, float(np.median(chi2_of_pieces(likelihood.by_share(errors, share))))
+
+    def explains_pieces(self, candidate: Candidate) -> bool:
+        """Whether a candidate leaves little more than noise in short pieces."""
+        return self.share_and_rest(candidate)[1] <= NEAR_NOISE
+
+    def by_usual_steps(self) -> "JointFit":
+        """The same by the usual steps of the simulation, whose error is not looked for."""
+        return replace(self, near=None, losses={})
+
+    def by_short_steps(self, candidate: Candidate) -> FullRolloutFit:
+        """The fit of the effects of a candidate from its numbers, by short steps of the simulation."""
+        short = self.short.with_steps(self.judging.replayer.largest_step_s)
+        fine = replace(self.by_usual_steps(), heldout_gap=self.judging, short=short, short_gap=None, ends=[], made={})
+        return fine.fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
 
     @cached_property
     def nominal_loss(self) -> float:
@@ -100,10 +176,14 @@ class JointFit:
         (errors,) = self.likelihood.errors((), [np.zeros(0)], True, list(self.likelihood.logs))
         return self.likelihood.loss(errors, np.zeros(0))
 
-    @cached_property
+    @property
     def likelihood(self) -> JointLikelihood:
         """The likelihood that is fitted."""
-        return JointLikelihood(self.heldout_gap, self.short)
+        in_doubt = self.near is not None
+        if in_doubt not in self.made:
+            likelihood = JointLikelihood(self.heldout_gap, self.short)
+            self.made[in_doubt] = likelihood if self.near is None else likelihood.with_step_unknown(self.near)
+        return self.made[in_doubt]
 
     @cached_property
     def told(self) -> Mapping[str, Evidence]:
@@ -211,7 +291,7 @@ class JointFit:
         if whole:
             candidates = effects_on_logs(about.hypotheses, list(of_folds), self.heldout_gap.names)
             own = [candidates[fold][log] for log, fold in enumerate(folds)]
-            heldout = self.heldout_gap.squares_with([own])[0]
+            heldout = self.judging.squares_with([own])[0]
         covariance = about.covariance(np.linalg.inv(likelihood.normal(errors, slopes, departs)[0]))
         loss = likelihood.loss(errors, departs)
         return FullRolloutFit(about.hypotheses, numbers, covariance, of_folds, loss, heldout)

@@ -6,13 +6,14 @@ from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.full_rollouts import EVERY_S
 from leapgap.diagnosis.gap import HeldOutGap, scaled_error
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.sensitivities import ROUGH
+from leapgap.diagnosis.sensitivities import FINE, ROUGH
 from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.1
 """Step of finite differences, as a share of the scale of a number."""
@@ -24,6 +25,11 @@ PIECE_VALUES = 6
 """A short piece counts as so many independent values."""
 USUAL = 1.0
 """A usual χ² of a piece over its number of values: below it pieces count alike."""
+STEP_ITERATIONS = 3
+"""Least squares for the share of short steps, whose weights are those of the share before."""
+EXPECTED_STEPS, SPREAD_STEPS, MOST_STEPS = 0.4, 0.5, 1.5
+"""Share that is expected, its standard deviation, and the largest one. The limit of short steps is at 1.3 of what steps
+of a quarter change, steps twice as long are at −1.3."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +119,29 @@ class JointLikelihood:
 
     heldout_gap: HeldOutGap
     short: ShortRollouts
+    short_steps: tuple[LogErrors, ...] = ()
+    """What short steps of the simulation change in the errors of each log; empty: the step is taken as it is."""
+
+    def with_step_unknown(self, candidate: Candidate) -> "JointLikelihood":
+        """The same where the simulation's own step is not known to be the robot's, by replays of a candidate.
+
+        A robot has no steps. What those of the simulation do looks like damping and lag, so a share of what shorter
+        ones change is fitted beside the effects at every point. It changes little from robot to robot.
+        """
+        if any(h.kind.change_step is not Effect.change_step for h in candidate.hypotheses):
+            return self
+        usual, by_short = (
+            one.errors(candidate.hypotheses, [candidate.numbers], True, list(self.logs))[0]
+            for one in (self, self.by_steps(FINE))
+        )
+        changes = [LogErrors(b.whole - a.whole, b.pieces - a.pieces) for a, b in zip(usual, by_short, strict=True)]
+        return replace(self, short_steps=tuple(changes))
+
+    def by_steps(self, share: float) -> "JointLikelihood":
+        """The likelihood by steps of the simulation that are a share of the usual ones."""
+        step_s = share * self.short.replayer.largest_step_s
+        gap = replace(self.heldout_gap, replayer=self.heldout_gap.replayer.with_steps(step_s), cache={}, motions={})
+        return JointLikelihood(gap, self.short.with_steps(step_s))
 
     @property
     def logs(self) -> range:
@@ -147,21 +176,72 @@ class JointLikelihood:
         """The likelihood by long steps of the simulation; rows that are uneven are simulated as they are."""
         if not all(log.is_even for log in self.heldout_gap.judged.logs):
             return self
-        step_s = ROUGH * self.short.replayer.largest_step_s
-        gap = replace(self.heldout_gap, replayer=self.heldout_gap.replayer.with_steps(step_s), cache={}, motions={})
-        return JointLikelihood(gap, self.short.with_steps(step_s))
+        return self.by_steps(ROUGH)
+
+    def step_share(self, errors: Sequence[LogErrors]) -> float:
+        """The most likely share of ``short_steps`` in some errors: 0 by the usual steps, near 1 by short ones."""
+        if not self.short_steps:
+            return 0.0
+        share = 0.0
+        for _ in range(STEP_ITERATIONS):
+            at = self.by_share(errors, share)
+            slopes = self.step_slopes(errors)
+            curvature, slope = self.equations(at, slopes, step_departs(share))
+            by = -SPREAD_STEPS * slope[0] / curvature[0, 0]
+            share = float(np.clip(share + by, -MOST_STEPS, MOST_STEPS))
+        return share
+
+    def step_slopes(self, errors: Sequence[LogErrors]) -> list[LogErrors]:
+        """Derivatives of some errors by the share of short steps, over its standard deviation."""
+        return [
+            LogErrors(
+                SPREAD_STEPS * step.whole[: len(of.whole), None],
+                SPREAD_STEPS * step.pieces[:, :, None],
+            )
+            for of, step in zip(errors, self.short_steps, strict=True)
+        ]
+
+    def by_share(self, errors: Sequence[LogErrors], share: float) -> list[LogErrors]:
+        """Errors with a share of what short steps change; as they are where that is not known."""
+        if not self.short_steps:
+            return list(errors)
+        return [
+            LogErrors(a.whole + share * b.whole[: len(a.whole)], a.pieces + share * b.pieces)
+            for a, b in zip(errors, self.short_steps, strict=True)
+        ]
 
     def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
+        if self.short_steps:
+            share = self.step_share(errors)
+            errors, departs = self.by_share(errors, share), np.append(departs, step_departs(share))
         values = np.concatenate([of.whole for of in errors])
         whole = independent(len(values)) / ALIKE / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
-        chi2 = np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
-        return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2).sum() + 0.5 * departs @ departs)
+        return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2_of_pieces(errors)).sum() + 0.5 * departs @ departs)
 
     def normal(
         self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold."""
+        """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold.
+
+        The simulation's step is at its best wherever the numbers are.
+        """
+        if not self.short_steps:
+            return self.equations(errors, slopes, departs, fold)
+        share = self.step_share(errors)
+        at, departs = self.by_share(errors, share), np.append(departs, step_departs(share))
+        beside = [
+            LogErrors(np.concatenate([of.whole, step.whole], axis=1), np.concatenate([of.pieces, step.pieces], axis=2))
+            for of, step in zip(slopes, self.step_slopes(errors), strict=True)
+        ]
+        curvature, slope = self.equations(at, beside, departs, fold)
+        gain = curvature[:-1, -1] / curvature[-1, -1]
+        return curvature[:-1, :-1] - np.outer(gain, curvature[-1, :-1]), slope[:-1] - gain * slope[-1]
+
+    def equations(
+        self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Curvature and slope by numbers that are all fitted, (numbers, numbers) and (numbers,), without a fold."""
         values = np.concatenate([of.whole for of in errors])
         of_whole = independent(len(values)) / ALIKE / max(float(values @ values), 1e-12)
         curvature, slope = np.eye(len(departs)), departs.copy()
@@ -196,6 +276,16 @@ class JointLikelihood:
             )
             for k, start in enumerate(errors)
         ]
+
+
+def chi2_of_pieces(errors: Sequence[LogErrors]) -> np.ndarray:
+    """χ² of the short pieces of all logs over its expectation, (pieces,)."""
+    return np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
+
+
+def step_departs(share: float) -> np.ndarray:
+    """A share of short steps as a scaled departure from what is expected, (1,)."""
+    return np.array([(share - EXPECTED_STEPS) / SPREAD_STEPS])
 
 
 def difference(moved: Sequence[np.ndarray], start: np.ndarray, share: np.ndarray) -> np.ndarray:

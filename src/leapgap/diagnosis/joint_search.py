@@ -24,21 +24,36 @@ IDLE = 0.5
 """An effect without which the logarithm of the likelihood falls by less, by the curvature, is not replayed for that."""
 CONVERGED = 0.5
 """The last fit has converged when the logarithm of its likelihood rises by less than this."""
+REPLACED = 2
+"""So many sets with one other effect in the place of two are fitted."""
+FLAT, AFAR = 0.95, 12
+"""A number of which logs leave a larger share of its spread near nominal is tried at so many values over its range."""
 KNOWN = 0.5
 """Pieces tell a number where its spread after them is a smaller share of the one before."""
 
 
 def search_jointly(
     joint: JointFit, hypotheses: Sequence[Hypothesis], found: Candidate | None = None, none_gap: float = 0.0
-) -> list[FullRolloutCause]:
+) -> tuple[list[FullRolloutCause], JointFit]:
     """Fit all effects, take away those that do not matter, and return the rest, what matters most first.
+
+    Beside them is the fit that judged them, by the steps of the simulation that all effects together tell.
 
     ``found`` is what a search one by one has found; in parts of the robot, effects act at its places and start from its
     numbers. ``none_gap`` is the largest gap, in noise floors, that noise and tolerances explain.
     """
     if joint.in_parts:
-        return SearchInParts(joint).search(hypotheses, found, none_gap)
-    return SearchBesideClock(joint).search(hypotheses)
+        every = at_parts(hypotheses, found.hypotheses if found else ())
+        # From the nominal robot a fit may end at one that moves alike, with all torques, masses and friction smaller by
+        # one factor: it starts where a search one by one has ended.
+        start = numbers_at(every, found)
+        near = joint.fit(every, start, joint.plan.first_steps, whole=False)
+        if not joint.steps_known:
+            told = joint.by_steps_of(near)
+            joint = told or joint.by_usual_steps()
+            near = near if told else joint.fit(every, start, joint.plan.first_steps, whole=False)
+        return SearchInParts(joint).search(hypotheses, near, found, none_gap), joint
+    return SearchBesideClock(joint).search(hypotheses), joint
 
 
 @dataclass(frozen=True)
@@ -97,11 +112,11 @@ class JointSearch:
 
     def without_useless(self, fit: FullRolloutFit) -> list[int]:
         """Indices of the hypotheses that help on held-out logs, or that evidence tells; what helps least goes first."""
-        kept, draws = list(range(len(fit.hypotheses))), self.joint.heldout_gap.draws
+        kept, draws = list(range(len(fit.hypotheses))), self.joint.judging.draws
         while len(kept) > 1:
             open_to_doubt = [k for k in kept if not self.joint.is_told(fit.hypotheses[k])]
             tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
-            whole, *without = [squares[draws].sum(axis=1) for squares in self.joint.heldout_gap.squares(tried)]
+            whole, *without = [squares[draws].sum(axis=1) for squares in self.joint.judging.squares(tried)]
             sure = [float((whole < own).mean()) for own in without]
             if not sure or min(sure) >= self.joint.plan.least_useful:
                 break
@@ -143,11 +158,8 @@ class JointSearch:
             last_first.append(kept.pop(int(np.argmin(self.losses_without(fit, kept)))))
         order = [*kept, *reversed(last_first)]
         without = [part(fit, [k for k in order if k != one]) for one in order] if len(order) > 1 else []
-        draws = self.joint.heldout_gap.draws
-        sure = [
-            float((own[draws].sum(axis=1) > fit.heldout[draws].sum(axis=1)).mean())
-            for own in self.joint.heldout_gap.squares(without)
-        ]
+        judging = self.joint.judging
+        sure = [judging.share_better(fit.heldout, own) for own in judging.squares(without)]
         whole = part(fit, order)
         steps = [part(fit, order[: k + 1]) for k in range(len(order) - 1)] + [whole]
         return [
@@ -184,26 +196,23 @@ class SearchInParts(JointSearch):
     """The search in logs that need no clock of their own."""
 
     def search(
-        self, hypotheses: Sequence[Hypothesis], found: Candidate | None, none_gap: float
+        self, hypotheses: Sequence[Hypothesis], near: FullRolloutFit, found: Candidate | None, none_gap: float
     ) -> list[FullRolloutCause]:
-        """The causes, what matters most first, each with its rival."""
-        every = self.fit_in_parts(hypotheses, found)
+        """The causes, what matters most first, each with its rival; ``near`` is the fit of all to short pieces."""
+        every = self.fit_in_parts(hypotheses, near)
         fit = self.reduced(part(every, self.without_idle(every, self.losses_without, IDLE)))
-        fit = self.without_small(fit, none_gap)
+        fit = self.with_one_for_two(every, self.without_small(fit, none_gap), found)
         return self.ordered(fit, self.rivals(every, fit))
 
-    def fit_in_parts(self, hypotheses: Sequence[Hypothesis], found: Candidate | None) -> FullRolloutFit:
-        """The fit of all effects, with one number for the whole robot where its parts need none of their own.
-
-        It starts where a search one by one has ended. From the nominal robot it may end at one that moves alike, with
-        all torques, masses and friction smaller by one factor.
-        """
-        every = at_parts(hypotheses, found.hypotheses if found else ())
-        near = self.joint.fit(every, numbers_at(every, found), self.joint.plan.first_steps, whole=False)
+    def fit_in_parts(self, hypotheses: Sequence[Hypothesis], near: FullRolloutFit) -> FullRolloutFit:
+        """The fit of all effects, with one number for the whole robot where its parts need none of their own."""
+        every = near.hypotheses
         fit = self.joint.fit(every, near.numbers, self.joint.plan.all_steps)
         kept, numbers = merge_alike(fit, hypotheses, self.joint.plan.least_gain)
         if len(kept) < len(every):
             fit = self.joint.fit(kept, numbers, self.joint.plan.steps)
+        if (far := self.from_afar(fit)) is not None:
+            fit = self.joint.fit(fit.hypotheses, far, self.joint.plan.steps)
         effects = fit.typical_effects(self.joint.heldout_gap.names)
         lasting = [k for k, one in enumerate(effects) if not one.is_undone_by(effects, fit.hypotheses[k].robot)]
         if len(lasting) < len(effects):
@@ -211,6 +220,25 @@ class SearchInParts(JointSearch):
             fit = self.joint.fit(own.hypotheses, own.numbers, self.joint.plan.steps)
         self.joint.progress(f"all effects, {in_words(fit)}: closes {self.joint.closes(fit):.2f}")
         return fit
+
+    def from_afar(self, fit: FullRolloutFit) -> np.ndarray | None:
+        """The numbers of a fit with one far from nominal that is likelier, (numbers,); None where there is none.
+
+        What limits a motor does nothing until the motor meets it, so that no derivative at nominal leads there.
+        """
+        about = self.joint.numbers(fit.hypotheses)
+        spread = np.sqrt(np.diag(fit.covariance)) / about.spread
+        nominal = np.concatenate([h.nominal for h in fit.hypotheses])
+        flat = (spread > FLAT) & np.isclose(fit.numbers, nominal) & (about.limits == nominal).any(axis=0)
+        tried = []
+        for k in np.flatnonzero(flat & about.fitted):
+            for value in np.linspace(about.limits[0, k], about.limits[1, k], AFAR + 1):
+                if value != nominal[k]:
+                    numbers = fit.numbers.copy()
+                    numbers[k] = value
+                    tried.append(numbers)
+        best = min(self.joint.tried(about, tried, True), key=lambda one: one.loss, default=None) if tried else None
+        return None if best is None or best.loss > fit.loss - self.joint.plan.least_gain else best.numbers
 
     def without_small(self, fit: FullRolloutFit, none_gap: float) -> FullRolloutFit:
         """The fit without causes that close little which the others, fitted again, do not close as well.
@@ -224,7 +252,7 @@ class SearchInParts(JointSearch):
 
     def with_one_less(self, fit: FullRolloutFit, none_gap: float) -> FullRolloutFit | None:
         """The fit without a cause that closes little; what seems to close least is tried first. None: all stay."""
-        gap, plan, each = self.joint.heldout_gap, self.joint.plan, range(len(fit.hypotheses))
+        gap, plan, each = self.joint.judging, self.joint.plan, range(len(fit.hypotheses))
         if len(each) == 1:
             return None
         rests = [[other for other in each if other != k] for k in each]
@@ -238,6 +266,23 @@ class SearchInParts(JointSearch):
             if lost < plan.least_part and share < plan.least_share and (lost <= left or by_noise):
                 return again
         return None
+
+    def with_one_for_two(self, every: FullRolloutFit, fit: FullRolloutFit, found: Candidate | None) -> FullRolloutFit:
+        """The fit with one other effect in the place of two, where that is likelier by what a cause must gain.
+
+        Two effects together may do what one does, and effects are taken away one by one. By the curvature at the fit of
+        all effects, ``every``, the most promising are fitted, and with them what a search one by one has ``found``.
+        """
+        kept = [every.hypotheses.index(h) for h in fit.hypotheses]
+        others = [k for k, h in enumerate(every.hypotheses) if h.name not in fit.names]
+        pairs = itertools.combinations(kept, 2)
+        sets = [[*(k for k in kept if k not in pair), other] for pair in pairs for other in others]
+        sets.sort(key=lambda some: cost_of_others(every, some))
+        before = () if found is None else found.names
+        tried = [*sets[:REPLACED], *[some for some in sets if every.names[some[-1]] in before][:1]]
+        fits = [self.fit_part(every, some) for some in {tuple(some): some for some in tried}.values()]
+        simpler = min(fits, key=lambda one: one.loss, default=fit)
+        return simpler if simpler.loss < fit.loss + self.joint.plan.least_gain else fit
 
     def rivals(self, every: FullRolloutFit, fit: FullRolloutFit) -> dict[str, str]:
         """Effect of a fit → another effect that is as likely in its place, or closes as much of held-out logs' gap.

@@ -24,7 +24,7 @@ from leapgap.logs.segments import FLIGHT, TOUCH_DOWN
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
-from leapgap.simulation.replay import Rollout
+from leapgap.simulation.rollout import Rollout
 
 GAIN_CHANGE_MARGIN_S = 0.010
 """Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""

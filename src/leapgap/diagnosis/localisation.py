@@ -11,7 +11,8 @@ from leapgap.logs.log import Log
 from leapgap.logs.segments import segment_of_rows
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 OUTSIDE = "outside"
 """Name of the rows that are in none of the log's segments."""

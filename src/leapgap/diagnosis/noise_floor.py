@@ -10,7 +10,8 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.restarts import RestartedReplayer
 from leapgap.effects.base import Effect
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 
 def noise_floor(

@@ -17,16 +17,15 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import displaced
-from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, Judgement
+from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, Judgement, explained_share
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.robust_least_squares import Products
-from leapgap.diagnosis.sensitivities import FINE, concatenate_logs
+from leapgap.diagnosis.sensitivities import concatenate_logs
 from leapgap.diagnosis.short_rollouts import Pieces, ShortRollouts, smooth_starts
 from leapgap.effects.base import Effect
 from leapgap.effects.foot_compliance import FootCompliance
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer
 
 INTEGRATOR, CONE = mujoco.mjtIntegrator, mujoco.mjtCone
 MOST_CHANGES = 3
@@ -39,6 +38,8 @@ TRIED = 4
 """Number of other simulations whose logs are made up and compared, those of the fewest changes."""
 DRAWS = 2
 """Number of times that their sensor noise is drawn."""
+HARDLY = 0.2
+"""Causes that explain a smaller share of what noise leaves are no reason against another simulation."""
 TIMES = 3.0
 """A cause is no better than another simulation while it gains at most so many times as much in that one's logs."""
 
@@ -202,7 +203,7 @@ class OtherSimulations:
     def candidates(self) -> list[OtherSimulation]:
         """Other simulations with their gaps: by steps, integrator and cone, and by contacts changed one by one."""
         usual, own = OtherSimulation(), self.heldout_gap
-        robot, fine = own.judged.robot, own.with_steps(FINE * own.replayer.largest_step_s)
+        robot, fine = own.judged.robot, own.by_short_steps
         short = OtherSimulation(by_short_steps=True, gap=fine.gap(fine.nominal))
         beside = [*(one for one in FINE_INTEGRATORS if runs(robot, one)), *((OTHER_CONE,) if robot.feet else ())]
         by_short = [short.further(change) for change in beside]
@@ -231,8 +232,9 @@ class OtherSimulations:
     def explains_pieces(self, other: OtherSimulation) -> bool:
         """Whether logs of the other simulation look as odd in short replays as the given logs.
 
-        As much of χ² is left, and the selected causes, which it has not, gain about as much. Motions that start anew
-        cannot stand for logs: beside them only logs are explained that leave nothing in short replays.
+        As much of χ² is left, and the selected causes, which it has not, explain hardly anything or gain about as much.
+        Motions that start anew cannot stand for logs: beside them only logs are explained that leave nothing in short
+        replays.
         """
         nominal, selected = self.result.nominal, self.result.selected
         chi2 = float(np.median(nominal.chi2))
@@ -240,17 +242,21 @@ class OtherSimulations:
             return True
         if self.heldout_gap.horizon_s is not None:
             return False
-        left, gains = zip(*(self.in_made_up_logs(other) for _ in range(DRAWS)), strict=True)
+        motions = self.motions(other)
+        left, gains = zip(*(self.in_made_up_logs(motions) for _ in range(DRAWS)), strict=True)
         if chi2 > self.thresholds.none_below * max(1.0, float(np.mean(left))):
             return False
+        if explained_share(self.result, self.thresholds) < HARDLY:
+            return True
         gain = float((nominal.heldout - selected.heldout).sum())
         return gain <= self.least_gain + TIMES * max(0.0, float(np.mean(gains)))
 
-    def in_made_up_logs(self, other: OtherSimulation) -> tuple[float, float]:
+    def in_made_up_logs(self, motions: Sequence[Motion]) -> tuple[float, float]:
         """Median of χ² over its expectation that the nominal robot leaves in made-up logs, and what the causes gain."""
         short, selected = self.result.short, self.result.selected
         assert short is not None
-        made_up = replace(short, pieces=tuple(self.made_up_pieces(other, short)))
+        noisy = (self.measured(own, motion, short) for own, motion in zip(short.pieces, motions, strict=True))
+        made_up = replace(short, pieces=tuple(noisy))
         sets: list[Candidate] = [self.result.nominal, *([selected] if selected.hypotheses else [])]
         of_sets = made_up.residuals([[one.effects_on(own.log.name, None) for own in short.pieces] for one in sets])
         chi2, losses = zip(*(self.after_tolerances(concatenate_logs(of)) for of in of_sets), strict=True)
@@ -263,15 +269,11 @@ class OtherSimulations:
         weights = products.fit(prior, np.ones(len(errors), bool))
         return products.chi2(weights) / products.values, float(products.loss(weights).sum())
 
-    def made_up_pieces(self, other: OtherSimulation, short: ShortRollouts) -> list[Pieces]:
-        """The pieces as logs of the other simulation would have them, with sensor noise."""
-        replayer = self.heldout_gap.replayer
-        assert isinstance(replayer, Replayer)
-        if other.by_short_steps:
-            replayer = replayer.with_steps(FINE * replayer.largest_step_s)
-        judged = self.heldout_gap.judged
-        motions = replayer.motions(judged.trials([other.effects] * len(judged.logs)))
-        return [self.measured(own, motion, short) for own, motion in zip(short.pieces, motions, strict=True)]
+    def motions(self, other: OtherSimulation) -> list[Motion]:
+        """The motion of each log as the other simulation has it, without noise."""
+        gap = self.heldout_gap.by_short_steps if other.by_short_steps else self.heldout_gap
+        judged = gap.judged
+        return list(gap.replayer.motions(judged.trials([other.effects] * len(judged.logs))))
 
     def measured(self, own: Pieces, motion: Motion, short: ShortRollouts) -> Pieces:
         """The pieces of one log with a motion in place of the logged one, and new noise in all channels."""

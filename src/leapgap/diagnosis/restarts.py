@@ -11,7 +11,8 @@ from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, Starts
 
 StartNoise = np.ndarray
 """Small steps of each start in the tangent of its state, (starts, 2 nv)."""

@@ -23,6 +23,10 @@ SETTLED = 0.3
 """A fit has converged when its loss falls by less than this."""
 TRIALS = (0.4, 2.5)
 """Sizes, in moderate departures, at which an effect at all places is simulated beside the linear model."""
+REGROUPED = 3
+"""So many of the best effects are simulated at groups of places as well."""
+REPLACED = 2
+"""So many sets with one effect at another place are fitted."""
 LINEAR_ITERATIONS = 4
 MOST_SURPRISE = 30.0
 """Upper limit of the loss of a piece above its fitted loss when it is held out; usual losses are a few units."""
@@ -131,8 +135,32 @@ class Search:
 
     def singles(self, hypotheses: Sequence[Hypothesis]) -> tuple[Fit, ...]:
         """Fits of single effects, the most promising ones, best on held-out logs first."""
-        guesses = [*self.guess_sizes(hypotheses), *self.guess_linear(self.nominal, hypotheses)]
-        return self.fit_promising(guesses, self.plan.shortlist, self.nominal)
+        everywhere = [h for h in hypotheses if h.location == "all"]
+        guesses = [*self.guess_sizes(everywhere), *self.guess_linear(self.nominal, hypotheses)]
+        fits = self.fit_promising(guesses, self.plan.shortlist, self.nominal)
+        elsewhere = self.guess_sizes(self.at_groups(fits, hypotheses))
+        return tuple(
+            sorted(
+                [*fits, *self.fit_promising(elsewhere, self.plan.per_effect, self.nominal)],
+                key=lambda fit: fit.heldout.sum(),
+            )
+        )
+
+    def at_groups(self, fits: Sequence[Fit], hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The first few effects of some fits at groups of places where they were not fitted.
+
+        An effect that moves where a foot lands is not linear, so that derivatives do not tell its place.
+        """
+        names = list(dict.fromkeys(fit.names[0] for fit in fits))[:REGROUPED]
+        known = {(fit.names[0], fit.hypotheses[0].location) for fit in fits}
+        return [
+            h
+            for h in hypotheses
+            if h.name in names
+            and h.location != "all"
+            and (h.name, h.location) not in known
+            and len(self.sensitivities.members.get((h.name, h.location), ())) > 1
+        ]
 
     def refit(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
         """Fits of the same sets on this evidence, starting from the given fits."""
@@ -148,6 +176,9 @@ class Search:
             sensible = [fit for fit in fits if fit.sensible]
             if not sensible or not self.is_convincing(sensible[0], selected):
                 break
+            if (better := self.at_better_places(sensible[0], hypotheses)) is not None:
+                rounds = [*self.with_parts(rounds, better), (better, *fits)]
+                sensible.insert(0, better)
             selected = sensible[0]
             if len(rounds) >= self.plan.most_causes:
                 break
@@ -163,6 +194,40 @@ class Search:
             self.evidence,
             self.sensitivities.nuisances,
         )
+
+    def at_better_places(self, fit: Fit, hypotheses: Sequence[Hypothesis]) -> Fit | None:
+        """The fit with one of its effects at another place, if that is better; else None.
+
+        An effect is placed while the others are not known yet, and they may look like it elsewhere.
+        """
+        if len(fit.hypotheses) < 2:
+            return None
+        tried = [
+            ((*fit.hypotheses[:k], other, *fit.hypotheses[k + 1 :]), fit.numbers)
+            for k, own in enumerate(fit.hypotheses)
+            for other in hypotheses
+            if other.name == own.name and other.location != own.location and other.allows(fit.split()[k])
+        ]
+        guesses = [
+            LinearGuess(*one, self.loss_of(errors)) for one, errors in zip(tried, self.residuals(tried), strict=True)
+        ]
+        others = self.fit_nonlinear(sorted(guesses, key=lambda guess: guess.loss)[:REPLACED], self.nominal.loss)
+        better = [one for one in others if one.sensible and one.heldout.sum() < fit.heldout.sum() - SETTLED]
+        for one in better:
+            self.progress(
+                f"at another place, {in_words(one)}: gain {self.nominal.heldout.sum() - one.heldout.sum():.0f}"
+            )
+        return min(better, key=lambda one: one.heldout.sum(), default=None)
+
+    def with_parts(self, rounds: Sequence[tuple[Fit, ...]], whole: Fit) -> list[tuple[Fit, ...]]:
+        """The rounds before that of a fit, with fits of its first one, two, … effects where they have none."""
+        found = list(rounds[: len(whole.hypotheses) - 1])
+        for k, own in enumerate(found):
+            first = whole.hypotheses[: k + 1]
+            if not any(fit.hypotheses == first for fit in own):
+                guess = LinearGuess(first, np.concatenate(whole.split()[: k + 1]), 0.0)
+                found[k] = (*own, *self.fit_nonlinear([guess], self.nominal.loss))
+        return found
 
     def profiles(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:
         """Profile likelihood of each effect at its best place."""
@@ -236,11 +301,10 @@ class Search:
         return products.penalised_loss(products.fit(prior, self.all_pieces), prior)
 
     def guess_sizes(self, hypotheses: Sequence[Hypothesis]) -> list[LinearGuess]:
-        """Guesses from simulations of effects at all places at several sizes."""
+        """Guesses from simulations of effects at several sizes."""
         tried = [
             [(h, numbers)]
             for h in hypotheses
-            if h.location == "all"
             for size in TRIALS
             for sign in (1.0, -1.0)
             if h.allows(numbers := h.nominal + size * sign * h.moderate)

@@ -23,7 +23,8 @@ from leapgap.logs.noise import noise_of
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, Starts
 
 Effects = tuple[Effect, ...]
 RolloutRequest = tuple[int, Effects, Starts]

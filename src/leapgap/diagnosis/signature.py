@@ -22,7 +22,8 @@ from leapgap.robot.kinematics import momenta
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotations import pitch_of
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 CHANNELS = {
     "com_acceleration_x": ("m/s²", 1.0),

@@ -134,6 +134,8 @@ class Effect(ABC):
     """Whether a fit of all effects together looks for it on a robot without a free base, though not by default."""
     has_rotors: ClassVar[bool] = False
     """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
+    acts_as_sent: ClassVar[bool] = False
+    """Whether it changes single commands, one a row; where rows are uneven it comes before what shifts them in time."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
@@ -245,7 +247,10 @@ class Effect(ABC):
         return False
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
-        """The motion that the log reports when ``motion`` is the true one."""
+        """The motion that the log reports when ``motion`` is the true one.
+
+        Rows are ``period_s`` apart unless ``motion.time`` says otherwise.
+        """
         return motion
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:

@@ -50,7 +50,10 @@ class CommandDelay(Effect):
         whole = math.floor(row + 1e-9)
         share = min(max(row - whole, 0.0), 1.0)
         before, after = max(whole, 0), min(max(whole + 1, 0), last)
-        at = slice(None) if self.location == "all" else robot.joints_at(self.location)
+        if self.location == "all":
+            kept = (commands.torque, commands.position, commands.velocity)
+            return Commands(*(((1 - share) * sent[before] + share * sent[after])[None] for sent in kept))
+        at = robot.joints_at(self.location)
 
         def late(sent: np.ndarray) -> np.ndarray:
             arrived = sent[-1:].copy()

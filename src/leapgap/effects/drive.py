@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.robot import actuators
+from leapgap.robot import actuators, dc_motors
 from leapgap.robot.model import Robot
 
 LEAST_INERTIA = 0.5
@@ -69,8 +69,8 @@ class Drive:
             voltage = np.where(np.isfinite(self.voltage_v), self.voltage_v, 0.0)
             motors = robot.joint_actuators[chosen]
             resistance = self.resistances(robot)[chosen]
-            actuators.make_dc_motors(model, motors, resistance, voltage[chosen], self.lag_s[chosen])
-            actuators.set_heating(model, motors, self.heating[chosen], COOLING_S)
+            dc_motors.make_dc_motors(model, motors, resistance, voltage[chosen], self.lag_s[chosen])
+            dc_motors.set_heating(model, motors, self.heating[chosen], COOLING_S)
         self._delay_pd(model, robot)
         self.split_joint_pd(model, robot)
 
@@ -78,8 +78,8 @@ class Drive:
         """Let the dampers of joint PDs whose velocity is filtered act late."""
         at = np.flatnonzero((self.filter_s > 0) & robot.driven)
         if len(at):
-            dampers = np.array([model.actuator(actuators.filter_of(robot.joints[i])).id for i in at])
-            actuators.split_joint_pd(model, robot.joint_actuators[at], dampers, (self.filter_s + self.lag_s)[at])
+            dampers = np.array([model.actuator(dc_motors.filter_of(robot.joints[i])).id for i in at])
+            dc_motors.split_joint_pd(model, robot.joint_actuators[at], dampers, (self.filter_s + self.lag_s)[at])
 
     def _delay_pd(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Let the joint PD act on the state of ``delay_s`` ago, q − d q̇ + d² q̈ / 2.
@@ -90,8 +90,8 @@ class Drive:
         if not late.any():
             return
         motors, dofs, delay = robot.joint_actuators[late], robot.joint_dofs[late], self.delay_s[late]
-        kp, kd = actuators.gains_of(model, motors)
-        actuators.set_gains(model, motors, kp, kd - kp * delay)
+        kp, kd = dc_motors.gains_of(model, motors)
+        dc_motors.set_gains(model, motors, kp, kd - kp * delay)
         added = kp * delay**2 / 2 - kd * delay
         model.dof_armature[dofs] += np.maximum(added, (LEAST_INERTIA - 1) * model.dof_M0[dofs])
 
@@ -114,7 +114,7 @@ class Drive:
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
         """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
         late = kd - kp * self.delay_s
-        for chosen, put in ((~self.electric, actuators.set_joint_pd), (self.electric, actuators.set_dc_joint_pd)):
+        for chosen, put in ((~self.electric, actuators.set_joint_pd), (self.electric, dc_motors.set_dc_joint_pd)):
             put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (late * self.gain)[chosen])
         self.split_joint_pd(model, robot)
 
@@ -124,22 +124,28 @@ def resistance_of(robot: Robot) -> float:
     return 1.0 if robot.motors is None else robot.motors.resistance
 
 
+def lacks_torque_limits(robot: Robot) -> str | None:
+    """What a robot lacks for effects that refer to its largest torques; None where its model states all of them."""
+    limits = robot.torque_limits[robot.driven]
+    return None if len(limits) and np.isfinite(limits).all() else "limits of its torques"
+
+
 def add_velocity_filter(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
     """Give the joints at a location the actuators that a filter of the velocity in their joint PD needs."""
     joints = [robot.joints[i] for i in robot.joints_at(location) if robot.driven[i]]
     known = {actuator.name for actuator in spec.actuators}
-    missing = [joint for joint in joints if actuators.filter_of(joint) not in known]
-    actuators.add_filtered_dampers(spec, missing, resistance_of(robot))
+    missing = [joint for joint in joints if dc_motors.filter_of(joint) not in known]
+    dc_motors.add_filtered_dampers(spec, missing, resistance_of(robot))
 
 
 def add_heating(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
     """Give the motors of the joints at a location, where they have a limit, their warmth as a state."""
     limited = robot.driven & np.isfinite(robot.torque_limits)
     motors = [robot.joint_actuators[i] for i in robot.joints_at(location) if limited[i]]
-    actuators.add_dc_heat(spec, np.array(motors, int), resistance_of(robot))
+    dc_motors.add_dc_heat(spec, np.array(motors, int), resistance_of(robot))
 
 
 def add_lag(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
     """Give the motors of the joints at a location their torque as a state, which a lag needs."""
     motors = [robot.joint_actuators[i] for i in robot.joints_at(location) if robot.driven[i]]
-    actuators.add_dc_state(spec, np.array(motors, int), resistance_of(robot))
+    dc_motors.add_dc_state(spec, np.array(motors, int), resistance_of(robot))

@@ -13,13 +13,15 @@ class DroppedCommands(Effect):
     """Share of the commands that are lost, each by chance and on its own; the joint PD goes on with the last one.
 
     Which ones were lost is not known, so the mean over all losses acts: with the share p, command u of row t is
-    (1 − p) Σ pᵏ u(t − k). That is late by p / (1 − p) rows on average, and smooth.
+    (1 − p) Σ pᵏ u(t − k). That is late by p / (1 − p) rows on average, and smooth. Each row has one command, however
+    long it lasts.
     """
 
     name = "dropped_commands"
     by_default = False
     places = "joints"
     needs_motor = True
+    acts_as_sent = True
 
     share: float = parameter(0.0, "1", 0.0, 0.95, 0.5)
 
@@ -30,11 +32,14 @@ class DroppedCommands(Effect):
         from scipy.signal import lfilter  # every process reads this file, and the import takes half a second
 
         at = robot.joints_at(self.location)
+        row = np.arange(len(commands.torque)) if commands.row is None else commands.row
+        begins = np.diff(row, prepend=-1) != 0
 
         def received(sent: np.ndarray) -> np.ndarray:
-            mean = sent.copy()
-            first = self.share * sent[:1, at]  # the first command has arrived
-            mean[:, at] = lfilter([1 - self.share], [1.0, -self.share], sent[:, at], axis=0, zi=first)[0]
+            mean, of_rows = sent.copy(), sent[begins][:, at]
+            first = self.share * of_rows[:1]  # the first command has arrived
+            held = lfilter([1 - self.share], [1.0, -self.share], of_rows, axis=0, zi=first)[0]
+            mean[:, at] = held[np.cumsum(begins) - 1]
             return mean
 
         return Commands(received(commands.torque), received(commands.position), received(commands.velocity))

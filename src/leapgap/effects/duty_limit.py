@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 
 from leapgap.effects.base import Effect, parameter
-from leapgap.effects.drive import Drive
+from leapgap.effects.drive import Drive, lacks_torque_limits
 from leapgap.robot.model import Robot
 
 
@@ -29,10 +29,8 @@ class DutyLimit(Effect):
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
         """The line ends at a stated torque, and motors of stated constants have a law of their own."""
-        limited = np.isfinite(robot.torque_limits[robot.driven])
-        if super().lacks(robot) or robot.motors is not None:
-            return super().lacks(robot) or "motors without stated constants (see torque_speed_limit)"
-        return None if len(limited) and limited.all() else "limits of its torques"
+        stated = None if robot.motors is None else "motors without stated constants (see torque_speed_limit)"
+        return super().lacks(robot) or stated or lacks_torque_limits(robot)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Bound the voltage of the motors at the no-load speed."""

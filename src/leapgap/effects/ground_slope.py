@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.effects.contact import ground_under
 from leapgap.robot.model import Robot
 
 
@@ -19,6 +20,14 @@ class GroundSlope(Effect):
     name = "ground_slope"
 
     pitch_rad: float = parameter(0.0, "rad", -0.15, 0.15, 0.03)
+
+    @classmethod
+    def lacks(cls, robot: Robot) -> str | None:
+        """A robot that is held needs ground in its model; one that floats may stand on the boxes of a log alone."""
+        model = robot.model
+        bodies = model.geom_bodyid.tolist()
+        grounded = any(ground_under(model, geom) is not None for geom, body in enumerate(bodies) if body)
+        return super().lacks(robot) or (None if robot.has_free_base or grounded else "ground")
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Turn all geoms of the world."""

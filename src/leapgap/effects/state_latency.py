@@ -29,16 +29,24 @@ class StateLatency(Effect):
         if self.is_nominal or not robot.has_free_base:
             return motion
         qpos, qvel = motion.qpos.copy(), motion.qvel.copy()
-        row = np.arange(len(qpos)) - self.delay_s / period_s
+        row, after_start_s = self._rows_before(motion, period_s)
         first = np.clip(np.floor(row).astype(int), 0, max(len(qpos) - 2, 0))
         share = np.clip(row - first, 0.0, 1.0)[:, None]
         after = np.minimum(first + 1, len(qpos) - 1)
         for of_base, values in ((qpos[:, :7], motion.qpos[:, :7]), (qvel[:, :6], motion.qvel[:, :6])):
             of_base[:] = (1 - share) * values[first] + share * values[after]
         qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
-        for i in np.flatnonzero(row < 0):
-            qpos[i, :7] = integrate_pose(motion.qpos[0, :7], motion.qvel[0, :6], row[i] * period_s)
+        for i in np.flatnonzero(after_start_s < 0):
+            qpos[i, :7] = integrate_pose(motion.qpos[0, :7], motion.qvel[0, :6], after_start_s[i])
         return Motion(qpos, qvel)
+
+    def _rows_before(self, motion: Motion, period_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """The instants ``delay_s`` before each row, as fractions of rows and in s after the first row, (rows,) each."""
+        if motion.time is None:
+            row = np.arange(len(motion)) - self.delay_s / period_s
+            return row, row * period_s
+        instant = motion.time - self.delay_s
+        return np.interp(instant, motion.time, np.arange(len(motion))), instant - motion.time[0]
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
         """Extrapolate the base by ``delay_s`` from the state that is reported first."""

@@ -7,7 +7,7 @@ from math import inf
 import mujoco
 
 from leapgap.effects.base import Effect, parameter
-from leapgap.robot import actuators
+from leapgap.robot import dc_motors
 from leapgap.robot.model import Robot
 
 STRIBECK_RAD_S = 0.1
@@ -47,7 +47,7 @@ class StaticFriction(Effect):
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Add the passive actuators."""
         for joint, part in self._parts(robot):
-            actuators.add_passive_friction(spec, joint, part)
+            dc_motors.add_passive_friction(spec, joint, part)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Set the size of the friction."""
@@ -55,7 +55,7 @@ class StaticFriction(Effect):
             return
         stiffness = self.torque_nm / DEFLECTION_RAD
         for _, part in self._parts(robot):
-            actuators.set_lugre_friction(
+            dc_motors.set_lugre_friction(
                 model,
                 model.actuator(part).id,
                 stiffness,

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, parameter
-from leapgap.effects.drive import Drive, add_heating
+from leapgap.effects.drive import Drive, add_heating, lacks_torque_limits
 from leapgap.robot.model import Robot
 
 
@@ -33,8 +33,7 @@ class ThermalFade(Effect):
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
         """The loss is that under the largest torque, which the model states."""
-        limits = robot.torque_limits[robot.driven]
-        return super().lacks(robot) or (None if np.isfinite(limits).all() else "limits of its torques")
+        return super().lacks(robot) or lacks_torque_limits(robot)
 
     @property
     def structure(self) -> Hashable | None:

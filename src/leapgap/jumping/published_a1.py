@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from leapgap.errors import InputError
 from leapgap.jumping.task import ContactSchedule, Target, jump_info
@@ -84,6 +83,8 @@ class PublishedA1(LogFormat):
 
     def read(self, path: Path, name: str, robot: Robot, options: PublishedOptions) -> Log:
         """One published jump as a log; ``InputError`` names the file and what is wrong with it."""
+        from scipy.spatial.transform import Rotation  # many processes know this format and read no file of it
+
         files = read_tables(path)
         body, forces = files["pos"], files["data_f"]
         rotation = Rotation.from_euler("ZYX", body[:, [8, 7, 6]])

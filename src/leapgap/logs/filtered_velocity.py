@@ -25,10 +25,6 @@ class VelocityFilter:
     share: float
     """Of the pairs of samples one step apart, those that obey this to their last digits."""
 
-    def time_constant_s(self, step_s: float) -> float:
-        """Time constant of the first-order low-pass that keeps such a share over a step, s; 0 where it keeps none."""
-        return -step_s / float(np.log(self.kept)) if self.kept > 0 else 0.0
-
 
 def filter_of(position: np.ndarray, velocity: np.ndarray, instants: np.ndarray, step: float) -> VelocityFilter | None:
     """The rule by which velocities (samples, channels) were computed from positions; None where there are few pairs.

@@ -238,7 +238,9 @@ def diagnose_chosen(
     diagnosis = diagnose(chosen.logs, robot, settings, provenance, progress, threads, own, descriptions, aside)
     said = (*chosen.left_out, *diagnosis.report.not_judged)
     notes = (*of_robot, *chosen.notes)
-    diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said, notes=notes))
+    diagnosis = replace(
+        diagnosis, report=replace(diagnosis.report, not_judged=said, notes=(*notes, *diagnosis.report.notes))
+    )
     replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:

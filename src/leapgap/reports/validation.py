@@ -7,8 +7,8 @@ from typing import Any
 
 import plotly.graph_objects as go
 
+from leapgap.reports.colours import CORRECTED, GREY, NOMINAL
 from leapgap.reports.page import embed_figure, render_text
-from leapgap.reports.report import CORRECTED, GREY, NOMINAL
 from leapgap.validation.scoring import CONDITIONS
 
 RIGHT, WRONG = "#14804a", "#c0391b"

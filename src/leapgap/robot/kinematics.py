@@ -135,15 +135,17 @@ def joint_torque_to_foot_force(
     (paper, data collection; minus because u acts on the robot). ``torque`` is (rows, joints) in N·m.
     """
     model = robot.model
-    jacobian = np.empty((3, model.nv))
+    jacobians = np.empty((len(robot.feet), 3, model.nv))
     of_leg = np.array(
         [[i for i, j in enumerate(robot.joints) if robot.limb_of(j) == robot.limb_of(f)] for f in robot.feet]
     )
     of_rows = np.empty((len(joint_pos), len(robot.feet), 3, 3))
     qpos = configurations(robot, joint_pos, np.zeros((len(joint_pos), 3)), base_quaternion)
+    feet, dofs = np.arange(len(robot.feet))[:, None], robot.joint_dofs[of_leg]
+    points = [(int(geom), int(model.geom_bodyid[geom])) for geom in robot.foot_geoms]
     for row, data in enumerate(each_pose(robot.model, qpos, com=True)):
-        for foot, (geom, joints) in enumerate(zip(robot.foot_geoms, of_leg, strict=True)):
-            body = model.geom_bodyid[geom]
-            mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], body)
-            of_rows[row, foot] = jacobian[:, robot.joint_dofs[joints]].T
+        place = data.geom_xpos
+        for jacobian, (geom, body) in zip(jacobians, points, strict=True):
+            mujoco.mj_jac(model, data, jacobian, None, place[geom], body)
+        of_rows[row] = jacobians[feet, :, dofs]
     return -np.linalg.solve(of_rows, torque[:, of_leg, None])[..., 0]

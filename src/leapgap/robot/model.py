@@ -9,12 +9,13 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.robot.actuators import SINGLE, JointActuator, actuators_of, check_joint_pd, replace_actuators
+from leapgap.robot.actuators import check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
 from leapgap.robot.menagerie import model_file
 from leapgap.robot.model_file import compile_spec, gravity_of, read_spec
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
+from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 from leapgap.robot.urdf import is_urdf

@@ -23,13 +23,16 @@ class Motion:
     """(rows, nv): velocity of a free base in the world, its angular velocity in base axes, then joints."""
     sensors: np.ndarray | None = None
     """(rows, sensors): what sensors beside the state measured, in an order that the caller knows; None without any."""
+    time: np.ndarray | None = None
+    """(rows,), s, of rows of unequal length while effects change what is measured; None elsewhere."""
 
     def __len__(self) -> int:
         return len(self.qpos)
 
     def __getitem__(self, rows: slice | np.ndarray) -> "Motion":
         """Some of the rows."""
-        return Motion(self.qpos[rows], self.qvel[rows], None if self.sensors is None else self.sensors[rows])
+        sensors, time = (None if one is None else one[rows] for one in (self.sensors, self.time))
+        return Motion(self.qpos[rows], self.qvel[rows], sensors, time)
 
     def __iter__(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Positions and velocities row by row."""
@@ -57,7 +60,8 @@ class Motion:
 
     def copy(self) -> "Motion":
         """A copy with arrays of its own."""
-        return Motion(self.qpos.copy(), self.qvel.copy(), None if self.sensors is None else self.sensors.copy())
+        sensors, time = (None if one is None else one.copy() for one in (self.sensors, self.time))
+        return Motion(self.qpos.copy(), self.qvel.copy(), sensors, time)
 
     @property
     def first_state(self) -> np.ndarray:

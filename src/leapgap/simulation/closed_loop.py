@@ -15,15 +15,24 @@ from leapgap.effects.base import Commands, Effect, Load, overriding
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
+from leapgap.robot.motion import (
+    ANGULAR_VELOCITY_SLICE,
+    POSITION_SLICE,
+    QUATERNION_SLICE,
+    VELOCITY_SLICE,
+    Motion,
+)
 from leapgap.simulation.controller import Command, Controller, StateEstimate
 from leapgap.simulation.disturbance import Disturbance, disturb
 from leapgap.simulation.open_loop import PreparedRun, log_of
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 
 ROUNDING = 1e-6
 """Tolerance on a number of control periods, so that rounding does not add one to a whole number."""
+ROOM = 8
+"""Space for commands that were sent, in histories."""
 MEMORY_S = 0.063
 """Length of the history that effects with a memory (delay, latency) see, s; longer than the largest delay."""
 
@@ -55,6 +64,8 @@ class Plant:
     def __init__(self, replayer: Replayer, ready: PreparedRun, effects: tuple[Effect, ...]) -> None:
         self.trial = Rollout(ready.commanded, effects, first_state=ready.start)
         self.robot, self.replayer = replayer.robot, replayer
+        self.nq, self.nv = self.robot.model.nq, self.robot.model.nv
+        self.joint_controls = as_slice(self.robot.joint_actuators)
         self.model = replayer.model(self.trial)
         self.data = mujoco.MjData(self.model)
         self.substeps = replayer.substeps(ready.commanded)
@@ -74,20 +85,24 @@ class Plant:
         self.gains: tuple[bytes, bytes] | None = None
         self.truth: list[tuple[np.ndarray, np.ndarray]] = [self.state]
         self.sent: list[Command] = []
-        self.newest: Commands | None = None
-        """Commands of the last ``memory`` ticks, the first of all held before them."""
+        self.kept: tuple[np.ndarray, ...] = ()
+        """Torques, positions and velocities that were sent, the first of all held before them, (ticks, joints) each."""
+        self.kept_ticks = 0
+        """Rows of them that are filled."""
         self.memory = 1 + math.ceil(MEMORY_S / self.period_s - ROUNDING)
         """Ticks from one as old as ``MEMORY_S`` to the newest."""
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
         """True positions and velocities now."""
-        own = self.robot.model
-        return self.data.qpos[: own.nq].copy(), self.data.qvel[: own.nv].copy()
+        return self.data.qpos[: self.nq].copy(), self.data.qvel[: self.nv].copy()
 
     def measure(self) -> Motion:
         """The newest row as the robot's sensors report it, without noise, one row."""
-        rows = self.truth[-self.memory :] if self.effects_of_sensors else self.truth[-1:]
+        if not self.effects_of_sensors:
+            qpos, qvel = self.truth[-1]
+            return Motion(qpos[None], qvel[None])
+        rows = self.truth[-self.memory :]
         motion = Motion(*(np.array(part) for part in zip(*rows, strict=True)))
         for effect in self.effects_of_sensors:
             motion = effect.change_measured(motion, self.period_s, self.robot)
@@ -103,13 +118,17 @@ class Plant:
         if not self.data.ncon:
             return touching, force
         contact = self.data.contact  # each of its fields is put together anew where it is asked for
-        frames = contact.frame
-        for number, geoms in enumerate(self.foot_of_geom[contact.geom].tolist()):
-            for foot, sign in zip(geoms, (-1.0, 1.0), strict=True):  # MuJoCo's acts on the second geom
-                if foot >= 0:
-                    touching[foot] = True
-                    mujoco.mj_contactForce(self.model, self.data, number, wrench)
-                    force[foot] += sign * wrench[:3] @ frames[number].reshape(3, 3)
+        frames, along = contact.frame.reshape(-1, 3, 3), wrench[:3]
+        for number, (first, second) in enumerate(self.foot_of_geom[contact.geom].tolist()):
+            if first < 0 and second < 0:
+                continue
+            mujoco.mj_contactForce(self.model, self.data, number, wrench)
+            if first >= 0:
+                touching[first] = True
+                force[first] += -along @ frames[number]
+            if second >= 0:  # MuJoCo's force acts on the second geom
+                touching[second] = True
+                force[second] += along @ frames[number]
         return touching, force
 
     def send(self, command: Command) -> None:
@@ -121,7 +140,7 @@ class Plant:
         for effect in self.effects_by_velocity:
             added = effect.torque_by_velocity(self.data.qvel[None, self.robot.joint_dofs], self.robot)
             control = control if added is None else control + added[0]
-        self.data.ctrl[self.robot.joint_actuators] = control * self.control_gain
+        self.data.ctrl[self.joint_controls] = control * self.control_gain
         if self.effects_by_load:
             load = self._load(control, command)
             for effect in self.effects_by_load:
@@ -158,19 +177,36 @@ class Plant:
     def _arriving(self) -> Commands:
         """The newest commands as they reach the joints."""
         sent = self.sent[-1]
-        rows = (sent.torque[None], sent.position[None], sent.velocity[None])
+        rows = (sent.torque, sent.position, sent.velocity)
         if not self.effects_of_commands:
-            return Commands(*rows)
-        if self.newest is None:
-            self.newest = Commands(*(np.repeat(row, self.memory, axis=0) for row in rows))
-        kept = (self.newest.torque, self.newest.position, self.newest.velocity)
-        for known, row in zip(kept, rows, strict=True):
-            known[:-1] = known[1:]
-            known[-1] = row
-        commands, (*first, last) = self.newest, self.effects_of_commands
+            return Commands(*(row[None] for row in rows))
+        commands, (*first, last) = self._keep(rows), self.effects_of_commands
         for effect in first:
             commands = effect.change_commands(commands, self.period_s, self.robot)
         return last.change_newest_commands(commands, self.period_s, self.robot)
+
+    def _keep(self, rows: tuple[np.ndarray, ...]) -> Commands:
+        """Commands of the last ``memory`` ticks with these as the newest; the first of all held before them.
+
+        They are written one after the other and moved to the front when there is no room left, not at every tick.
+        """
+        if not self.kept:
+            self.kept = tuple(np.repeat(row[None], ROOM * self.memory, axis=0) for row in rows)
+            self.kept_ticks = self.memory - 1
+        elif self.kept_ticks == ROOM * self.memory:
+            for known in self.kept:
+                known[: self.memory - 1] = known[1 - self.memory :]
+            self.kept_ticks = self.memory - 1
+        for known, row in zip(self.kept, rows, strict=True):
+            known[self.kept_ticks] = row
+        self.kept_ticks += 1
+        return Commands(*(known[self.kept_ticks - self.memory : self.kept_ticks] for known in self.kept))
+
+
+def as_slice(indices: np.ndarray) -> "slice | np.ndarray":
+    """Indices that follow each other as a slice, with which arrays are read and written in a tenth of the time."""
+    first, count = int(indices[0]), len(indices)
+    return slice(first, first + count) if np.array_equal(indices, np.arange(first, first + count)) else indices
 
 
 def run_closed_loop(
@@ -192,15 +228,16 @@ def run_closed_loop(
     errors = NoiseRows.draw(sensing.noise, rows, len(robot.joints), rng)
     late = round(sensing.base_delay_s / period)
     plant = Plant(replayer, ready, effects)
+    measure, estimate = errors.by_tick(robot), estimates(robot)
     measured: list[Motion] = []
     touching: list[np.ndarray] = []
     force: list[np.ndarray] = []
     for row in range(rows):
-        measured.append(errors.add_to(plant.measure(), robot, first=row))
+        measured.append(measure(plant.measure(), row))
         for kept, now in zip((touching, force), plant.feel_ground(), strict=True):
             kept.append(now)
         of_base = measured[max(0, row - late)]
-        command = controller.command(estimate(row * period, of_base, measured[row], touching[row], robot))
+        command = controller.command(estimate(row * period, of_base, measured[row], touching[row]))
         since = disturbed_from() if disturbances else None
         if since is not None:
             plant.disturb(disturbances, row * period - since)
@@ -211,18 +248,24 @@ def run_closed_loop(
     return ClosedLoopRun(log, truth, np.array(touching), np.array(force))
 
 
-def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.ndarray, robot: Robot) -> StateEstimate:
-    """State estimate from one measured row for the base and one for the joints."""
-    return StateEstimate(
-        time_s,
-        of_base.base_position[0],
-        of_base.base_quaternion[0],
-        of_base.base_velocity[0],
-        of_base.base_angular_velocity[0],
-        of_joints.qpos[0, robot.joint_qpos],
-        of_joints.qvel[0, robot.joint_dofs],
-        touching,
-    )
+def estimates(robot: Robot) -> Callable[[float, Motion, Motion, np.ndarray], StateEstimate]:
+    """The function from a time, a measured row for the base, one for the joints, and touching feet to an estimate."""
+    positions, velocities = as_slice(robot.joint_qpos), as_slice(robot.joint_dofs)
+
+    def estimate(time_s: float, of_base: Motion, of_joints: Motion, touching: np.ndarray) -> StateEstimate:
+        qpos, qvel = of_base.qpos[0], of_base.qvel[0]
+        return StateEstimate(
+            time_s,
+            qpos[POSITION_SLICE],
+            qpos[QUATERNION_SLICE],
+            qvel[VELOCITY_SLICE],
+            qvel[ANGULAR_VELOCITY_SLICE],
+            of_joints.qpos[0, positions].copy(),
+            of_joints.qvel[0, velocities].copy(),
+            touching,
+        )
+
+    return estimate
 
 
 def with_commands(commanded: Log, sent: list[Command], robot: Robot) -> Log:

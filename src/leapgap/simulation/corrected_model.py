@@ -11,7 +11,7 @@ import numpy as np
 
 from leapgap.effects.base import Effect, overrides
 from leapgap.effects.drive import COOLING_S, Drive
-from leapgap.robot import actuators
+from leapgap.robot import dc_motors, makers_actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
 
@@ -27,7 +27,7 @@ ACTUATORS = ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuato
 def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.MjSpec, tuple[Effect, ...]]:
     """The robot's model with the effects in it, and the effects that no model can hold."""
     spec = robot.published_spec() if robot.states_actuators else robot.spec()
-    actuators.move_to_joints(spec, robot.actuators)
+    makers_actuators.move_to_joints(spec, robot.actuators)
     name_contacts(spec, robot.names.feet if robot.names else ())
     inside = [effect for effect in correction if changes_model(effect) and not overrides(type(effect), "put_controls")]
     changed = with_effects(inside, spec, robot)
@@ -98,8 +98,8 @@ def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
             continue
         gain = float(drive.gain[i])
         if gain != 1:
-            actuators.scale_joint(spec, motor.joint, gain)
+            makers_actuators.scale_joint(spec, motor.joint, gain)
         if drive.electric[i]:
             electric = (resistance[i], voltage[i], drive.lag_s[i], drive.heating[i], COOLING_S)
-            winding = actuators.Winding(*(float(number) for number in electric))
-            actuators.replace_by_dc_motor(spec, motor, gain, winding)
+            winding = dc_motors.Winding(*(float(number) for number in electric))
+            makers_actuators.replace_by_dc_motor(spec, motor, gain, winding)

@@ -13,7 +13,6 @@ from leapgap.effects.base import Effect
 from leapgap.effects.command_delay import CommandDelay
 from leapgap.effects.drive import Drive
 from leapgap.effects.encoder_bias import EncoderBias
-from leapgap.effects.thermal_fade import ThermalFade
 from leapgap.robot.model import Robot
 
 Gains = Mapping[str, tuple[float, float]]
@@ -79,6 +78,7 @@ def joint_entries(
             "torque_gain": pair(1.0, drive.gain[i]),
             "motor_lag_s": pair(0.0, drive.lag_s[i]),
             "motor_voltage_v": pair(np.inf, drive.voltage_v[i]),
+            "motor_heating_per_n2m2s": pair(0.0, drive.heating[i]),
             "command_delay_s": pair(0.0, delay[i]),
             "encoder_bias_rad": pair(0.0, bias[i]),
         }
@@ -200,7 +200,7 @@ def entry_in_words(effect: Mapping[str, Any]) -> str:
 
 def motor_words(found: Mapping[str, Any]) -> list[str]:
     """A paragraph on motors that are DC motors in the model, where there are any."""
-    warm = {joint for effect in found["effects"] if effect["name"] == ThermalFade.name for joint in effect["at"]}
+    warm = [joint for joint, of in found["joints"].items() if of["motor_heating_per_n2m2s"]["corrected"]]
     electric = [
         joint
         for joint, of in found["joints"].items()

@@ -1,12 +1,13 @@
 """Sensor noise: white noise on every measured quantity."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
-from leapgap.robot.rotations import turn_by
+from leapgap.robot.motion import QUATERNION_SLICE, Motion
+from leapgap.robot.rotations import turn_by, turn_one_by
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,26 @@ class NoiseRows:
             noise.base_linvel_m_s * rng.standard_normal(of_base),
             noise.base_angvel_rad_s * rng.standard_normal(of_base),
         )
+
+    def by_tick(self, robot: Robot) -> Callable[[Motion, int], Motion]:
+        """``add_to`` for many motions of one row each: the motion of a tick, and the tick, to what is measured.
+
+        Bit for bit the same, in half the time, where each coordinate of the robot is measured.
+        """
+        if not robot.has_free_base or len(robot.joints) != robot.model.nv - 6 or robot.model.nq != robot.model.nv + 1:
+            return lambda motion, tick: self.add_to(motion, robot, tick)
+        rows = len(self.position)
+        of_all = Motion(np.zeros((rows, robot.model.nq)), np.zeros((rows, robot.model.nv)))
+        of_all.base_position[:], of_all.base_velocity[:] = self.position, self.linvel
+        of_all.base_angular_velocity[:] = self.angvel
+        of_all.qpos[:, robot.joint_qpos], of_all.qvel[:, robot.joint_dofs] = self.joint_pos, self.joint_vel
+
+        def add(motion: Motion, tick: int) -> Motion:
+            qpos = motion.qpos + of_all.qpos[tick]
+            qpos[0, QUATERNION_SLICE] = turn_one_by(motion.qpos[0, QUATERNION_SLICE], self.angle[tick])
+            return Motion(qpos, motion.qvel + of_all.qvel[tick])
+
+        return add
 
     def add_to(self, motion: Motion, robot: Robot, first: int = 0) -> Motion:
         """The motion with these errors added; its first row is tick ``first``."""

@@ -21,7 +21,8 @@ from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.open_loop import Course, MotionPlan
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case_draw import Case
 from leapgap.validation.generator import (

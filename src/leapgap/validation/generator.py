@@ -27,7 +27,8 @@ from leapgap.simulation.open_loop import (
     raise_front,
     with_block,
 )
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 from leapgap.validation.off_table.base import OffTableEffect, Process
 from leapgap.validation.physics import USUAL, Physics

@@ -11,7 +11,7 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
-from leapgap.simulation.replay import Rollout
+from leapgap.simulation.rollout import Rollout
 from leapgap.validation.generator import Generator
 
 

@@ -8,6 +8,7 @@ import pytest
 from leapgap.jumping.experiments.landing_feedback import (
     Authority,
     FeedbackConfig,
+    HeldShifts,
     LandingFeedback,
     ShiftedJumps,
     learn_feedback,
@@ -138,3 +139,37 @@ def test_jumps_survive_a_json_file_with_what_is_not_known_of_them() -> None:
     assert jumps.undisturbed.tolist() == [True, False, True, False]
     twice = ShiftedJumps.join([jumps, again])
     assert len(twice) == 8
+
+
+def test_what_was_measured_of_held_shifts_takes_the_place_of_what_was_simulated() -> None:
+    """Held from update 12 on, x does the opposite on the robot; all other held shifts do what they did."""
+    effect = np.array([[[-1.0, 0.5, 0.0]], [[-1.0, 0.5, 0.0]]])
+    held = HeldShifts(np.array([0.4, 0.6]), np.array([12]), np.array([0]), effect, 0.1)
+    shifts = replace(SHIFTS, error=0.3 * SHIFTS.mean)
+    found = shifts.measured(held)
+    for g in (0, 1):
+        for update in range(UPDATES):
+            of_held = found.mean[g, update:].sum(axis=0)
+            expected = AUTHORITY[update:].sum() * np.eye(3)
+            if update == 12:
+                expected[:, 0] = [-1.0, 0.5, 0.0]
+            np.testing.assert_allclose(of_held, expected, atol=1e-12, err_msg=str(update))
+    spread = np.sqrt((found.error[:, 12:].sum(axis=1) ** 2).sum(axis=0))
+    np.testing.assert_allclose(spread[:, 0], 0.1, atol=1e-12)
+    # Along z nothing was measured: it may be as wrong as x was found to be.
+    late = AUTHORITY[12:].sum()
+    np.testing.assert_allclose(spread[:, 1], [1.0 + late, np.hypot(0.3 * late, 0.5), 0], atol=1e-12)
+
+
+def test_between_goals_with_different_effects_the_measured_one_is_uncertain() -> None:
+    effect = np.array([[[1.0, 0.0, 0.0]], [[-1.0, 0.0, 0.0]]])
+    found = SHIFTS.measured(HeldShifts(np.array([0.4, 0.6]), np.array([3]), np.array([0]), effect, 0.0))
+    assert found.at(np.array([0.5]))[0, 3:].sum(axis=0)[0, 0] == pytest.approx(0.0, abs=1e-12)
+    assert np.sqrt((found.error[:, 3:].sum(axis=1) ** 2).sum(axis=0))[0, 0] == pytest.approx(1.0)
+
+
+def test_jumps_that_fell_leave_what_was_simulated() -> None:
+    fallen = HeldShifts(np.array([0.4, 0.6]), np.array([3]), np.array([0]), np.full((2, 1, 3), np.nan), 0.1)
+    np.testing.assert_allclose(SHIFTS.measured(fallen).mean, SHIFTS.at(fallen.x_m), atol=1e-12)
+    nothing = HeldShifts(np.zeros(0), np.array([3]), np.array([0]), np.zeros((0, 1, 3)), 0.1)
+    assert SHIFTS.measured(nothing) is SHIFTS

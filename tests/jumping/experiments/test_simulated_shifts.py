@@ -10,10 +10,11 @@ from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, shifted_plan
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
+from leapgap.jumping.experiments.held_shifts import HeldShiftsConfig, measure_held_shifts
+from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples, best_goal
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.learned_goal_mpc import GoalShiftMethod
+from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
 from leapgap.jumping.experiments.simulated_shifts import (
     NO_KICK,
     ShiftDraws,
@@ -139,6 +140,18 @@ def test_jumps_that_fall_are_not_learned_from(bench: Bench, method: GoalShiftMet
     assert len(found) == 2
     assert not found.disturbed[0]
     assert np.abs(found.landing[:, 2]).max() < 0.3
+
+
+def test_held_shifts_move_the_landing_as_far_as_practice_finds(bench: Bench, method: GoalShiftMethod) -> None:
+    """A shift of x that is held from 150 ms on is one of the whole jump; one of nothing is not made."""
+    landing = LandingModel(LandingSamples(), AimConfig())
+    config = HeldShiftsConfig(distances_m=(0.5,), last_updates=1, shift=(0.03, 0.0, 0.0))
+    early = ShiftGrid(ContactSchedule(0.175, 0.625, 0.4), on_rear_feet=False)
+    found = measure_held_shifts(bench, method, landing, early, config, "practice")
+    assert found.update.tolist() == [6] and found.axis.tolist() == [0]
+    assert found.effect[0, 0] == pytest.approx([1.0, 0.0, 0.0], abs=0.35)
+    goal = best_goal(landing, TASK.target, 0.0)
+    assert found.x_m == pytest.approx([goal[0]])
 
 
 class Pessimist:

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.shifted_plan import ShiftedPlan
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
 from leapgap.jumping.experiments.landing_feedback import Authority, FeedbackConfig, ShiftedJumps, learn_feedback
@@ -59,16 +61,22 @@ def jumps(count: int, short_m: float, rng: np.random.Generator) -> ShiftedJumps:
     return ShiftedJumps(goal, rng.uniform(-0.1, 0.1, count), landing, shift, deviation, np.zeros(count))
 
 
+@cache
+def shifted(robot: Robot) -> ShiftedPlan:
+    """The plan to the goal and three more around it, planned once."""
+    planner, target = JumpPlanner(planar_robot(robot), limits=AIMING_LIMITS), Target(0.5)
+    solution = planner.plan(target, GOAL, STANCE)
+    assert solution is not None
+    plan = shifted_plan(planner, solution, Reference.of(to_jump(solution, Gains()), robot), robot)
+    assert plan is not None
+    return plan
+
+
 def new_tracker(
     robot: Robot, kind: type[ShiftTracker] = ShiftTracker, simulated: int = 60, own: int = 30
 ) -> ShiftTracker:
     """A controller with four plans, and a model of a robot that was learned on top of that of another one."""
-    planner, target = JumpPlanner(planar_robot(robot), limits=AIMING_LIMITS), Target(0.5)
-    solution = planner.plan(target, GOAL, STANCE)
-    assert solution is not None
-    reference = Reference.of(to_jump(solution, Gains()), robot)
-    plan = shifted_plan(planner, solution, reference, robot)
-    assert plan is not None
+    plan = shifted(robot)
     rng, late = np.random.default_rng(3), 1.6 * (1 - np.arange(UPDATES) / UPDATES) / UPDATES
     mean = late[:, None, None] * (np.eye(3) + 0.1 * rng.standard_normal((UPDATES, 3, 3)))
     shifts, config = Authority(mean[None], 0.01 * mean[None]), FeedbackConfig(bias=1.0, change=1.0)

@@ -14,7 +14,8 @@ from leapgap.jumping.learning.evaluation import HeldOutPredictions
 from leapgap.jumping.learning.model import Model, Nominal
 from leapgap.jumping.learning.models.nominal import NominalModel
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
-from leapgap.logs.row_clock import RowClock, uneven_clocks
+from leapgap.logs.row_clock import RowClock
+from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.robot.model import Robot
 from stages.chunk import chunk
 from stages.evaluate import evaluate

@@ -7,7 +7,8 @@ import numpy as np
 
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import UNEVEN, RowClock, row_clock
+from leapgap.logs.row_clock import RowClock
+from leapgap.logs.row_clock_estimate import UNEVEN, row_clock
 from leapgap.robot.model import Robot
 
 STALL_S, STALL_ROWS = 0.008, 5

@@ -14,7 +14,8 @@ from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.search import MARGIN_S, dof_at
 from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.effects.base import Effect
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 EXPLAINED = 0.5
 """A force is explained where the answer leaves a smaller share of the nominal robot's error of velocity there."""

@@ -77,8 +77,9 @@ class GoalShiftConfig:
     """Largest change of the shift at one update."""
     largest_pitch_rad: float = 0.15
     """Largest predicted pitch at the landing; at 15° (0.26 rad) a landing counts as a fall."""
-    below_target_m: float = 0.0
-    """Largest predicted distance of the landing below the target's height."""
+    below_target_m: float = 0.06
+    """Largest predicted distance of the landing below the target's height. Without any room, the height was bought with
+    centimetres of x after a kick: on flat ground a low landing is an early one."""
     limits: ForceLimits = field(default_factory=lambda: ForceLimits(friction=0.7, largest_n=350.0, smallest_n=10.0))
     """Limits of the ground forces of the shifted plan, of a pair."""
     torque_nm: float = 33.5

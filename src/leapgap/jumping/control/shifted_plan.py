@@ -5,7 +5,7 @@ differences to the plans of neighbouring goals. All of them move together, so th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,3 +43,12 @@ class ShiftedPlan:
         """A quantity at one or several rows for one shift (3,) of the goal, (n,) or (rows, n)."""
         values: np.ndarray = getattr(self.reference, quantity)[row]
         return values + np.tensordot(shift, self.slopes[quantity][:, row], axes=1)
+
+    def moved(self, change: dict[str, np.ndarray]) -> "ShiftedPlan":
+        """The plan with ``change[quantity]`` (rows, n) added to each quantity, and the same slopes."""
+        values = {name: getattr(self.reference, name) + change[name] for name in QUANTITIES}
+        return ShiftedPlan(replace(self.reference, **values), self.slopes)
+
+    def change_to(self, shift: np.ndarray) -> dict[str, np.ndarray]:
+        """What a shift (3,) of the goal changes in each quantity, (rows, n)."""
+        return {name: np.tensordot(shift, self.slopes[name], axes=1) for name in QUANTITIES}

@@ -1,23 +1,30 @@
 """A goal-directed jump whose goal is shifted while the robot pushes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.goal_shift_jump import ShiftTracker
+from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker, StanceMeasurement
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, QUANTITIES, ShiftedPlan
 from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
+from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner, stance_pitch
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.planning.reference import Gains, to_jump
-from leapgap.jumping.planning.solve import Solution
+from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.robot.model import Robot
+from leapgap.simulation.controller import StateEstimate
 
 NO_NEIGHBOURS = "no plans of neighbouring goals"
+STANCE_STEPS = (-0.05, 0.05)
+"""Distance of the stance that the slope by the stance's pitch is taken from, rad: nose-up, as on a block ahead, and
+nose-down where the first has no plan."""
+LARGEST_TILT_RAD = 0.2
+"""A stance that is measured in the jump and farther from the expected one is not believed."""
 NEIGHBOUR_STEPS = (0.05, 0.04, 0.08)
 """Distance of the neighbouring goals that slopes are taken from: x, z, pitch; m, m, rad."""
 
@@ -49,15 +56,12 @@ class GoalShiftJump(GoalDirectedJump):
     def track(self, solution: Solution | None) -> JumpController:
         """Goal-shift MPC along the plan; joint PD where there are no neighbouring plans."""
         plan = None if solution is None else shifted_plan(self.choice.planner, solution, self.reference, self.robot)
-        if plan is None or self.goal is None:
+        if plan is None or self.goal is None or solution is None:
             if solution is not None:
                 self._substitute(NO_NEIGHBOURS)
             return super().track(solution)
         settings, feedback = self.settings, self.settings.feedback
-        # The goal was chosen with all that was known before the jump. Where no goal is expected to land on the target,
-        # a shift must not try it either: its effect is known less there.
-        known = None if feedback is None else feedback.expect(self.goal, self.stance_pitch)
-        desired = target_pose(self.choice.target) if known is None else known
+        measurement = None if self.choice.stance_is_seen else self._late_measurement(plan, solution)
         self.shift_tracker = ShiftTracker(
             plan,
             self.robot,
@@ -65,12 +69,58 @@ class GoalShiftJump(GoalDirectedJump):
             settings.config,
             self.goal,
             self.stance_pitch,
-            desired,
+            self._desired(),
             None if feedback is None else feedback.planned_to(self.goal),
             settings.exploration,
+            measurement=measurement,
         )
         self.shift_tracker.fallbacks, self.shift_tracker.substituted = self.fallbacks, self.substituted
         return self.shift_tracker
+
+    def _late_measurement(self, plan: ShiftedPlan, solution: Solution) -> StanceMeasurement | None:
+        """How the stance is measured at the beginning of the jump; None where the plan has no slope by the stance.
+
+        The plan from the measured stance is found by that slope, so that none is made during the jump.
+        """
+        assert self.goal is not None
+        first, goal, choice, feedback = (
+            solution.problem.stance_pitch_rad,
+            self.goal,
+            self.choice,
+            self.settings.feedback,
+        )
+        slopes = stance_slopes(choice.planner, solution, self.reference, self.robot)
+        if slopes is None:
+            return None
+
+        def decide(estimates: Sequence[StateEstimate]) -> LateStance | None:
+            pitch = stance_pitch(list(estimates), self.legs)
+            if abs(pitch - first) > LARGEST_TILT_RAD:
+                return None
+            self.goal, self.stance_pitch = choice.aim(choice.target, pitch), pitch
+            shift = plan.change_to(self.goal - goal)
+            moved = plan.moved({name: shift[name] + (pitch - first) * slopes[name] for name in QUANTITIES})
+            return LateStance(
+                pitch,
+                moved,
+                self.goal,
+                self._desired(),
+                None if feedback is None else feedback.planned_to(self.goal),
+            )
+
+        return StanceMeasurement(decide)
+
+    def _desired(self) -> np.ndarray:
+        """Landing (3,) that shifts of the goal aim at.
+
+        The goal was chosen with all that was known before the jump. Where no goal is expected to land on the target,
+        a shift must not try it either: its effect is known less there.
+        """
+        feedback = self.settings.feedback
+        assert self.goal is not None
+        if feedback is None:
+            return target_pose(self.choice.target)
+        return feedback.expect(self.goal, self.stance_pitch)
 
     @property
     def shifts(self) -> np.ndarray:
@@ -86,8 +136,7 @@ class GoalShiftJump(GoalDirectedJump):
 def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference, robot: Robot) -> ShiftedPlan | None:
     """The plan and its slopes; where a neighbour on one side has no plan, that on the other side is taken."""
     problem = solution.problem
-    aim, target = problem.aim, problem.target
-    goal = np.array([target.x_m + aim.x_m, target.z_m + aim.z_m, aim.pitch_rad])
+    target, goal = problem.target, landing_goal(problem)
     neighbours, steps = [], []
     for axis, size in enumerate(NEIGHBOUR_STEPS):
         for step in (size, -size):
@@ -98,3 +147,17 @@ def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference,
                 steps.append(step)
                 break
     return ShiftedPlan.of(reference, neighbours, steps) if len(steps) == GOAL_AXES else None
+
+
+def stance_slopes(
+    planner: JumpPlanner, solution: Solution, reference: Reference, robot: Robot
+) -> dict[str, np.ndarray] | None:
+    """Slopes of the plan by the pitch of the stance, (rows, n) for each quantity, per rad; None without a neighbour."""
+    problem = solution.problem
+    goal = landing_goal(problem)
+    for step in STANCE_STEPS:
+        tilted = planner.plan(problem.target, goal, problem.stance_pitch_rad + step, problem.robot)
+        if tilted is not None:
+            other = Reference.of(to_jump(tilted, Gains()), robot)
+            return {name: (getattr(other, name) - getattr(reference, name)) / step for name in QUANTITIES}
+    return None

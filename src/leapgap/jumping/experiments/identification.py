@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from leapgap import effects
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import pitch_of
-from leapgap.simulation.replay import Replayer, Rollout
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ def identify_effects(
 
     The effects ``known`` act as well and are not fitted; an example is the limit in the motors' data sheet.
     """
+    from scipy.optimize import least_squares  # most processes read this file and fit nothing
+
     replayer = Replayer(robot, max((len(log.info.terrain) for log in logs), default=0) or 1)
     kinds = effects.known()
     ranges = [next(p for p in kinds[u.effect].parameters(robot) if p.name == u.parameter) for u in fitted]

@@ -72,15 +72,3 @@ def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Log)
         if surface_z_m > 0 and box.top_m == surface_z_m:
             on_surface &= np.abs(feet[:, 0] - box.x_m) < box.size_m[0] / 2
     return bool(on_surface.all() and upright_cosine(truth.base_quaternion[row]) > UPRIGHT_COSINE)
-
-
-def landing_error_cm(jump: Log) -> float:
-    """Target distance − displacement of the base along its heading at the start, at the planned landing, cm.
-
-    Positive is short. Read from the log, hence with its noise.
-    """
-    row = min(len(jump) - 1, int(np.searchsorted(jump.time, schedule_of(jump).landing_s - 1e-9)))
-    dx = jump["base_pos_x"][row] - jump["base_pos_x"][0]
-    dy = jump["base_pos_y"][row] - jump["base_pos_y"][0]
-    heading = jump.yaw[0]
-    return float(100 * (target_of(jump).x_m - (dx * np.cos(heading) + dy * np.sin(heading))))

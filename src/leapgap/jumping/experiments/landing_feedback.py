@@ -10,6 +10,7 @@ and φ_j holds a one, goal, stance, and how far trunk and feet are from the shif
 towards the same model of another robot: the identified one, which was simulated.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -48,6 +49,22 @@ class FeedbackConfig:
 
 
 @dataclass(frozen=True)
+class HeldShifts:
+    """What k shifts did to the landings of jumps to g goals that were held from some update to the end."""
+
+    x_m: np.ndarray
+    """Distances of the goals, rising, (g,), m."""
+    update: np.ndarray
+    """The update from which each shift was held, (k,)."""
+    axis: np.ndarray
+    """The axis of the goal along which each shift was, (k,)."""
+    effect: np.ndarray
+    """Change of the landing per shift, (g, k, 3); not finite where a jump fell."""
+    error: float
+    """Standard deviation of an effect."""
+
+
+@dataclass(frozen=True)
 class Authority:
     """What a shift does to the landing of jumps to g goals, and in how many ways that may be off."""
 
@@ -62,6 +79,37 @@ class Authority:
         """G of goals at n distances, (n, T, 3, 3), linearly between those of the g goals."""
         shares = np.stack([np.interp(x_m, self.x_m, one) for one in np.eye(len(self.x_m))], axis=1)
         return np.einsum("ng,gtij->ntij", shares, self.mean)
+
+    def measured(self, held: HeldShifts) -> "Authority":
+        """The same with what was measured of held shifts in the place of what was known of them.
+
+        Between its goals the effect is taken for a straight line, which may be off by half of its difference. An axis
+        that was not measured may be off at an update by as much as the measured ones were.
+        """
+        if not len(held.x_m):
+            return self
+        mean, error = held_effects(self.at(held.x_m)), held_effects(self.error)
+        ways = []
+        for update in np.unique(held.update):
+            of_update = held.update == update
+            simulated = mean[:, update][:, :, held.axis[of_update]].swapaxes(1, 2)
+            wrong = np.nan_to_num(np.abs(held.effect[:, of_update] - simulated)).max(axis=(0, 1))
+            for i, axis in itertools.product(range(3), set(range(3)) - set(held.axis[of_update])):
+                way = np.zeros(error.shape[1:])
+                way[update, i, axis] = wrong[i]
+                ways.append(way)
+        for update, axis, effect in zip(held.update, held.axis, held.effect.swapaxes(0, 1), strict=True):
+            if not np.isfinite(effect).all():
+                continue
+            mean[:, update, :, axis] = effect
+            error[:, update, :, axis] = 0.0
+            for i, off in enumerate(np.hypot(held.error, np.ptp(effect, axis=0) / 2)):
+                way = np.zeros(error.shape[1:])
+                way[update, i, axis] = off
+                ways.append(way)
+        return Authority(
+            of_held(mean), of_held(np.concatenate([error, np.array(ways).reshape(-1, *error.shape[1:])])), held.x_m
+        )
 
 
 @dataclass(frozen=True)
@@ -113,6 +161,20 @@ class ShiftedJumps:
     def shift_before(self, update: int) -> np.ndarray:
         """Shifts just before an update, (n, 3)."""
         return self.shift[:, update - 1] if update else np.zeros_like(self.goal)
+
+
+def held_effects(authority: np.ndarray) -> np.ndarray:
+    """Effects of shifts that are held from each of T updates to the end, by those of single updates (n, T, 3, 3).
+
+    Shape (n, T + 1, 3, 3); a shift after the last update does nothing.
+    """
+    held = np.flip(np.cumsum(np.flip(authority, -3), axis=-3), -3)
+    return np.concatenate([held, np.zeros_like(held[..., :1, :, :])], axis=-3)
+
+
+def of_held(held: np.ndarray) -> np.ndarray:
+    """The inverse of ``held_effects``."""
+    return -np.diff(held, axis=-3)
 
 
 def null_where_not_finite(values: np.ndarray) -> Any:

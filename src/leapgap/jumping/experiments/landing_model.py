@@ -8,7 +8,6 @@ first push, when the whole jump can still be changed. Forces late in the jump co
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import minimize
 
 from leapgap.jumping.task import Target
 
@@ -164,6 +163,8 @@ def best_goal(
     """
     if model is None:
         return target_pose(target)
+    from scipy.optimize import minimize  # most processes read this file and aim at nothing
+
     config = model.config
     desired = target_pose(target) + np.array([0.0, config.clearance_m, 0.0])
     bias = np.zeros(3) if offset is None else offset

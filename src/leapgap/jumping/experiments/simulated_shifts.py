@@ -30,7 +30,8 @@ from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, POSITION_SLICE, Motion
 from leapgap.robot.rotations import pitch_of
 from leapgap.robot.topology import PAIRS
 from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, prepare
-from leapgap.simulation.replay import Replayer, Rollout, Starts
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, Starts
 from leapgap.simulation.sensors import SensorNoise
 
 TOUCHES_M = 0.002

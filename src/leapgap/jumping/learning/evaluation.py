@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.special import ndtri
 
 from leapgap.atomic_io import read_json, whole_file
 from leapgap.errors import InputError
@@ -107,6 +106,8 @@ def coverage(found: HeldOutPredictions) -> dict[str, dict[str, float]]:
 
 def is_inside_interval(found: HeldOutPredictions, model: str, level: float) -> np.ndarray:
     """Whether each held-out state lies in its predicted interval of a nominal level, bool, (W, K, 6)."""
+    from scipy.special import ndtri
+
     error = np.abs(found.states[model][:, 1:] - found.windows.state[:, 1:])
     return error <= ndtri(0.5 + level / 2) * found.deviation[model]
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
-from scipy.special import ndtri
 
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
@@ -150,6 +148,8 @@ def without_jump(whole: PredictionUncertainty, windows: Windows, jump: int) -> P
 
 def smooth_mean(squared: np.ndarray) -> np.ndarray:
     """Mean over jumps (J, starts, K, 6), smoothed over neighbouring starts."""
+    from scipy.ndimage import gaussian_filter1d  # most processes read this file and learn no uncertainty
+
     return gaussian_filter1d(squared.mean(axis=0), SMOOTHING_STEPS, axis=0, mode="nearest")
 
 
@@ -159,6 +159,8 @@ def widening_factor(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
     Each training jump is judged by the deviations learned from the others; the factor is what makes the quantiles of
     the standardised errors those of the normal distribution, mean of three levels.
     """
+    from scipy.special import ndtri
+
     standardised = []
     for j in range(len(squared)) if len(squared) > 2 else ():
         others = np.arange(len(squared)) != j

@@ -14,7 +14,6 @@ and the jump lands at its end; until the first knot the robot stands still. Betw
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.boxes import terrain
@@ -75,6 +74,8 @@ def to_jump(solution: Solution, gains: Gains) -> Log:
 
 def motion(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Planner's q and its derivative at the given times, each (rows, 7)."""
+    from scipy.interpolate import CubicHermiteSpline  # most processes read this file and plan nothing
+
     knots, plan = solution.problem.grid.knot_times, solution.trajectory
     slope = np.zeros_like(plan.v)
     slope[1:-1] = (plan.v[1:-1] + plan.v[2:]) / 2

@@ -10,6 +10,7 @@ from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.map_proposal.names import words
 from leapgap.logs.map_proposal.physics import CLEAR, correlations
+from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.logs.missing_velocities import angular_velocity, continuous
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
 
@@ -73,3 +74,23 @@ def real_part_last(table: Table, attitude: Sequence[str], gyro: Sequence[str], t
     if max(scores) < CLEAR or abs(scores[0] - scores[1]) < 0.1:
         return None
     return scores[1] > scores[0]
+
+
+def find_base(columns: list[str], evidence: Evidence, proposal: Proposal) -> None:
+    """Attitude, gyro and what else is known of the base; the gyro says in which order a quaternion is."""
+    found = base_columns(columns)
+    if "base_quat" in found and not {"w", "x"} <= {column[-1].lower() for column in found["base_quat"]}:
+        last = None
+        if "base_angvel" in found and evidence.time is not None:
+            last = real_part_last(evidence.table, found["base_quat"], found["base_angvel"], evidence.time)
+        if last:
+            found["base_quat"] = [*found["base_quat"][3:], *found["base_quat"][:3]]
+        kind, how = (GUESSED, "no gyro decides it") if last is None else (SURE, "so it turns as the gyro says")
+        proposal.say(kind, f"the quaternion of the base is {'x y z w' if last else 'w x y z'}: {how}")
+    for quantity, theirs in found.items():
+        for ours, column in zip(COLUMNS[quantity], theirs, strict=True):
+            proposal.put("columns", ours, column)
+        proposal.say(GUESSED, f"{quantity} is {', '.join(theirs)}, by the names")
+    lacking = ", ".join(name for name in COLUMNS if name not in found)
+    if lacking:
+        proposal.say(MISSING, f"{lacking} of the base: left out, as not measured")

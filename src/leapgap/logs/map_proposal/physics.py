@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.importers.units import UNITS
@@ -47,6 +46,8 @@ def unit_of_time(time: np.ndarray) -> str | None:
 
 def rates(time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> Rates:
     """Match velocities (rows, m) with the slopes of positions (rows, n), each velocity at most once."""
+    from scipy.optimize import linear_sum_assignment
+
     slope = slopes(time, position)
     correlation = correlations(slope, velocity)
     rows, columns = linear_sum_assignment(-np.abs(np.nan_to_num(correlation)))
@@ -80,6 +81,8 @@ def order_of(reference: np.ndarray, other: np.ndarray) -> np.ndarray | None:
     """
     if reference.shape[1] != other.shape[1]:
         return None
+    from scipy.optimize import linear_sum_assignment
+
     found = np.nan_to_num(correlations(reference, other))
     rows, columns = linear_sum_assignment(-found)
     best, as_is = found[rows, columns], np.diag(found)

@@ -10,25 +10,22 @@ import numpy as np
 from leapgap.effects import to_config
 from leapgap.jumping.control.deviation_recorder import Observation
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
-from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, ShiftSettings
+from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
+from leapgap.jumping.experiments.held_shifts import HeldShiftsConfig, measure_held_shifts
 from leapgap.jumping.experiments.landing_feedback import (
     Authority,
     FeedbackConfig,
-    LandingFeedback,
     ShiftedJumps,
     learn_feedback,
 )
-from leapgap.jumping.experiments.landing_model import LandingModel, best_goal
+from leapgap.jumping.experiments.landing_model import LandingModel
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
+from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
-from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import (
     DATA_SHEET,
     SHARED,
@@ -37,46 +34,22 @@ from leapgap.jumping.experiments.training_jumps import (
     run_practice,
 )
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.task import Target
 
 if TYPE_CHECKING:
     from leapgap.jumping.experiments.rig import Rig
 
 
 @dataclass(frozen=True)
-class GoalShiftMethod(Method):
-    """Goal-shift MPC along plans from the measured stance to the goal that the model says will land on the target."""
-
-    planner: JumpPlanner | None = None
-    feedback: LandingFeedback | None = None
-    config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
-    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Added to each goal for exploration, (3,), m, m, rad."""
-    exploration: np.ndarray | None = None
-    """Added to the shifts, (updates, 3), m, m, rad."""
-
-    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
-        """A jump that is planned after the stance was measured, and shifted on the way."""
-        assert self.planner is not None
-        landing = None if self.feedback is None else self.feedback.landing
-
-        def aim(target: Target, stance_pitch: float) -> np.ndarray:
-            return best_goal(landing, target, stance_pitch) + self.goal_offset
-
-        settings = ShiftSettings(self.config, self.feedback, self.exploration)
-        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
-        return GoalShiftJump(choice, reference, self.robot, self.gains, settings)
-
-
-@dataclass(frozen=True)
 class LearnedGoalMpcSettings(MethodSettings):
-    """Makes the training jumps that ``ours`` makes, and simulates shifted jumps of the identified robot."""
+    """Makes the training jumps that ``ours`` makes and a few with late shifts, and simulates shifted jumps of the
+    identified robot."""
 
     name = "learned_goal_mpc"
 
     mpc: GoalShiftConfig = field(default_factory=GoalShiftConfig)
     model: FeedbackConfig = field(default_factory=FeedbackConfig)
     simulated: SimulatedShiftsConfig = field(default_factory=SimulatedShiftsConfig)
+    held: HeldShiftsConfig = field(default_factory=HeldShiftsConfig)
     identify_feet: bool = False
     """Whether the softness of the feet is identified for the simulated jumps: what kicks and unseen ground do depends
     on it. Off: the simulated robot has the feet of the nominal one."""
@@ -93,9 +66,11 @@ class LearnedGoalMpcSettings(MethodSettings):
         method = GoalShiftMethod(rig.robot, bench.references, planner=learned.planner, config=self.mpc)
         if learned.jumps is None:
             return method
-        simulated, shifts = self._simulated(bench, learned, own)
-        prior = learn_feedback(simulated, shifts, self.model)
         landing = LandingModel(learned.samples, settings.practice.aim)
+        simulated, shifts = self._simulated(bench, learned, own)
+        grid = ShiftGrid(learned.planner.schedule, self.mpc.period_s, on_rear_feet=self.mpc.on_rear_feet)
+        shifts = shifts.measured(measure_held_shifts(bench, method, landing, grid, self.held, own))
+        prior = learn_feedback(simulated, shifts, self.model)
         return replace(method, feedback=learn_feedback(learned.jumps, shifts, self.model, prior, landing))
 
     def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[ShiftedJumps, Authority]:

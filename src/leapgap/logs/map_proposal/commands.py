@@ -1,0 +1,109 @@
+"""What was sent to the motors: torques, gains of a joint PD, and commands that no column holds."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from leapgap.logs.map_proposal.joint_units import some_rows
+from leapgap.logs.map_proposal.physics import CLEAR, Gains, correlations, fit_gains
+from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
+
+SAME_TORQUE = 0.3
+"""Measured over sent torque may depart from 1 by this much: motors are weak, currents are poor torque sensors."""
+
+
+def judge_torques(evidence: Evidence, proposal: Proposal) -> None:
+    """Whether the measured torque is the one sent, or that of a joint PD, whose gains are then estimated."""
+    measured, have = "tau" in evidence.values, evidence.values.keys()
+    if not measured or evidence.time is None:
+        return
+    if "cmd_tau" in have:
+        _, sent, torque = some_rows(evidence, "cmd_tau", "tau")
+        slope = (sent * torque).sum(axis=0) / np.maximum((sent**2).sum(axis=0), 1e-300)
+        found = np.nan_to_num(np.diag(correlations(sent, torque)))
+        clear = np.abs(found) > CLEAR
+        if clear.any():
+            ratio = float(np.median(slope[clear]))
+            kind = SURE if abs(ratio - 1) < SAME_TORQUE else MISSING
+            advice = "" if kind == SURE else ": check unit and sign of one of them"
+            proposal.say(kind, f"the measured torque is {ratio:.3g} times the one that was sent{advice}")
+            moved = np.ptp(sent, axis=0) > 0
+            if kind == SURE and clear[moved].all():
+                evidence.torque_alone = True
+                return
+    if {"cmd_pos", "joint_pos", "joint_vel"} <= have and not {"cmd_kp", "cmd_kd"} <= have:
+        estimate_gains(evidence, proposal)
+
+
+def estimate_gains(evidence: Evidence, proposal: Proposal) -> None:
+    """Gains of the joint PD from the measured torque."""
+    quantities = [
+        "tau",
+        "cmd_pos",
+        "joint_pos",
+        "joint_vel",
+        *(q for q in ("cmd_vel", "cmd_tau") if q in evidence.values),
+    ]
+    _, *arrays = some_rows(evidence, *quantities)
+    at = dict(zip(quantities, arrays, strict=True))
+    wanted_rate = at.get("cmd_vel", np.zeros_like(at["joint_vel"]))
+    fits: list[Gains] = [
+        fit_gains(
+            at["tau"][:, i],
+            at["cmd_pos"][:, i] - at["joint_pos"][:, i],
+            wanted_rate[:, i] - at["joint_vel"][:, i],
+            at["cmd_tau"][:, i] if "cmd_tau" in at else None,
+        )
+        for i in range(len(evidence.robot.joints))
+    ]
+    good = [one.explained > CLEAR and one.kp > 0 for one in fits]
+    if not all(good):
+        weak = ", ".join(joint for joint, one in zip(evidence.robot.joints, good, strict=True) if not one)
+        proposal.say(
+            MISSING, f"gains of the joint PD: the measured torque does not tell them for {weak}; state cmd_kp, cmd_kd"
+        )
+        return
+    proposal.put("constants", "cmd_kp/*", [float(f"{one.kp:.3g}") for one in fits])
+    proposal.put("constants", "cmd_kd/*", [float(f"{max(0.0, one.kd):.3g}") for one in fits])
+    worst = min(one.explained for one in fits)
+    proposal.say(
+        GUESSED, f"gains of the joint PD by least squares: they explain {worst:.0%} or more of the measured torque"
+    )
+
+
+def fill_commands(evidence: Evidence, proposal: Proposal) -> None:
+    """Commands that no column holds: zero where that is the only sense, else missing."""
+    have = set(evidence.values)
+    stated = {key.partition("/")[0] for key in proposal.options.get("constants", {})}
+    if not have & {"cmd_pos", "cmd_vel", "cmd_tau"}:
+        proposal.say(MISSING, "commands: no column looks like torques or set points that were sent")
+        return
+    if evidence.torque_alone:
+        entries = proposal.options["columns"]
+        for key in [key for key in entries if key.startswith(("cmd_pos/", "cmd_vel/"))]:
+            del entries[key]  # references of a controller outside, which no motor follows
+        for part in ("units", "factors"):
+            for key in [key for key in proposal.options.get(part, {}) if key.startswith(("cmd_pos/", "cmd_vel/"))]:
+                del proposal.options[part][key]
+        have -= {"cmd_pos", "cmd_vel"}
+        proposal.notes = [one for one in proposal.notes if not one[1].startswith(("cmd_pos is", "cmd_vel is"))]
+        why = "the torque that was sent is the measured one: no joint PD acts beside it"
+        zero(("cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd"), have | stated, proposal, why)
+        return
+    if "cmd_pos" not in have:
+        zero(("cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd"), have | stated, proposal, "torques alone are sent, no joint PD")
+        return
+    zero(("cmd_tau",), have | stated, proposal, "set points alone are sent, no feed-forward torque")
+    zero(("cmd_vel",), have | stated, proposal, "the joint PD damps towards rest")
+    lacking = [name for name in ("cmd_kp", "cmd_kd") if name not in have | stated]
+    if lacking and not any("gains" in sentence for sentence in proposal.notes_of(MISSING)):
+        proposal.say(MISSING, f"gains of the joint PD: state constants.{'/*, constants.'.join(lacking)}/*")
+
+
+def zero(quantities: Iterable[str], have: set[str], proposal: Proposal, why: str) -> None:
+    """Zero constants for quantities that are not there."""
+    added = [name for name in quantities if name not in have]
+    for name in added:
+        proposal.put("constants", f"{name}/*", 0.0)
+    if added:
+        proposal.say(GUESSED, f"{', '.join(added)}: 0, since {why}")

@@ -1,0 +1,103 @@
+"""Which columns of a table are which quantity of which joint, by their names."""
+
+import numpy as np
+
+from leapgap.logs.map_proposal.names import Family
+from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, Evidence, Proposal
+from leapgap.logs.schema import COMMANDS
+from leapgap.robot.model import Robot
+
+OF_JOINTS = ("joint_pos", "joint_vel", "tau", *COMMANDS)
+
+
+def choose(found: list[Family], robot: Robot) -> dict[str, Family]:
+    """The best family for each quantity: one that names the robot's joints, all of them, in the plainest words."""
+    chosen: dict[str, Family] = {}
+    for one in sorted(found, key=lambda one: (fit_of(one, robot), one.preference), reverse=True):
+        chosen.setdefault(one.quantity, one)
+    return chosen
+
+
+def fit_of(one: Family, robot: Robot) -> int:
+    """How well the members of a family go with the joints."""
+    if one.joints:
+        return 3 if set(one.joints.values()) >= set(robot.joints) else 0
+    return 2 if len(one.members) == len(robot.joints) else 1
+
+
+def read_families(chosen: dict[str, Family], evidence: Evidence, proposal: Proposal) -> None:
+    """Take each family into the map, with the joints its members are of."""
+    joints = evidence.robot.joints
+    for quantity in OF_JOINTS:
+        one = chosen.get(quantity)
+        if one is None:
+            continue
+        if one.joints and not set(one.joints.values()) >= set(joints):
+            lacking = ", ".join(joint for joint in joints if joint not in one.joints.values())
+            proposal.say(MISSING, f"{quantity} of {lacking}: {one.template} names the others only")
+            continue
+        keys = keys_of(one, evidence)
+        if keys is None and add_some(quantity, one, evidence, proposal):
+            continue
+        if keys is None:
+            names = ", ".join(one.members)
+            proposal.say(
+                MISSING, f"which of {names} is which joint ({', '.join(joints)}), to map {quantity}: {one.template}"
+            )
+            continue
+        add_family(quantity, one, keys, evidence, proposal)
+
+
+def keys_of(one: Family, evidence: Evidence) -> list[str] | None:
+    """What stands for each joint in a family, in our order of joints; None where that cannot be said."""
+    joints = evidence.robot.joints
+    if one.joints:
+        by_joint = {joint: key for key, joint in one.joints.items()}
+        return [by_joint[joint] for joint in joints]
+    if evidence.their_joints and set(evidence.their_joints) <= set(one.members):
+        return evidence.their_joints
+    keys = sorted(one.members, key=int) if one.numbered else list(one.members)
+    if len(keys) > len(joints):  # motors that the robot does not have read zero
+        keys = [key for key in keys if np.ptp(evidence.table.numbers(one.members[key])) > 0]
+    return keys if len(keys) == len(joints) else None
+
+
+def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal) -> bool:
+    """Add torques of some joints, which the family calls as others did; the other joints have no motor."""
+    theirs = evidence.their_joints or []
+    if quantity not in ("tau", "cmd_tau") or not set(one.members) < set(theirs):
+        return False
+    idle = []
+    values = np.zeros((evidence.table.rows(), len(theirs)))
+    for i, (key, joint) in enumerate(zip(theirs, evidence.robot.joints, strict=True)):
+        if key in one.members:
+            proposal.put("columns", f"{quantity}/{joint}", one.members[key])
+            values[:, i] = evidence.table.numbers(one.members[key])
+            continue
+        idle.append(joint)
+        if quantity == "cmd_tau":
+            proposal.put("constants", f"cmd_tau/{joint}", 0.0)
+    evidence.values[quantity] = values
+    proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; {', '.join(idle)} has none, as without a motor")
+    return True
+
+
+def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, proposal: Proposal) -> None:
+    """Add the entries of one family, by ``*`` where the names of joints go with those of the others."""
+    joints = evidence.robot.joints
+    if evidence.their_joints is None:
+        evidence.their_joints = keys
+        renamed = {key: joint for key, joint in zip(keys, joints, strict=True) if key != joint}
+        if renamed:
+            proposal.options["joint_names"] = renamed
+    if evidence.their_joints == keys:
+        proposal.put("columns", f"{quantity}/*", one.template)
+    else:  # other names than the first family has
+        for key, joint in zip(keys, joints, strict=True):
+            proposal.put("columns", f"{quantity}/{joint}", one.members[key])
+    evidence.values[quantity] = np.stack([evidence.table.numbers(one.members[key]) for key in keys], axis=1)
+    if one.joints:
+        proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; the joints are named in it")
+    else:
+        order = ", ".join(f"{key} = {joint}" for key, joint in zip(keys, joints, strict=True))
+        proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; joints in the order of the model: {order}")

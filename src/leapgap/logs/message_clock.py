@@ -1,0 +1,303 @@
+"""The clock of a log that shows the latest message of each kind: one system of equations for all rows and samples."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from leapgap.logs.filtered_velocity import VelocityFilter, filter_of, obeyed_filters
+from leapgap.logs.log import Log
+from leapgap.logs.row_clock import RowClock
+from leapgap.logs.streams import BASE, NOISE_WINDOW, VELOCITY, Stream
+
+CURVATURE = 0.1
+"""Error of a mean of two velocities, as a share of their difference."""
+FREE = 25.0
+"""Standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption."""
+LAG, LAG_SPREAD = 0.3, 0.4
+"""How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
+OUTLIER = 2.0
+"""An equation that misses by more standard deviations counts less and less."""
+ROUNDS = 3
+"""Solutions, each with the weights and the delay of velocities that the one before gives."""
+ORIGIN = 1e5
+"""Weight, 1/s, with which the first row is put at instant 0."""
+PRECISE = 0.15
+"""Instants known to this share of a step of a whole-number clock are precise."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Weighted linear equations for the instants of rows and samples."""
+
+    matrix: sp.csr_matrix
+    right: np.ndarray
+    weight: np.ndarray
+    """1 over the standard deviation of each equation."""
+    bend: np.ndarray
+    """Change of velocity in equations of motion, by which its delay acts on their right side; 0 elsewhere."""
+    stream: np.ndarray
+    """Index of the message of each equation of motion; −1 elsewhere."""
+    first: np.ndarray
+    """Index of the first sample of each message among the unknowns; before them stand the rows."""
+    sharpness: tuple[np.ndarray, ...]
+    """For each message, standard deviation of the time between its samples by their motion alone, s."""
+
+
+def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
+    """The clock of a log that shows the latest message of each kind, whether it is new or not.
+
+    Unknown are the instants of all rows and of all samples. Motion between the samples of a message says how much time
+    passed; a row is written a little after the samples that it shows first.
+    """
+    period = mean_row(log, streams)
+    equations = equations_of(streams, period)
+    found = solve(equations, streams, period)
+    step = whole_step(found.samples, equations.sharpness, period)
+    if step is not None:
+        found = solve(with_whole_steps(equations, found.samples, step), streams, period)
+    shown = {stream.name: found.samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
+    instants = instants_of_rows(found, streams, shown, equations.sharpness, step or period)
+    if step is not None:
+        instants = step * np.round((instants - instants[0]) / step)
+    return RowClock(
+        instants - instants[0],
+        {name: shown[stream.name] - instants[0] for stream in streams for name in stream.columns},
+        np.full(len(log) - 1, 0.0 if step else LAG_SPREAD * period),
+        step,
+        {stream.name: stream.repeats(log.info.sample_period_s) for stream in streams},
+        {stream.name: float(delay) for stream, delay in zip(streams, found.delay, strict=True)},
+        {} if step is None else velocity_filters(streams, found, step),
+    )
+
+
+def mean_row(log: Log, streams: Sequence[Stream]) -> float:
+    """Mean length of a row by the motion of all joints, s."""
+    moved = span = 0.0
+    for stream in (stream for stream in streams if stream.name != BASE):
+        rows = np.flatnonzero(stream.fresh)
+        mean = (stream.velocity[rows][1:] + stream.velocity[rows][:-1]) / 2
+        moved += float((np.diff(stream.position[rows], axis=0) * mean).sum())
+        span += float((mean**2 * np.diff(rows)[:, None]).sum())
+    return moved / span if moved > 0 else log.info.sample_period_s
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Equations ``by · (plus − minus) = right`` between two unknowns each."""
+
+    plus: np.ndarray
+    minus: np.ndarray
+    by: np.ndarray
+    right: np.ndarray
+    spread: np.ndarray
+    """Standard deviation of each equation."""
+    bend: np.ndarray | float = 0.0
+    """Change of velocity, by which its delay acts on the right side."""
+    stream: int = -1
+    """Index of the message whose motion they tell; −1 where they tell none."""
+
+    def column(self, values: np.ndarray | float) -> np.ndarray:
+        """One value for each equation."""
+        return np.broadcast_to(np.asarray(values, dtype=float), len(self.plus))
+
+
+def equations_of(streams: Sequence[Stream], period: float) -> Equations:
+    """All equations of a log of so many rows; ``period`` is the mean length of a row, s."""
+    rows = len(streams[0].fresh)
+    first = rows + np.concatenate([[0], np.cumsum([int(stream.fresh.sum()) for stream in streams])])
+    parts, sharpness = [], []
+    for k, stream in enumerate(streams):
+        moves, sharp = motion_equations(stream, k, int(first[k]), period)
+        at = np.flatnonzero(stream.fresh)
+        after = first[k] + np.arange(1, len(at))
+        lasts = period * np.diff(at)
+        shown, one = first[k] + np.cumsum(stream.fresh) - 1, np.ones(rows)
+        late = np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD) * period
+        parts += [
+            *moves,
+            Differences(after, after - 1, one[: len(after)], lasts, FREE * period * one[: len(after)]),
+            Differences(np.arange(rows), shown, one, LAG * period * one, late),
+        ]
+        sharpness.append(sharp)
+    return assemble(parts, first, tuple(sharpness))
+
+
+def motion_equations(stream: Stream, index: int, first: int, period: float) -> tuple[list[Differences], np.ndarray]:
+    """What the motion of each channel says of the times between samples, and how precisely the best one does, s."""
+    at = np.flatnonzero(stream.fresh)
+    after, between = first + np.arange(1, len(at)), np.diff(at)
+    found, sharp = [], np.full(len(between), np.inf)
+    for channel in range(stream.position.shape[1]):
+        q, v = stream.position[at, channel], stream.velocity[at, channel]
+        mean, bend = (v[1:] + v[:-1]) / 2, np.diff(v)
+        curved = CURVATURE * period * np.abs(bend) * np.hypot(1.0, between / 5)
+        spread = np.hypot(np.sqrt(2) * stream.noise[channel], curved)
+        found.append(Differences(after, after - 1, mean, np.diff(q), spread, bend, index))
+        sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
+    return found, sharp
+
+
+def assemble(parts: Sequence[Differences], first: np.ndarray, sharpness: tuple[np.ndarray, ...]) -> Equations:
+    """One system of all equations; the first row is written at instant 0."""
+    plus, minus, by = (np.concatenate([getattr(part, name) for part in parts]) for name in ("plus", "minus", "by"))
+    number, origin = np.arange(len(plus)), len(plus)
+    matrix = sp.csr_matrix(
+        (
+            np.concatenate([by, -by, [1.0]]),
+            (np.concatenate([number, number, [origin]]), np.concatenate([plus, minus, [0]])),
+        ),
+        shape=(origin + 1, int(first[-1])),
+    )
+    return Equations(
+        matrix,
+        np.concatenate([*(part.column(part.right) for part in parts), [0.0]]),
+        np.concatenate([*(1 / part.column(part.spread) for part in parts), [ORIGIN]]),
+        np.concatenate([*(part.column(part.bend) for part in parts), [0.0]]),
+        np.concatenate([*(np.full(len(part.plus), part.stream) for part in parts), [-1]]),
+        first,
+        sharpness,
+    )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Instants that fit the equations."""
+
+    rows: np.ndarray
+    """When each row was written, s, (rows,)."""
+    samples: tuple[np.ndarray, ...]
+    """When the samples of each message were taken, s, (samples,) each."""
+    delay: np.ndarray
+    """Delay of the velocities of each message, s, (messages,)."""
+
+
+def solve(equations: Equations, streams: Sequence[Stream], period: float) -> Solution:
+    """Solve the equations by robust least squares.
+
+    A velocity may be that of a moment before its position; this delay of each message is found on the way.
+    """
+    delay = np.full(len(streams), period / 2)
+    weight, found = equations.weight, np.zeros(0)
+    row_of_unknown = [np.arange(equations.first[0]) + 0.5, *(np.flatnonzero(stream.fresh) for stream in streams)]
+    order = np.argsort(np.concatenate(row_of_unknown), kind="stable")
+    for _ in range(ROUNDS):
+        right = equations.right - delay_term(equations, delay)
+        weighted = sp.diags(weight) @ equations.matrix
+        found = solve_in_order(weighted.T @ weighted, weighted.T @ (weight * right), order)
+        missed = equations.matrix @ found - right
+        weight = equations.weight / np.sqrt(1 + (missed * equations.weight / OUTLIER) ** 2)
+        delay = delay - delay_change(equations, weight, missed, len(streams))
+    ends = zip(equations.first, equations.first[1:], strict=False)
+    return Solution(found[: equations.first[0]], tuple(found[a:b] for a, b in ends), delay)
+
+
+def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Solve a symmetric positive definite system whose unknowns, in this order, depend on near ones alone."""
+    options = {"SymmetricMode": True}
+    factors = splu(matrix[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
+    found = np.empty(len(right))
+    found[order] = factors.solve(right[order])
+    return found
+
+
+def delay_term(equations: Equations, delay: np.ndarray) -> np.ndarray:
+    """What the delay of velocities (messages,) adds to the motion in each equation."""
+    return np.where(equations.stream >= 0, delay[equations.stream] * equations.bend, 0.0)
+
+
+def delay_change(equations: Equations, weight: np.ndarray, missed: np.ndarray, streams: int) -> np.ndarray:
+    """By how much the delay of each message's velocities has to fall to explain what is missed, s, (messages,)."""
+    change = np.zeros(streams)
+    for k in range(streams):
+        own = equations.stream == k
+        square = float((weight[own] ** 2 * equations.bend[own] ** 2).sum())
+        change[k] = float((weight[own] ** 2 * equations.bend[own] * missed[own]).sum()) / square if square > 0 else 0.0
+    return change
+
+
+STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
+"""Steps of simulations and control loops that are looked for, s, longest first."""
+
+
+def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, VelocityFilter]:
+    """Rules by which velocities were computed from positions, by the velocity columns of joints that obey one."""
+    joints = [(stream, samples) for stream, samples in zip(streams, found.samples, strict=True) if stream.name != BASE]
+    rules = obeyed_filters(
+        {
+            stream.name: filter_of(stream.position[stream.fresh], stream.velocity[stream.fresh], samples, step)
+            for stream, samples in joints
+        }
+    )
+    return {
+        column: rules[stream.name]
+        for stream, _ in joints
+        if stream.name in rules
+        for column in stream.columns
+        if column.startswith(VELOCITY)
+    }
+
+
+LEAST_WHOLE = 0.85
+"""Share of the precise times between samples that are one or more whole steps, from which all are."""
+
+
+def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], period: float) -> float | None:
+    """The longest step of which the times between samples are whole multiples; None where there is none.
+
+    ``period`` is the mean length of a row, s; steps much shorter than it would fit anything.
+    """
+    for step in (step for step in STEPS_S if step > period / 5):
+        sharp = [np.diff(own)[spread < PRECISE * step] for own, spread in zip(samples, sharpness, strict=True)]
+        steps = np.concatenate(sharp) / step
+        whole = (np.abs(steps - np.round(steps)) < PRECISE) & (steps > 0.5)
+        if len(steps) >= NOISE_WINDOW and whole.mean() > LEAST_WHOLE:
+            return step
+    return None
+
+
+def with_whole_steps(equations: Equations, samples: Sequence[np.ndarray], step: float) -> Equations:
+    """The equations with one more for each time between samples that is precisely so many steps."""
+    plus: list[np.ndarray] = []
+    right: list[np.ndarray] = []
+    for first, own, sharp in zip(equations.first, samples, equations.sharpness, strict=False):
+        number = np.round(np.diff(own) / step)
+        near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
+        plus.append(first + 1 + np.flatnonzero(near))
+        right.append(step * number[near])
+    after, known = np.concatenate(plus), np.concatenate(right)
+    each = np.arange(len(after))
+    more = sp.csr_matrix(
+        (np.repeat([1.0, -1.0], len(after)), (np.tile(each, 2), np.concatenate([after, after - 1]))),
+        shape=(len(after), equations.matrix.shape[1]),
+    )
+    none = np.zeros(len(after))
+    return replace(
+        equations,
+        matrix=sp.vstack([equations.matrix, more]).tocsr(),
+        right=np.concatenate([equations.right, known]),
+        weight=np.concatenate([equations.weight, np.full(len(after), 100 / step)]),
+        bend=np.concatenate([equations.bend, none]),
+        stream=np.concatenate([equations.stream, none.astype(int) - 1]),
+    )
+
+
+def instants_of_rows(
+    found: Solution,
+    streams: Sequence[Stream],
+    shown: Mapping[str, np.ndarray],
+    sharpness: Sequence[np.ndarray],
+    step: float,
+) -> np.ndarray:
+    """When each row was written, s, never decreasing, (rows,): at the latest sample that it shows.
+
+    The second latest of the precise ones is taken, since a single one may err; where fewer are precise, the solution.
+    """
+    columns = []
+    for stream, sharp in zip(streams, sharpness, strict=True):
+        precise = np.concatenate([[False], sharp < PRECISE * step])[np.cumsum(stream.fresh) - 1]
+        columns.append(np.where(precise, shown[stream.name], -np.inf))
+    latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
+    return np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * step))

@@ -1,0 +1,83 @@
+"""One replay as data: a log, the effects to add, where it starts, and what the log commands."""
+
+import itertools
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from leapgap.effects.base import Effect, overriding
+from leapgap.logs.log import Log
+from leapgap.logs.state import motion_of
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One replay: a log, and the effects to add to the nominal robot."""
+
+    log: Log
+    effects: tuple[Effect, ...] = ()
+    first_state: np.ndarray | None = None
+    """(nq + nv,): true first state; None: by the log's first row."""
+    measured: Motion | None = None
+    """The log's measured motion, where it is known already; None: read from the log."""
+
+    @cached_property
+    def structure(self) -> tuple[Hashable, ...]:
+        """What the effects add to the model; only models of equal structure roll out in one batch."""
+        structures = (effect.structure for effect in overriding(self.effects, "structure"))
+        return tuple(own for own in structures if own is not None)
+
+    @cached_property
+    def period_s(self) -> float:
+        """True control period, s."""
+        period = self.log.info.sample_period_s
+        for effect in overriding(self.effects, "change_period"):
+            period = effect.change_period(period)
+        return period
+
+    @cached_property
+    def step_ratio(self) -> float:
+        """Length of the steps of the simulation that the motion is one of, over that of the replayer's own."""
+        ratio = 1.0
+        for effect in overriding(self.effects, "change_step"):
+            ratio = effect.change_step(ratio)
+        return ratio
+
+
+def joint_gains(log: Log, robot: Robot) -> np.ndarray:
+    """Gains of the joint PD in every row, (rows, 2 joints): N·m/rad of all joints, then N·m·s/rad."""
+    return np.concatenate([joint_commands(log, robot, gain) for gain in ("cmd_kp", "cmd_kd")], axis=1)
+
+
+def joint_commands(log: Log, robot: Robot, quantity: str) -> np.ndarray:
+    """A commanded quantity of every joint, (rows, joints); zero for joints that the log does not command."""
+    commanded = [f"cmd_tau/{joint}" in log for joint in robot.joints]
+    if all(commanded):
+        return log.per_joint(quantity, robot.joints)
+    values = np.zeros((len(log), len(robot.joints)))
+    values[:, commanded] = log.per_joint(quantity, tuple(itertools.compress(robot.joints, commanded)))
+    return values
+
+
+def torques_by_velocity(trial: Rollout, robot: Robot) -> list[np.ndarray]:
+    """Torques that effects add by the joint velocities which the log reports, (rows, joints) each."""
+    adding = overriding(trial.effects, "torque_by_velocity")
+    if not adding or all(effect.is_nominal for effect in adding):
+        return []
+    measured = motion_of(trial.log, robot) if trial.measured is None else trial.measured
+    velocity = measured.qvel[:, robot.joint_dofs]
+    found = (effect.torque_by_velocity(velocity, robot) for effect in adding)
+    return [torque for torque in found if torque is not None]
+
+
+@dataclass(frozen=True)
+class Starts:
+    """First rows of pieces of one log, and their first states."""
+
+    rows: Sequence[int]
+    states: np.ndarray
+    """(pieces, nq + nv), as reported."""

@@ -1,0 +1,315 @@
+"""What the simulation of one replay needs: its model with all effects, its controls, and its first state."""
+
+import copy
+import threading
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Commands, Effect, Load, overriding
+from leapgap.effects.drive import Drive
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.logs.state import motion_of
+from leapgap.robot import actuators, dc_motors
+from leapgap.robot.model import Robot
+from leapgap.robot.model_sensors import add_sensors
+from leapgap.robot.motion import Motion
+from leapgap.robot.rotors import carried_torque, rest_rotors
+from leapgap.simulation.known_loads import put_loads
+from leapgap.simulation.rollout import Rollout, joint_commands, torques_by_velocity
+
+LARGEST_STEP_S = 0.0011
+"""Largest step of the simulation, s; that of the model file where it is shorter."""
+ROUNDING = 1.1
+"""A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
+UNEVEN_FINER = 4
+"""Rows of uneven length last a whole number of steps, which are so many times finer."""
+MODELS_KEPT = 256
+"""Number of compiled models that are kept, one for each terrain and structure."""
+
+
+class RolloutModels:
+    """Models, controls and first states of rollouts on one robot; keeps compiled models between calls.
+
+    ``terrain_slots`` boxes are in every model, so that logs on different terrain share one batch.
+    """
+
+    def __init__(
+        self, robot: Robot, terrain_slots: int = 1, largest_step_s: float | None = None, sensors: Sequence[str] = ()
+    ) -> None:
+        self.robot, self.sensors = robot, tuple(sensors)
+        own = ROUNDING * float(robot.model.opt.timestep)
+        self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
+        self.own_step_s = self.largest_step_s
+        self.slots = terrain_slots
+        self.bare = robot.on_terrain((), slots=terrain_slots)
+        self.compiling = threading.Lock()
+        self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
+
+    def substeps(self, log: Log) -> float:
+        """Simulation steps of one control period of the log, a whole number unless rows last uneven whole ticks.
+
+        Such rows are simulated in steps that are whole parts of the tick.
+        """
+        period, tick = log.info.sample_period_s, log.tick_s
+        if tick is not None:
+            return period / tick * max(1, int(np.ceil(tick / self.largest_step_s)))
+        largest = self.largest_step_s if log.is_even else self.largest_step_s / UNEVEN_FINER
+        return max(1, int(np.ceil(period / largest)))
+
+    def row_steps(self, trial: Rollout) -> np.ndarray:
+        """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
+        lengths = trial.log.row_lengths
+        for effect in overriding(trial.effects, "change_rows"):
+            lengths = effect.change_rows(lengths)
+        ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)
+        return np.maximum(np.diff(ends, prepend=0), 1)
+
+    def check_joints(self, log: Log) -> None:
+        """Raise ``InputError`` for a log of another robot; it names the joints that differ.
+
+        Only a robot whose model file says nothing of motors may have joints that the log does not command.
+        """
+        driven = self.robot.driven_joints
+        missing, foreign = set(driven) - set(log.joints), set(log.joints) - set(driven)
+        if not foreign and not self.robot.states_actuators:
+            return
+        passive = sorted(foreign & set(self.robot.joints))
+        if passive and not missing and set(passive) == foreign:
+            raise InputError(
+                log.name,
+                f"commands of {', '.join(passive)}",
+                f"commands of {', '.join(driven)}: {self.robot.name} has no actuator at the other joints",
+                "add the actuators to the model, or leave out the columns of the commands",
+            )
+        if missing or foreign:
+            raise InputError(
+                log.name,
+                f"joints {', '.join(sorted(foreign)) or 'fewer'} and no {', '.join(sorted(missing)) or '–'}",
+                f"the joints of {self.robot.name}: {', '.join(driven)}",
+                "name the model these logs were made with, or rename the columns",
+            )
+
+    def model(self, trial: Rollout, row: int = 0) -> mujoco.MjModel:
+        """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
+        log = trial.log
+        model = copy.copy(self._compiled(trial))
+        kp, kd = (joint_commands(log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
+        model.opt.timestep = trial.period_s / self.substeps(log)
+        self.drive(trial).put_into(model, self.robot)
+        for effect in overriding(trial.effects, "change_model"):
+            effect.change_model(model, self.robot)
+        put_loads(model, log, self.robot)
+        return model
+
+    def _compiled(self, trial: Rollout) -> mujoco.MjModel:
+        """The bare robot on the log's terrain with the parts its effects need, compiled once and then shared."""
+        terrain = trial.log.info.terrain
+        if len(terrain) > self.slots:
+            raise InputError(
+                trial.log.name,
+                f"{len(terrain)} boxes of terrain",
+                f"at most {self.slots}",
+                "make the replayer with more terrain slots",
+            )
+        key = (terrain, trial.structure)
+        with self.compiling:
+            if key not in self.compiled:
+                spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
+                if self.sensors:
+                    add_sensors(spec, self.robot, self.sensors)
+                for effect in trial.effects:
+                    if effect.structure is not None:
+                        effect.change_spec(spec, self.robot)
+                while len(self.compiled) >= MODELS_KEPT:
+                    self.compiled.pop(next(iter(self.compiled)))
+                self.compiled[key] = spec.compile()
+                # The same dynamics a sixth faster: with so few joints MuJoCo would take dense matrices.
+                self.compiled[key].opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+            return self.compiled[key]
+
+    def drive(self, trial: Rollout) -> Drive:
+        """Motors of the robot with the trial's effects."""
+        drive = Drive.ideal(len(self.robot.joints))
+        for effect in overriding(trial.effects, "change_drive"):
+            drive = effect.change_drive(drive, self.robot)
+        return drive
+
+    def _controls(self, trial: Rollout, rows: int) -> np.ndarray:
+        """Controls of the affine actuators in the first rows of an even log, (rows, actuators)."""
+        return self.row_controls(trial, np.arange(rows), trial.period_s)
+
+    def _step_controls(self, trial: Rollout, steps: np.ndarray) -> np.ndarray:
+        """Controls in every step of the first rows, which last ``steps`` (rows,) each.
+
+        (steps, actuators). Commands reach the joints by rows of one length: those of the log where it is even, else
+        the steps of the simulation.
+        """
+        if trial.log.is_even:
+            return np.repeat(self._controls(trial, len(steps)), steps, axis=0)
+        row = np.repeat(np.arange(len(steps)), steps)
+        return self.row_controls(trial, row, trial.period_s / self.substeps(trial.log))
+
+    def row_controls(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
+        """Controls τ + kp q* + kd q̇* in periods of equal length, (periods, actuators), by the gains of each row.
+
+        ``row`` (periods,) is the row of the log whose command was sent in each.
+        """
+        model, asked = self._compiled(trial), self._asked(trial, row, period_s)
+        control = np.zeros((len(row), model.nu))
+        control[:, model.actuator_ctrladr[self.robot.joint_actuators]] = asked * self.drive(trial).control_gain
+        by_load = overriding(trial.effects, "put_controls")
+        if by_load:
+            load = self._load(trial, asked, row)
+            for effect in by_load:
+                effect.put_controls(control, load, model, self.robot)
+        return control
+
+    def _asked(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
+        """Torque τ + kp q* + kd q̇* that is asked of the joints in periods of equal length, (periods, joints)."""
+        log, robot = trial.log, self.robot
+        torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
+        commands = Commands(torque, position, velocity, row)
+        acting = overriding(trial.effects, "change_commands")
+        if not log.is_even:  # what shifts commands within rows hides which ones were sent
+            acting.sort(key=lambda effect: not effect.acts_as_sent)
+        for effect in acting:
+            commands = replace(effect.change_commands(commands, period_s, robot), row=row)
+        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        asked = commands.torque + kp * commands.position + kd * commands.velocity
+        for added in torques_by_velocity(trial, robot):
+            asked = asked + added[row]
+        return np.asarray(asked)
+
+    def _load(self, trial: Rollout, asked: np.ndarray, row: np.ndarray, limited: bool = True) -> Load:
+        """What the joints carry in periods of equal length, by the motion that the log reports.
+
+        ``asked`` (periods, joints) is without the joint PD's feedback, which is that of the log's motion in its ``row``
+        (periods,). Without ``limited`` the torque is what is asked for, whatever the motors can deliver.
+        """
+        log, robot = trial.log, self.robot
+        measured = motion_of(log, robot) if trial.measured is None else trial.measured
+        misread = (self.measure(trial, measured).qpos - measured.qpos)[:, robot.joint_qpos]  # biases of encoders
+        position = (measured.qpos[:, robot.joint_qpos] - misread)[row]
+        velocity = measured.qvel[row][:, robot.joint_dofs]
+        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        torque = asked - kp * position - kd * velocity
+        limits = robot.torque_limits if limited else np.inf
+        return Load(
+            np.clip(torque, -limits, limits) * self.drive(trial).gain, velocity, trial.period_s / self.substeps(log)
+        )
+
+    def measure(self, trial: Rollout, motion: Motion, steps: np.ndarray | None = None) -> Motion:
+        """A true motion as the sensors of the trial's robot report it.
+
+        ``steps`` of the simulation lie between its rows, (rows − 1,); None: as from the log's first row on.
+        """
+        acting = overriding(trial.effects, "change_measured")
+        if not acting:
+            return motion
+        sensors, time = motion.sensors, self._uneven_time(trial, len(motion), steps)
+        for effect in acting:
+            timed = replace(motion, sensors=sensors, time=time)
+            motion = effect.change_measured(timed, trial.period_s, self.robot)
+        return replace(motion, sensors=sensors, time=None)
+
+    def _uneven_time(self, trial: Rollout, rows: int, steps: np.ndarray | None) -> np.ndarray | None:
+        """Instants of rows of unequal length, s since the first, (rows,); None where the log's rows are even."""
+        if trial.log.is_even:
+            return None
+        between = self.row_steps(trial)[: rows - 1] if steps is None else steps
+        return np.concatenate([[0.0], np.cumsum(between)]) * (trial.period_s / self.substeps(trial.log))
+
+    def first_state(self, trial: Rollout) -> np.ndarray:
+        """True positions and velocities at the log's first row, (nq + nv,), by what the log reports.
+
+        What was not logged is fitted or estimated (``motion_of``); a floating robot needs its attitude.
+        """
+        measured = motion_of(trial.log, self.robot, slice(1)) if trial.measured is None else trial.measured
+        return self.true_state(trial.effects, measured.first_state)
+
+    def true_state(self, effects: Sequence[Effect], state: np.ndarray) -> np.ndarray:
+        """The true state (nq + nv,) behind one that was reported."""
+        nq = self.bare.nq
+        start = Motion(state[None, :nq].copy(), state[None, nq:].copy())
+        for effect in reversed(overriding(effects, "true_start")):
+            start = effect.true_start(start, self.robot)
+        return start.first_state
+
+    def full_state(
+        self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray, warmth: np.ndarray | None = None
+    ) -> np.ndarray:
+        """MuJoCo's full state: time, positions, velocities, and the states of motors that have one.
+
+        The torque of a motor is the one that the first command asks for; friction with a memory is that of the motion.
+        ``warmth`` is by how much the resistance of each joint's motor has risen, (joints,); None: not at all.
+        """
+        state = self.first_state(trial) if trial.first_state is None else trial.first_state
+        activation = np.zeros(model.na)
+        motors = [
+            *enumerate(self.robot.joint_actuators.tolist()),
+            *dc_motors.filtered_dampers(model, self.robot.joints),
+        ]
+        for joint, actuator in motors:
+            warm = 0.0 if warmth is None or not dc_motors.has_temperature(model, actuator) else float(warmth[joint])
+            if warm:
+                activation[dc_motors.state_of_temperature(model, actuator)] = warm
+            if dc_motors.has_current(model, actuator):
+                kp, kd = (float(gain) for gain in dc_motors.dc_joint_pd(model, np.array(actuator)))
+                q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
+                asked = control[0, model.actuator_ctrladr[actuator]] - kp * q - kd * v
+                limits = (
+                    model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
+                )
+                activation[dc_motors.state_of_current(model, actuator)] = np.clip(asked / (1 + warm), *limits)
+        if model.na:
+            bristles, deflection = dc_motors.bristles_in_motion(model, state[self.bare.nq :])
+            activation[bristles] = deflection
+        return np.concatenate([[0.0], self.whole_state(trial, model, state, control), activation])
+
+    def _warmth(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> Sequence[np.ndarray | None]:
+        """Warmth of the motors, (joints,), at some rows of a trial's log, in which each row lasts so many steps."""
+        drive = self.drive(trial)
+        if not drive.heating.any():
+            return [None] * len(rows)
+        row_s = steps * trial.period_s / self.substeps(trial.log)
+        row = np.arange(len(steps))
+        load = self._load(trial, self._asked(trial, row, trial.period_s), row, limited=False)
+        return list(drive.warmth(load.torque, row_s, rows))
+
+    def whole_state(
+        self, trial: Rollout, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray | None
+    ) -> np.ndarray:
+        """Positions and velocities of a model with what effects have added, from those of the robot (nq + nv,).
+
+        Rotors are where they carry the torque of the first rows of controls (rows, actuators), as stiff joints would;
+        None: where their joints are.
+        """
+        if model.nq == self.bare.nq:
+            return state
+        kp, kd = dc_motors.gains_of(model, self.robot.joint_actuators)
+        carried = np.zeros((2, len(self.robot.joints)))
+        if control is not None and any(effect.has_rotors for effect in trial.effects):
+            stiff = self.model(replace(trial, effects=tuple(e for e in trial.effects if not e.has_rotors)))
+            dc_motors.set_gains(stiff, self.robot.joint_actuators, kp, kd)
+            steps = max(1, round(trial.period_s / stiff.opt.timestep))
+            carried = carried_torque(stiff, self.robot, state, control, steps)
+        return np.concatenate(rest_rotors(model, self.robot, state, carried, kp))
+
+    def foot_depths(self, trial: Rollout) -> np.ndarray:
+        """Penetration of each foot into the ground at the start, m, (feet,); 0 above it."""
+        model = self.model(trial)
+        data = mujoco.MjData(model)
+        state = self.first_state(trial) if trial.first_state is None else trial.first_state
+        nq, nv = self.bare.nq, self.bare.nv  # an effect may add bodies that move; they start where the model has them
+        data.qpos[:nq], data.qvel[:nv] = state[:nq], state[nq:]
+        mujoco.mj_forward(model, data)
+        depth = np.zeros(len(self.robot.feet))
+        for foot, name in enumerate(self.robot.foot_geom_names):
+            geom = model.geom(name).id
+            depth[foot] = max((-c.dist for c in data.contact if geom in c.geom), default=0.0)
+        return depth.clip(min=0.0)
