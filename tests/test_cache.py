@@ -102,9 +102,12 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
 REPORTS, PLANS = ("reports", "jumping/reports"), ("jumping/planning", "jumping/models", "jumping/task.py")
 NO_PART_OF_RESULTS = {
     f"src/leapgap/{name}.py"
-    for name in ("cache", "content_hash", "former_results", "import_closure", "executor", "output_folder", "processes")
+    for name in (
+        *("cache", "content_hash", "former_results", "import_closure"),
+        *("executor", "interrupt", "output_folder", "processes"),
+    )
 }
-"""What finds results, guards the folder they lie in, or runs what makes them."""
+"""What finds results, guards the folder they lie in, or runs and stops what makes them."""
 
 
 @dataclass

@@ -90,8 +90,8 @@ def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
     """Its page is part of it; recordings and the pages of other results are not."""
     hashed = closure(diagnose_folder.__module__)
     views = {name for name in hashed if name.startswith("leapgap.reports.")}
-    of_page = ("channels_data", "diagnosis", "page", "report", "similarity", "viewer")
-    assert views == {f"leapgap.reports.{name}" for name in of_page}
+    figures = ("channel_names", "channels_data", "colours", "diagnosis_figures", "overlay", "similarity")
+    assert views == {f"leapgap.reports.{name}" for name in ("diagnosis", "page", "report", "viewer", *figures)}
     assert hashed >= closure("leapgap.diagnosis.diagnose")
     used = {name for name in closure("stages.diagnose") if name.startswith("leapgap.")}
     assert used - hashed <= closure("leapgap.reports.diagnosis_recording")
