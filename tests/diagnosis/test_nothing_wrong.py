@@ -150,6 +150,24 @@ def test_a_bias_of_all_knees_is_no_lower_floor(plans: list[Log], a1: Robot) -> N
     assert report.causes[0].parameters["bias_rad"].value == pytest.approx(-0.022, rel=0.15)
 
 
+def test_a_slow_cause_beside_a_fast_one_is_told_by_whole_logs(plans: list[Log], a1: Robot) -> None:
+    """A slippery floor gains a hundredth of what friction at the thighs does in short pieces."""
+    thighs, feet = ("FR_thigh", "FL_thigh", "RR_thigh", "RL_thigh"), ("FR", "FL", "RR", "RL")
+
+    def worn(model: mujoco.MjModel) -> None:
+        for thigh in thighs:
+            model.dof_frictionloss[model.joint(thigh).dofadr[0]] += 2.0
+        model.geom_friction[[model.geom(foot).id for foot in feet], 0] *= 0.65
+
+    settings = replace(SETTINGS, effects=["joint_friction", "joint_damping", "foot_friction"])
+    report = report_of(plans, a1, worn, settings=settings)
+    assert report.answer == (("joint_friction",), ("foot_friction",)), report.sentence
+    friction, floor = report.causes[:2]
+    assert friction.location == "thigh"
+    assert friction.parameters["torque_nm"].value == pytest.approx(2.0, rel=0.05)
+    assert floor.parameters["mu"].value == pytest.approx(0.65 * 0.8, rel=0.05)
+
+
 SLEEPS = """<mujoco><option><flag island="disable" sleep="enable"/></option>
   <worldbody><body><joint name="swing" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/></body>
   </worldbody><actuator><motor joint="swing"/></actuator></mujoco>"""

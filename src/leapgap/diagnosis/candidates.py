@@ -152,6 +152,11 @@ class SearchResult:
         return min([self.selected, *more], key=lambda fit: float(fit.heldout.sum()))
 
     @property
+    def gain_of_further(self) -> float:
+        """What that effect gains on held-out logs; 0 where there is none."""
+        return float((self.selected.heldout - self.further.heldout).sum())
+
+    @property
     def alternatives(self) -> tuple[Fit, ...]:
         """The rivals, then each effect alone."""
         return (*self.rivals, *(self.rounds[0] if self.rounds else ()))

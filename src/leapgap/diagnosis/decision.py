@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, SearchResult
+from leapgap.diagnosis.candidates import Candidate, SearchResult, in_words
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit, FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -14,6 +14,18 @@ from leapgap.diagnosis.joint_search import search_jointly
 from leapgap.diagnosis.robust_least_squares import losses
 
 Answer = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class OtherSimulationExplains:
+    """Another simulation of the nominal robot that explains the logs."""
+
+    words: tuple[str, ...]
+    """Settings that it has else than the given one."""
+    gap: float
+    """Headline gap of whole logs in replays by it."""
+    squares: np.ndarray
+    """Their sums of squares, (logs,)."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +39,8 @@ class Conclusion:
     """Fits of the first one, two, … causes; the last is the answer's."""
     probabilities: tuple[float, ...] = ()
     """Share of the bootstrap resamples of logs in which each cause is part of the best set."""
-    other_simulation: tuple[tuple[str, ...], float] | None = None
-    """Settings of the simulation that alone explain the logs, in words, and the gap with them; None: none needed."""
+    other_simulation: OtherSimulationExplains | None = None
+    """What explains the logs without any cause; None: not needed."""
 
 
 @dataclass(frozen=True)
@@ -249,12 +261,49 @@ def judge_jointly(
     """
     if judgement.conclusion.verdict == "none":
         return judgement
-    fit = fit.by_steps_of(judgement.result.selected) or fit
-    (before,) = fit.judging.squares([judgement.selected])
-    if not is_explained(before, fit, thresholds):
-        causes, fit = search_jointly(fit, hypotheses, judgement.result.further, thresholds.none_gap)
-        judgement = better_jointly(judgement, causes, fit, thresholds)
-    return with_numbers_by_short_steps(judgement, fit, thresholds)
+    at = fit.by_steps_of(judgement.result.selected) or fit
+    judgement = with_numbers_by_short_steps(judgement, at, thresholds)
+    (before,) = at.judging.squares([judgement.selected])
+    explained = is_explained(before, at, thresholds)
+    if not explained or judgement.result.gain_of_further >= fit.plan.clear_gain:
+        one_more = with_small_cause(judgement, fit, thresholds)
+        if one_more is not None:
+            return one_more
+    if explained:
+        return judgement
+    causes, fit = search_jointly(at, hypotheses, judgement.result.further, thresholds.none_gap)
+    return with_numbers_by_short_steps(better_jointly(judgement, causes, fit, thresholds), fit, thresholds)
+
+
+def with_small_cause(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement | None:
+    """The judgement with the further cause that gained too little in short pieces, where both explain whole logs.
+
+    None where they do not. A slow cause shows little in a tenth of a second beside a fast one, and much in whole logs.
+    """
+    result = replace(judgement.result, selected=judgement.result.further)
+    at = fit.by_steps_of(result.selected) if fit.in_parts else None
+    if at is None or result.selected is judgement.result.selected:
+        return None
+    shares = shares_of_possible_sets(result, at.judging, fit.plan.least_part)
+    answer = answer_of(result, shares, thresholds)
+    conclusion = conclude_as(named_or_ambiguous(answer), answer, result, shares)
+    found = with_numbers_by_short_steps(Judgement(result, shares, conclusion), at, thresholds)
+    gap, (before, after) = at.judging, at.judging.squares([judgement.selected, found.selected])
+    helps = gap.closure_value(after) - gap.closure_value(before) >= fit.plan.most_lost
+    sure = gap.share_better(after, before) >= fit.plan.least_sure
+    whole = gap.closure_value(after) >= thresholds.enough_jointly and is_noise(after, at, thresholds)
+    if not (helps and sure and whole and at.explains_pieces(found.selected)):
+        return None
+    fit.progress(f"with a small cause, {in_words(found.selected)}: closes {gap.closure_value(after):.2f}")
+    return found
+
+
+def shares_of_possible_sets(result: SearchResult, gap: HeldOutGap, most_lost: float) -> np.ndarray:
+    """``best_set_shares``, 0 for sets that close ``most_lost`` less of the gap of whole logs than the selected one."""
+    (own,), others = gap.squares([result.selected]), gap.squares(result.rivals)
+    least = gap.closure_value(own) - most_lost
+    possible = [gap.closure_value(squares) >= least for squares in others]
+    return best_set_shares(result, gap.draws) * possible
 
 
 def better_jointly(

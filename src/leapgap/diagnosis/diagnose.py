@@ -34,6 +34,7 @@ from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import SearchSettings, find_causes
 from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect
 from leapgap.effects.model_field import ModelField, effect_class
@@ -341,6 +342,7 @@ def find_answer(
         least = settings.plan.least_gain
         judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)
         further = further_kinds(kinds, judged.robot, settings)
+        judgement = judge_slow_causes(judgement, joint, hypotheses, settings.doubts)
         hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
     by_source = None

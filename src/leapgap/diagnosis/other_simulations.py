@@ -17,7 +17,13 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import displaced
-from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, Judgement, explained_share
+from leapgap.diagnosis.decision import (
+    Conclusion,
+    DecisionThresholds,
+    Judgement,
+    OtherSimulationExplains,
+    explained_share,
+)
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.diagnosis.sensitivities import concatenate_logs
@@ -108,6 +114,8 @@ class OtherSimulation:
     by_short_steps: bool = False
     gap: float = np.inf
     """Headline gap of whole logs in replays by it."""
+    squares: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Their sums of squares, (logs,)."""
     settings: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
@@ -161,7 +169,8 @@ def judge_other_simulations(
     if found is None:
         return judgement
     progress(f"nothing wrong: by {' and '.join(found.words)} the gap is {found.gap:.3f}")
-    return replace(judgement, conclusion=Conclusion("none", (), other_simulation=(tuple(found.words), found.gap)))
+    explains = OtherSimulationExplains(tuple(found.words), found.gap, found.squares)
+    return replace(judgement, conclusion=Conclusion("none", (), other_simulation=explains))
 
 
 def is_in_doubt(judgement: Judgement, heldout_gap: HeldOutGap, thresholds: DecisionThresholds) -> bool:
@@ -204,7 +213,7 @@ class OtherSimulations:
         """Other simulations with their gaps: by steps, integrator and cone, and by contacts changed one by one."""
         usual, own = OtherSimulation(), self.heldout_gap
         robot, fine = own.judged.robot, own.by_short_steps
-        short = OtherSimulation(by_short_steps=True, gap=fine.gap(fine.nominal))
+        short = OtherSimulation(by_short_steps=True, gap=fine.gap(fine.nominal), squares=fine.nominal)
         beside = [*(one for one in FINE_INTEGRATORS if runs(robot, one)), *((OTHER_CONE,) if robot.feet else ())]
         by_short = [short.further(change) for change in beside]
         found = [short, *self.with_gaps(by_short, fine)]
@@ -227,7 +236,7 @@ class OtherSimulations:
         """The same with the gap that each has in whole logs, by the steps of ``heldout_gap``."""
         logs = len(heldout_gap.judged.logs)
         squares = heldout_gap.squares_with([[one.effects] * logs for one in tried])
-        return [replace(one, gap=heldout_gap.gap(of)) for one, of in zip(tried, squares, strict=True)]
+        return [replace(one, gap=heldout_gap.gap(of), squares=of) for one, of in zip(tried, squares, strict=True)]
 
     def explains_pieces(self, other: OtherSimulation) -> bool:
         """Whether logs of the other simulation look as odd in short replays as the given logs.

@@ -79,7 +79,7 @@ def sentence(
     """The report in one sentence, with numbers."""
     verdict, answer, closes = conclusion.verdict, conclusion.answer, corrected.closure
     if conclusion.other_simulation:
-        words, gap = conclusion.other_simulation
+        words, gap = conclusion.other_simulation.words, conclusion.other_simulation.gap
         return (
             f"Nothing is wrong with the robot by these {len(logs)} logs: the gap of {brief(nominal)} is that of the "
             f"simulation: by {listed(words)} alone it is {brief(gap)}."
