@@ -157,7 +157,7 @@ class JointFit:
     def share_and_rest(self, candidate: Candidate) -> tuple[float, float]:
         """Share of short steps that a candidate tells, and the median over pieces of χ² over its expectation."""
         likelihood = self.likelihood
-        (errors,) = likelihood.errors(candidate.hypotheses, [candidate.numbers], True, list(likelihood.logs))
+        errors = likelihood.errors_of(candidate)
         share = likelihood.step_share(errors)
         return share, float(np.median(chi2_of_pieces(likelihood.by_share(errors, share))))
 

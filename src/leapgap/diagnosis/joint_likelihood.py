@@ -1,7 +1,7 @@
 """Likelihood of sets of effects, by replays of whole logs and of short pieces, with what evidence says beforehand."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -121,6 +121,8 @@ class JointLikelihood:
     short: ShortRollouts
     short_steps: tuple[LogErrors, ...] = ()
     """What short steps of the simulation change in the errors of each log; empty: the step is taken as it is."""
+    known: dict[int, tuple[Candidate, list[LogErrors]]] = field(default_factory=dict)
+    """Errors by identity of the candidate, whose arrays cannot be hashed."""
 
     def with_step_unknown(self, candidate: Candidate) -> "JointLikelihood":
         """The same where the simulation's own step is not known to be the robot's, by replays of a candidate.
@@ -130,10 +132,7 @@ class JointLikelihood:
         """
         if any(h.kind.change_step is not Effect.change_step for h in candidate.hypotheses):
             return self
-        usual, by_short = (
-            one.errors(candidate.hypotheses, [candidate.numbers], True, list(self.logs))[0]
-            for one in (self, self.by_steps(FINE))
-        )
+        usual, by_short = (one.errors_of(candidate) for one in (self, self.by_steps(FINE)))
         changes = [LogErrors(b.whole - a.whole, b.pieces - a.pieces) for a, b in zip(usual, by_short, strict=True)]
         return replace(self, short_steps=tuple(changes))
 
@@ -147,6 +146,13 @@ class JointLikelihood:
     def logs(self) -> range:
         """Indices of the logs."""
         return range(len(self.heldout_gap.folds))
+
+    def errors_of(self, candidate: Candidate) -> list[LogErrors]:
+        """Errors of all logs with a candidate, which is replayed once."""
+        if id(candidate) not in self.known:
+            (errors,) = self.errors(candidate.hypotheses, [candidate.numbers], True, list(self.logs))
+            self.known[id(candidate)] = candidate, errors
+        return self.known[id(candidate)][1]
 
     def errors(
         self, hypotheses: tuple[Hypothesis, ...], tried: Sequence[np.ndarray], whole: bool, logs: Sequence[int]
