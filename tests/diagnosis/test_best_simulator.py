@@ -15,8 +15,9 @@ from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers, bounded_minimum
+from leapgap.diagnosis.joint_likelihood import Numbers, bounded_minimum
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
+from leapgap.diagnosis.log_errors import LogErrors
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.reports.diagnosis import Report, diagnose_logs

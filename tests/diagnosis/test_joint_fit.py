@@ -12,9 +12,9 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
-from leapgap.diagnosis.joint_likelihood import LogErrors, updated
 from leapgap.diagnosis.joint_search import search_jointly
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.log_errors import LogErrors, updated
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL, Robot

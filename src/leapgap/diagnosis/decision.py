@@ -352,10 +352,10 @@ def closes_enough(found: FullRolloutFit, fit: JointFit, thresholds: DecisionThre
 
 
 def with_numbers_by_short_steps(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
-    """The judgement with the numbers that short steps of the simulation give, where these explain the logs better.
+    """The judgement with the numbers that short steps of the simulation give, where these explain the logs as well.
 
-    A usual step itself delays and softens: numbers fitted by it are off by what it does. Whole logs have a say in such
-    numbers, so these are taken only where they explain whole logs nearly wholly.
+    A usual step itself delays and softens: numbers fitted by it are off by what it does. Whole logs and tolerances have
+    a say in such numbers and in their intervals, so these are taken only where they explain whole logs nearly wholly.
     """
     conclusion, gap = judgement.conclusion, fit.judging
     if gap is fit.heldout_gap or not conclusion.steps:
@@ -363,7 +363,8 @@ def with_numbers_by_short_steps(judgement: Judgement, fit: JointFit, thresholds:
     whole = fit.by_short_steps(judgement.selected)
     (before,) = gap.squares([judgement.selected])
     sure = gap.share_better(whole.heldout, before)
-    if gap.closure_value(whole.heldout) < thresholds.enough_jointly or sure < fit.plan.least_sure:
+    surely_worse = sure < 1 - fit.plan.least_sure
+    if gap.closure_value(whole.heldout) < thresholds.enough_jointly or surely_worse:
         return judgement
     steps = (*(part(whole, range(k)) for k in range(1, len(whole.hypotheses))), whole)
     verdict = conclusion.verdict

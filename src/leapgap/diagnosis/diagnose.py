@@ -337,7 +337,7 @@ def find_answer(
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
     near = result.selected if clock is None else None
-    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None, near)
+    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None, near, settings.tolerances)
     if clock is None:
         least = settings.plan.least_gain
         judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)

@@ -19,12 +19,10 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_likelihood import (
     JointLikelihood,
     Linearised,
-    LogErrors,
     Numbers,
     bounded_step,
-    chi2_of_pieces,
-    updated,
 )
+from leapgap.diagnosis.log_errors import LogErrors, chi2_of_pieces, updated
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
@@ -104,12 +102,14 @@ class JointFit:
     """Whether effects have numbers of their own at the parts of a robot: in logs that need no clock of their own."""
     near: Candidate | None = None
     """A robot near which the error of the simulation's step is taken; None: the step is not in doubt."""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    """``Settings.tolerances``, taken about that robot."""
     short_gap: HeldOutGap | None = None
     """The gap by short steps, where these explain the logs better."""
     usual: bool = False
     """Whether the usual steps are known to explain them as well."""
-    made: dict[bool, JointLikelihood] = field(default_factory=dict)
-    """The likelihoods made so far, by whether the step is in doubt."""
+    made: dict[int | None, JointLikelihood] = field(default_factory=dict)
+    """The likelihoods made so far, by identity of ``near``."""
     losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
     """Minus the logarithm of the likelihood by effects, places and numbers, of sets that were replayed."""
     notes: list[str] = field(default_factory=list)
@@ -158,8 +158,9 @@ class JointFit:
         """Share of short steps that a candidate tells, and the median over pieces of χ² over its expectation."""
         likelihood = self.likelihood
         errors = likelihood.errors_of(candidate)
-        share = likelihood.step_share(errors)
-        return share, float(np.median(chi2_of_pieces(likelihood.by_share(errors, share))))
+        numbers = likelihood.beside.likeliest(errors, self.heldout_gap.folds)
+        left = chi2_of_pieces(likelihood.beside.at(errors, numbers))
+        return likelihood.beside.step_share(numbers), float(np.median(left))
 
     def explains_pieces(self, candidate: Candidate) -> bool:
         """Whether a candidate leaves little more than noise in short pieces."""
@@ -167,12 +168,16 @@ class JointFit:
 
     def by_usual_steps(self) -> "JointFit":
         """The same by the usual steps of the simulation, whose error is not looked for."""
-        return replace(self, near=None, losses={})
+        return replace(self, near=None, made={None: self.likelihood.with_step_known()}, losses={})
 
     def by_short_steps(self, candidate: Candidate) -> FullRolloutFit:
         """The fit of the effects of a candidate from its numbers, by short steps of the simulation."""
         short = self.short.with_steps(self.judging.replayer.largest_step_s)
-        fine = replace(self.by_usual_steps(), heldout_gap=self.judging, short=short, short_gap=None, ends=[], made={})
+        beside = self.likelihood.beside.without_step()
+        made: dict[int | None, JointLikelihood] = {None: JointLikelihood(self.judging, short, beside)}
+        fine = replace(
+            self, near=None, heldout_gap=self.judging, short=short, short_gap=None, ends=[], made=made, losses={}
+        )
         return fine.fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
 
     @cached_property
@@ -184,11 +189,13 @@ class JointFit:
     @property
     def likelihood(self) -> JointLikelihood:
         """The likelihood that is fitted."""
-        in_doubt = self.near is not None
-        if in_doubt not in self.made:
+        key = None if self.near is None else id(self.near)
+        if key not in self.made:
             likelihood = JointLikelihood(self.heldout_gap, self.short)
-            self.made[in_doubt] = likelihood if self.near is None else likelihood.with_step_unknown(self.near)
-        return self.made[in_doubt]
+            if self.near is not None:
+                likelihood = likelihood.with_tolerances(self.near, self.tolerances).with_step_unknown(self.near)
+            self.made[key] = likelihood
+        return self.made[key]
 
     @cached_property
     def told(self) -> Mapping[str, Evidence]:

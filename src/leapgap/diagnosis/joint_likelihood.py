@@ -11,25 +11,14 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.full_rollouts import EVERY_S
 from leapgap.diagnosis.gap import HeldOutGap, scaled_error
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.log_errors import LogErrors, difference, loss_of, normal_equations
+from leapgap.diagnosis.numbers_beside import NumbersBeside, tolerance_effects
 from leapgap.diagnosis.sensitivities import FINE, ROUGH
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 
 DIFFERENCE = 0.1
 """Step of finite differences, as a share of the scale of a number."""
-INDEPENDENT_S = 0.2
-"""Errors of whole replays at one instant say little more than those so long before."""
-ALIKE = 3
-"""A robot that has drifted off has done so in all channels: of so many values at an instant one counts."""
-PIECE_VALUES = 6
-"""A short piece counts as so many independent values."""
-USUAL = 1.0
-"""A usual χ² of a piece over its number of values: below it pieces count alike."""
-STEP_ITERATIONS = 3
-"""Least squares for the share of short steps, whose weights are those of the share before."""
-EXPECTED_STEPS, SPREAD_STEPS, MOST_STEPS = 0.4, 0.5, 1.5
-"""Share that is expected, its standard deviation, and the largest one. The limit of short steps is at 1.3 of what steps
-of a quarter change, steps twice as long are at −1.3."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +82,6 @@ class Numbers:
 
 
 @dataclass(frozen=True)
-class LogErrors:
-    """Errors of one log at some numbers, or their derivatives by the scaled numbers in a further axis."""
-
-    whole: np.ndarray
-    """Scaled errors of its whole replay at the compared instants, (values,); empty where these do not count."""
-    pieces: np.ndarray
-    """Whitened errors of its short pieces, (pieces, values)."""
-
-
-@dataclass(frozen=True)
 class Linearised:
     """Errors of all logs at some numbers of a set of effects, with their derivatives."""
 
@@ -119,10 +98,26 @@ class JointLikelihood:
 
     heldout_gap: HeldOutGap
     short: ShortRollouts
-    short_steps: tuple[LogErrors, ...] = ()
-    """What short steps of the simulation change in the errors of each log; empty: the step is taken as it is."""
+    beside_effects: NumbersBeside | None = None
+    """Numbers beside those of effects; None: what is not in question is taken as it is."""
     known: dict[int, tuple[Candidate, list[LogErrors]]] = field(default_factory=dict)
     """Errors by identity of the candidate, whose arrays cannot be hashed."""
+
+    @property
+    def beside(self) -> NumbersBeside:
+        """Numbers beside those of effects."""
+        return NumbersBeside.none(len(self.logs)) if self.beside_effects is None else self.beside_effects
+
+    def with_tolerances(self, candidate: Candidate, tolerances: Mapping[str, float]) -> "JointLikelihood":
+        """The same where the model's numbers are known within tolerances, by replays about a candidate."""
+        off = tolerance_effects(self.heldout_gap.judged.robot, tolerances, candidate.names)
+        if not off:
+            return self
+        own = candidate.effects_on
+        sets = [[(*own(log, None), one) for log in self.heldout_gap.names] for one in off]
+        moved = self.errors_of_sets(sets, True, list(self.logs))
+        beside = NumbersBeside.of_tolerances(self.errors_of(candidate), moved, self.heldout_gap.folds)
+        return replace(self, beside_effects=beside)
 
     def with_step_unknown(self, candidate: Candidate) -> "JointLikelihood":
         """The same where the simulation's own step is not known to be the robot's, by replays of a candidate.
@@ -133,8 +128,11 @@ class JointLikelihood:
         if any(h.kind.change_step is not Effect.change_step for h in candidate.hypotheses):
             return self
         usual, by_short = (one.errors_of(candidate) for one in (self, self.by_steps(FINE)))
-        changes = [LogErrors(b.whole - a.whole, b.pieces - a.pieces) for a, b in zip(usual, by_short, strict=True)]
-        return replace(self, short_steps=tuple(changes))
+        return replace(self, beside_effects=self.beside.with_step(usual, by_short))
+
+    def with_step_known(self) -> "JointLikelihood":
+        """The same by the steps of the simulation as they are."""
+        return replace(self, beside_effects=self.beside.without_step())
 
     def by_steps(self, share: float) -> "JointLikelihood":
         """The likelihood by steps of the simulation that are a share of the usual ones."""
@@ -158,7 +156,12 @@ class JointLikelihood:
         self, hypotheses: tuple[Hypothesis, ...], tried: Sequence[np.ndarray], whole: bool, logs: Sequence[int]
     ) -> list[list[LogErrors]]:
         """Errors ``[tried][log]`` of several vectors of numbers; those of whole replays only where ``whole``."""
-        sets = effects_on_logs(hypotheses, tried, self.heldout_gap.names)
+        return self.errors_of_sets(effects_on_logs(hypotheses, tried, self.heldout_gap.names), whole, logs)
+
+    def errors_of_sets(
+        self, sets: Sequence[Sequence[tuple[Effect, ...]]], whole: bool, logs: Sequence[int]
+    ) -> list[list[LogErrors]]:
+        """Errors ``[set][log]`` with effects ``[set][any log]``."""
         of_whole = self.whole_errors(sets, logs) if whole else [[np.zeros(0)] * len(logs)] * len(sets)
         of_pieces = self.short.residuals(sets, logs)
         return [
@@ -184,82 +187,32 @@ class JointLikelihood:
             return self
         return self.by_steps(ROUGH)
 
-    def step_share(self, errors: Sequence[LogErrors]) -> float:
-        """The most likely share of ``short_steps`` in some errors: 0 by the usual steps, near 1 by short ones."""
-        if not self.short_steps:
-            return 0.0
-        share = 0.0
-        for _ in range(STEP_ITERATIONS):
-            at = self.by_share(errors, share)
-            slopes = self.step_slopes(errors)
-            curvature, slope = self.equations(at, slopes, step_departs(share))
-            by = -SPREAD_STEPS * slope[0] / curvature[0, 0]
-            share = float(np.clip(share + by, -MOST_STEPS, MOST_STEPS))
-        return share
-
-    def step_slopes(self, errors: Sequence[LogErrors]) -> list[LogErrors]:
-        """Derivatives of some errors by the share of short steps, over its standard deviation."""
-        return [
-            LogErrors(
-                SPREAD_STEPS * step.whole[: len(of.whole), None],
-                SPREAD_STEPS * step.pieces[:, :, None],
-            )
-            for of, step in zip(errors, self.short_steps, strict=True)
-        ]
-
-    def by_share(self, errors: Sequence[LogErrors], share: float) -> list[LogErrors]:
-        """Errors with a share of what short steps change; as they are where that is not known."""
-        if not self.short_steps:
-            return list(errors)
-        return [
-            LogErrors(a.whole + share * b.whole[: len(a.whole)], a.pieces + share * b.pieces)
-            for a, b in zip(errors, self.short_steps, strict=True)
-        ]
-
     def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
-        if self.short_steps:
-            share = self.step_share(errors)
-            errors, departs = self.by_share(errors, share), np.append(departs, step_departs(share))
-        values = np.concatenate([of.whole for of in errors])
-        whole = independent(len(values)) / ALIKE / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
-        return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2_of_pieces(errors)).sum() + 0.5 * departs @ departs)
+        at, beside = self.at_likeliest(errors)
+        return loss_of(at) + 0.5 * float(departs @ departs + beside @ beside)
+
+    def at_likeliest(self, errors: Sequence[LogErrors]) -> tuple[list[LogErrors], np.ndarray]:
+        """Errors where the numbers beside the effects are at their best, and how far these depart from expected."""
+        numbers = self.beside.likeliest(errors, self.heldout_gap.folds)
+        return self.beside.at(errors, numbers), numbers - self.beside.expected
 
     def normal(
         self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold.
 
-        The simulation's step is at its best wherever the numbers are.
+        The numbers beside the effects are at their best wherever those of the effects are.
         """
-        if not self.short_steps:
-            return self.equations(errors, slopes, departs, fold)
-        share = self.step_share(errors)
-        at, departs = self.by_share(errors, share), np.append(departs, step_departs(share))
-        beside = [
-            LogErrors(np.concatenate([of.whole, step.whole], axis=1), np.concatenate([of.pieces, step.pieces], axis=2))
-            for of, step in zip(slopes, self.step_slopes(errors), strict=True)
-        ]
-        curvature, slope = self.equations(at, beside, departs, fold)
-        gain = curvature[:-1, -1] / curvature[-1, -1]
-        return curvature[:-1, :-1] - np.outer(gain, curvature[-1, :-1]), slope[:-1] - gain * slope[-1]
-
-    def equations(
-        self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Curvature and slope by numbers that are all fitted, (numbers, numbers) and (numbers,), without a fold."""
-        values = np.concatenate([of.whole for of in errors])
-        of_whole = independent(len(values)) / ALIKE / max(float(values @ values), 1e-12)
-        curvature, slope = np.eye(len(departs)), departs.copy()
-        for own, of, by in zip(self.heldout_gap.folds, errors, slopes, strict=True):
-            if own == fold:
-                continue
-            weights = PIECE_VALUES / (USUAL + np.mean(of.pieces**2, axis=1)) / max(1, of.pieces.shape[1])
-            flat = by.pieces.reshape(-1, len(departs))
-            weighted = (by.pieces * weights[:, None, None]).reshape(-1, len(departs))
-            curvature += of_whole * by.whole.T @ by.whole + weighted.T @ flat
-            slope += of_whole * by.whole.T @ of.whole + weighted.T @ of.pieces.ravel()
-        return curvature, slope
+        at, of_beside = self.at_likeliest(errors)
+        every = slopes
+        if self.beside.number:
+            every = [of.beside(by) for of, by in zip(slopes, self.beside.changes, strict=True)]
+        curvature, slope = normal_equations(at, every, self.heldout_gap.folds, fold)
+        curvature, slope = curvature + np.eye(len(slope)), slope + np.append(departs, of_beside)
+        own = len(departs)
+        gain = np.linalg.solve(curvature[own:, own:], curvature[own:, :own]).T
+        return curvature[:own, :own] - gain @ curvature[own:, :own], slope[:own] - gain @ slope[own:]
 
     def slopes(
         self, about: Numbers, numbers: np.ndarray, errors: Sequence[LogErrors], whole: bool, logs: Sequence[int]
@@ -282,37 +235,6 @@ class JointLikelihood:
             )
             for k, start in enumerate(errors)
         ]
-
-
-def chi2_of_pieces(errors: Sequence[LogErrors]) -> np.ndarray:
-    """χ² of the short pieces of all logs over its expectation, (pieces,)."""
-    return np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
-
-
-def step_departs(share: float) -> np.ndarray:
-    """A share of short steps as a scaled departure from what is expected, (1,)."""
-    return np.array([(share - EXPECTED_STEPS) / SPREAD_STEPS])
-
-
-def difference(moved: Sequence[np.ndarray], start: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Finite differences by several numbers, (…, numbers), scaled by ``share`` (numbers,)."""
-    found = [(one - start) * s for one, s in zip(moved, share, strict=True)]
-    return np.stack(found, axis=-1) if found else np.zeros((*start.shape, 0))
-
-
-def updated(slopes: LogErrors, before: LogErrors, after: LogErrors, by: np.ndarray) -> LogErrors:
-    """Derivatives of a log after a step ``by`` (numbers,) from errors ``before`` to ``after``, by Broyden's rule."""
-    along = by / max(float(by @ by), 1e-12)
-
-    def one(slope: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        return np.asarray(slope + (end - start - slope @ by)[..., None] * along)
-
-    return LogErrors(one(slopes.whole, before.whole, after.whole), one(slopes.pieces, before.pieces, after.pieces))
-
-
-def independent(values: int) -> float:
-    """Number of independent values of whole replays among so many compared ones."""
-    return values * EVERY_S / INDEPENDENT_S
 
 
 def bounded_step(curvature: np.ndarray, slope: np.ndarray, damping: float, room: np.ndarray) -> np.ndarray:

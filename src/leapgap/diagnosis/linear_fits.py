@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.joint_likelihood import PIECE_VALUES, LogErrors, Numbers, bounded_minimum, independent
+from leapgap.diagnosis.joint_likelihood import Numbers, bounded_minimum
+from leapgap.diagnosis.log_errors import PIECE_VALUES, LogErrors, independent
 
 ITERATIONS = 10
 """Largest number of reweighted least-squares steps of a fit."""

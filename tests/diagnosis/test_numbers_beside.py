@@ -1,0 +1,63 @@
+"""Tolerances of a model beside the numbers in question: logs of plain MuJoCo of an arm whose masses are off."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.full_rollouts import FullRolloutFit
+from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.joint_fit import JointFit
+from leapgap.diagnosis.numbers_beside import tolerance_effects
+from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer
+from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs
+from tests.diagnosis.test_short_steps import STIFF
+from tests.diagnosis.two_link_arm import torque_driven_arm
+
+NOMINAL = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
+ROTOR, HEAVIER = 0.02, 1.03
+
+
+def rotors_on_heavy_links(model: mujoco.MjModel) -> None:
+    model.dof_armature[:] += ROTOR
+    model.body_mass[1:] *= HEAVIER
+    model.body_inertia[1:] *= HEAVIER
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return torque_driven_arm(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def without(robot: Robot) -> JointFit:
+    """The joint fit of a model whose masses are taken as they are."""
+    gap = heldout_gap(noisy_logs(robot.path, rotors_on_heavy_links, STIFF, steps=1), robot)
+    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
+    return JointFit(gap, short.whiten_for(short.on_every_log(())), (), in_parts=True, near=NOMINAL)
+
+
+def rotors(robot: Robot, joint: JointFit) -> FullRolloutFit:
+    """Rotors fitted alone."""
+    (rotor,) = (h for h in list_hypotheses(["armature"], robot, None) if h.location == "all")
+    return joint.fit((rotor,), rotor.nominal, 6, settled=0.1)
+
+
+def test_masses_that_are_off_within_tolerance_move_no_rotor(robot: Robot, without: JointFit) -> None:
+    """Taken as they are, they move the rotors by a fifth and by many times the interval."""
+    off = rotors(robot, without)
+    assert off.numbers[0] - ROTOR > 0.15 * ROTOR
+    assert off.numbers[0] - ROTOR > 10 * np.sqrt(off.covariance[0, 0])
+    within = rotors(robot, replace(without, near=off, tolerances={"leg_mass.scale": HEAVIER - 1}))
+    assert within.numbers[0] == pytest.approx(ROTOR, rel=0.03)
+    assert within.covariance[0, 0] > 4 * off.covariance[0, 0]
+
+
+def test_each_place_has_a_tolerance_of_its_own(robot: Robot) -> None:
+    effects = tolerance_effects(robot, {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}, ["joint_damping"])
+    assert [(one.name, one.location) for one in effects] == [("leg_mass", joint) for joint in robot.joints]
+    assert all(one.values["scale"] == pytest.approx(HEAVIER) for one in effects)
