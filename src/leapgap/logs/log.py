@@ -24,12 +24,7 @@ from leapgap.logs.completeness import check_complete
 from leapgap.logs.consistency import check_physics
 from leapgap.logs.files import VALUE_BYTES, check_file, check_values_fit, decoding
 from leapgap.logs.metadata import read_metadata
-from leapgap.logs.schema import (
-    BASE_QUATERNION,
-    PAIR_FORCE_AXES,
-    check_kind,
-    check_values,
-)
+from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, check_values
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
