@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
@@ -41,6 +40,8 @@ def clock_scale(
 def integrated(velocity: np.ndarray, period_s: float, lengths: np.ndarray | None) -> np.ndarray:
     """Integral of velocities (rows, channels) from the first row to each; ``lengths`` of the rows in periods."""
     if period_s > RESOLVED_S and len(velocity) > 3:
+        from scipy.interpolate import CubicSpline  # half a second, and logs at 1 kHz need none
+
         rows = np.ones(len(velocity)) if lengths is None else lengths
         time = np.concatenate([[0.0], np.cumsum(rows[:-1])]) * period_s
         return np.asarray(CubicSpline(time, velocity).antiderivative()(time))
