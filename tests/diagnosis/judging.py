@@ -10,7 +10,7 @@ from leapgap.robot.model import Robot
 
 
 def judge(logs: Sequence[Log], robot: Robot, settings: Settings) -> Diagnosis:
-    """The diagnosis of logs without its proposal, which takes a third of the time, for tests that do not look at it."""
+    """The diagnosis of logs without its proposal, which takes up to a third of the time, where no test looks at it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("leapgap.diagnosis.diagnose.propose", lambda *_: None)
         return diagnose(logs, robot, settings)
