@@ -1,61 +1,128 @@
-"""Fetch the published logs into data/raw from the public repository, at the commit that imports/ names.
+"""Fetch public logs into data/raw from the repositories of their owners, at the commits that imports/ names.
 
-An import file of imports/ is copied to data/raw, and `dvc update` fetches what it names. Logs that are there stay as
-they are. It needs a network; without one nothing changes, and the exit code is 2.
+The import files of a source are copied to data/raw, and `dvc update` fetches what they name. Files that are there
+stay as they are. It needs a network; without one nothing changes, and the exit code is 2. Sources: a1_hardware (the
+published jumps, the default), and acrobot, go2_in_air, ricmonk for `make robots`.
 
 Examples:
 
     python -m stages.fetch
+    python -m stages.fetch acrobot ricmonk
 """
 
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import OmegaConf
 
-from leapgap.errors import InputError
-from stages.common import answered_at_once, refuse
+from leapgap.errors import InputError, did_you_mean
+from stages.common import refuse
+from stages.help import answered_at_once
 
 IMPORTS, RAW = Path("imports"), Path("data/raw")
+JUMPS = "a1_hardware"
+"""The source that is fetched where none is named."""
 PATIENCE_S = 20
 """An address that has not answered by then is taken for one that no network reaches."""
-WITHOUT = "without them everything runs on simulated hardware and says so"
+WITHOUT = "everything runs on simulated hardware and says so"
+WITHOUT_ROBOT = "make robots leaves its cases out and says so"
+"""What happens without the jumps, and without the logs of a real robot."""
 
 
-def fetch(imports: Path = IMPORTS, raw: Path = RAW) -> list[Path]:
-    """Fetch what every import file of a folder names, where it is not there yet; the folders that are there now.
+@dataclass(frozen=True)
+class Import:
+    """One import file: a file or folder of a public repository at a commit, and where it goes."""
 
-    ``InputError`` where a repository does not answer, or does not have what the import file names.
+    file: Path
+    url: str
+    revision: str
+    path: str
+    """In the repository."""
+    out: str
+    """Below data/raw; its first folder is the source's name."""
+    md5: str | None
+    """Of the content, where it is known."""
+
+    @staticmethod
+    def read(file: Path) -> "Import":
+        """The import that a .dvc file states."""
+        stated = OmegaConf.load(file)
+        (dependency,), (out,) = stated.deps, stated.outs
+        return Import(file, dependency.repo.url, dependency.repo.rev, dependency.path, out.path, out.get("md5"))
+
+    @property
+    def source(self) -> str:
+        """Name of the source that it is a part of."""
+        return Path(self.out).parts[0]
+
+    def is_in(self, raw: Path) -> bool:
+        """Whether the file is there, or the folder and something in it."""
+        out = raw / self.out
+        return out.is_file() or (out.is_dir() and any(out.iterdir()))
+
+
+def fetch(names: Sequence[str] = (JUMPS,), imports: Path = IMPORTS, raw: Path = RAW) -> list[Path]:
+    """Fetch what the import files of some sources name, where it is not there yet; the folders that are there now.
+
+    ``InputError`` where a repository does not answer, or does not have what an import file names.
     """
-    files = sorted(imports.glob("*.dvc"))
-    if not files:
+    known = [Import.read(file) for file in sorted(imports.glob("*.dvc"))]
+    if not known:
         raise InputError(imports, "no import file", "<name>.dvc", "restore it with git checkout")
-    return [fetch_one(file, raw) for file in files]
+    sources = list(dict.fromkeys(one.source for one in known))
+    for name in names:
+        if name not in sources:
+            do = did_you_mean(name, sources) or "choose one"
+            raise InputError("source", name, f"one of {', '.join(sources)}", do)
+    return [fetch_source([one for one in known if one.source == name], raw) for name in names]
 
 
-def fetch_one(file: Path, raw: Path) -> Path:
-    """Fetch what one import file names into ``raw/<its name>``; that folder. After a failure ``raw`` is as it was."""
-    logs, pointer = raw / file.stem, raw / file.name
-    if logs.is_dir() and any(logs.iterdir()):
+def fetch_source(parts: Sequence[Import], raw: Path) -> Path:
+    """Fetch the parts of one source that are not there; its folder. After a failure ``raw`` is as it was."""
+    logs, missing = raw / parts[0].source, [part for part in parts if not part.is_in(raw)]
+    if not missing:
         print(f"{logs}: there already, left as it is")
         return logs
-    (dependency,) = OmegaConf.load(file).deps
-    url, revision = dependency.repo.url, dependency.repo.rev
-    check_answer(url, logs)
-    print(f"{logs}: {dependency.path} of {url} at {revision[:7]}", flush=True)
-    existed = pointer.exists()
-    shutil.copyfile(file, pointer)
-    done = subprocess.run(["dvc", "update", "-q", str(pointer)], capture_output=True, text=True, check=False)
-    if done.returncode == 0:
-        return logs
-    if not existed:
-        pointer.unlink(missing_ok=True)
-    message = " ".join((done.stderr or done.stdout).split())[:300]
-    do = f"look whether the repository moved, or copy its folder {dependency.path} to {logs}"
-    raise InputError(url, f"no such data at {revision[:7]} ({message})", dependency.path, do)
+    for url in dict.fromkeys(part.url for part in missing):
+        check_answer(url, logs)
+    for part in missing:
+        print(f"{raw / part.out}: {part.path} of {part.url} at {part.revision[:7]}", flush=True)
+    is_new, pointers = not logs.exists(), [raw / part.file.name for part in missing]
+    new_files = [*(path for path in pointers if not path.exists()), *(raw / part.out for part in missing)]
+    try:
+        fetch_parts(missing, raw)
+    except InputError:
+        for path in new_files:
+            if path.is_file():
+                path.unlink()
+        if is_new:
+            shutil.rmtree(logs, ignore_errors=True)
+        raise
+    return logs
+
+
+def fetch_parts(parts: Sequence[Import], raw: Path) -> None:
+    """Let DVC fetch parts of one source in one call, which reads each repository once."""
+    pointers = [raw / part.file.name for part in parts]
+    for part, pointer in zip(parts, pointers, strict=True):
+        (raw / part.out).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(part.file, pointer)
+    command = ["dvc", "update", "-q", *map(str, pointers)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        message, first = " ".join((done.stderr or done.stdout).split())[:300], parts[0]
+        do = f"look whether the repository moved, or copy {first.path} of it to {raw / first.out}"
+        raise InputError(first.url, f"no such data at {first.revision[:7]} ({message})", first.path, do)
+    for part, pointer in zip(parts, pointers, strict=True):
+        found = Import.read(pointer).md5
+        if part.md5 is not None and found != part.md5:
+            do = f"look what changed there; {part.file} says which content is meant"
+            raise InputError(f"{part.url}, {part.path}", f"other content (md5 {found})", f"md5 {part.md5}", do)
 
 
 def check_answer(url: str, logs: Path) -> None:
@@ -68,7 +135,8 @@ def check_answer(url: str, logs: Path) -> None:
     except subprocess.TimeoutExpired:
         why = f"nothing within {PATIENCE_S} s"
     if why:
-        do = f"run it where there is a network, or copy the logs to {logs}; {WITHOUT}"
+        without = WITHOUT if logs.name == JUMPS else WITHOUT_ROBOT
+        do = f"run it where there is a network, or copy the logs to {logs}; without them {without}"
         raise InputError(url, f"no answer ({why})", "a repository that a network reaches", do)
 
 
@@ -77,8 +145,8 @@ if __name__ == "__main__":
         print(answer, end="")
         sys.exit()
     try:
-        for folder in fetch():
-            print(f"{folder}: {sum(1 for path in folder.rglob('*') if path.is_file())} files")
-        print("now: make run, or dvc repro")
+        for folder in fetch(sys.argv[1:] or (JUMPS,)):
+            do = "make run, or dvc repro" if folder.name == JUMPS else "make robots"
+            print(f"{folder}: {sum(1 for path in folder.rglob('*') if path.is_file())} files; now: {do}")
     except (InputError, OSError) as error:
         refuse("fetch", error)

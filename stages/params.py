@@ -21,7 +21,8 @@ from yaml import YAMLError
 
 from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
-from stages.common import CONF, PARAMS, answered_at_once, config_error, refuse
+from stages.common import PARAMS, config_error, refuse
+from stages.help import CONF, answered_at_once
 
 HEADER = """\
 # Composed from conf/ by the stage `params`. Not to be edited: change conf/ and run `dvc repro`.

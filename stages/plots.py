@@ -14,7 +14,8 @@ from pathlib import Path
 
 from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
-from stages.common import answered_at_once, refuse
+from stages.common import refuse
+from stages.help import answered_at_once
 
 TEMPLATE, OUT = Path(".dvc/tmp/plots.html"), Path("plots")
 PAGE = """<!doctype html>

@@ -24,7 +24,7 @@ from typing import Any, TextIO
 from omegaconf import OmegaConf
 
 from leapgap.atomic_io import read_json, write_json
-from stages.common import answered_at_once
+from stages.help import answered_at_once
 
 RECORDED = Path("metrics/timing/stages.json")
 """Seconds of each stage as committed, measured on an idle machine."""

@@ -50,7 +50,8 @@ def robots(config: DictConfig) -> None:
         for name in chosen.cases:
             case = read_config(RealCase, config.robots.cases[name], f"robots.cases.{name}")
             if not is_here(case, raw):
-                print(f"{name}: no files in {raw / case.source}, left out")
+                source = Path(case.source).parts[0]
+                print(f"{name}: no files in {raw / case.source}, left out; python -m stages.fetch {source} brings them")
                 continue
             begin = time.perf_counter()
             robot, logs = read_case(case, raw, *importer(case.import_logs), corrected=corrected_by(case, folder, name))

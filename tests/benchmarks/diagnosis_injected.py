@@ -22,8 +22,9 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.checks import clock_of, run_checks
+from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
-from leapgap.diagnosis.gap import candidate_squares, closure, resamples
+from leapgap.diagnosis.gap import candidate_squares
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor

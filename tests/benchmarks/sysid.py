@@ -25,8 +25,9 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
+from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import Settings, diagnose
-from leapgap.diagnosis.gap import candidate_squares, closure, headline_gap, resamples
+from leapgap.diagnosis.gap import candidate_squares, headline_gap
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor

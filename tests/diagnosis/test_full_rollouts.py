@@ -5,9 +5,10 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.closure import resamples
 from leapgap.diagnosis.decision import Conclusion, conclude_from
 from leapgap.diagnosis.full_rollouts import Errors, FullRollouts, FullRolloutSettings, Slopes
-from leapgap.diagnosis.gap import HeldOutGap, candidate_squares, resamples
+from leapgap.diagnosis.gap import HeldOutGap, candidate_squares
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.effects.base import Effect

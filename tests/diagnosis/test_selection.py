@@ -5,6 +5,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.candidates import Fit, SearchResult
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.decision import (
     DecisionThresholds,
     answer_of,
@@ -14,10 +15,10 @@ from leapgap.diagnosis.decision import (
     probability,
     verdict_of,
 )
-from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.gauss_newton import broyden, covariance
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.selection import MOST_SURPRISE, LinearGuess, Search, SearchSettings, broyden, covariance
+from leapgap.diagnosis.selection import MOST_SURPRISE, LinearGuess, Search, SearchSettings
 from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.logs.log import Log

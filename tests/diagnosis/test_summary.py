@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.gap import HeldOutFigures, Interval
+from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import sentence, share_in_words
 from leapgap.effects.joint_damping import JointDamping

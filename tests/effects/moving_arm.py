@@ -7,8 +7,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 MJCF = """<mujoco model="arm"><option timestep="0.001"/><worldbody>
   <geom name="floor" type="plane" size="3 3 0.1" pos="0 0 -2"/>
@@ -56,6 +59,10 @@ def commands(seed: int, rows: int = 600) -> Sent:
     angle = pulse * time + rng.uniform(0, 6, (2, 3, 1))
     wanted, speed = (size * np.sin(angle)).sum(axis=0).T, (size * pulse * np.cos(angle)).sum(axis=0).T
     return Sent(2 * np.sin(angle[0].T + 1), wanted, speed)
+
+
+SENT = commands(3)
+"""The commands of most tests."""
 
 
 def simulate(
@@ -127,3 +134,8 @@ def as_log(name: str, sent: Sent, qpos: np.ndarray, qvel: np.ndarray) -> Log:
         columns[f"cmd_kd/{joint}"] = np.full(len(qpos), KD)
     columns = {key: np.ascontiguousarray(values) for key, values in columns.items()}
     return Log(name, columns, LogInfo("arm", PERIOD_S, "plain MuJoCo"))
+
+
+def replay(robot: Robot, log: Log, *found: Effect) -> np.ndarray:
+    """Positions (rows, joints) by the replay of a log with effects."""
+    return Replayer(robot).motions([Rollout(log, found)])[0].qpos

@@ -14,23 +14,10 @@ from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.settings import from_mapping
-from leapgap.simulation.replay import Replayer
-from leapgap.simulation.rollout import Rollout
 from stages.common import read_config
 from tests.effects import moving_arm as arm
 
-SENT = arm.commands(3)
 STIFFNESS = ModelField("jnt_stiffness", 0.0, 20.0, "elbow")
-
-
-@pytest.fixture(scope="module")
-def robot_arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    return arm.load(tmp_path_factory.mktemp("arm"))
-
-
-@pytest.fixture(scope="module")
-def log() -> Log:
-    return arm.as_log("nominal", SENT, *arm.simulate(SENT))
 
 
 def stiffen(model: mujoco.MjModel) -> None:
@@ -70,17 +57,13 @@ def test_a_field_moves_the_arm_as_the_changed_model_does(
     field: ModelField, value: float, change: Callable, robot_arm: Robot, log: Log
 ) -> None:
     kind = effect_class(field)
-
-    def replay(*found: effects.Effect) -> np.ndarray:
-        return Replayer(robot_arm).motions([Rollout(log, found)])[0].qpos
-
-    plain, nominal = arm.simulate(SENT, change)[0], arm.simulate(SENT)[0]
+    plain, nominal = arm.simulate(arm.SENT, change)[0], arm.simulate(arm.SENT)[0]
     assert np.abs(plain - nominal).max() > 1e-3
-    assert np.abs(replay(kind(value=value)) - plain).max() < 1e-9
+    assert np.abs(arm.replay(robot_arm, log, kind(value=value)) - plain).max() < 1e-9
     (about,) = kind.parameters(robot_arm)
     assert about.lower <= about.nominal <= about.upper
     for absent in (kind(), kind(value=about.nominal)):
-        assert np.array_equal(replay(absent), replay())
+        assert np.array_equal(arm.replay(robot_arm, log, absent), arm.replay(robot_arm, log))
 
 
 def test_a_spring_that_the_setting_names_is_found(robot_arm: Robot) -> None:

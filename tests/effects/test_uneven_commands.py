@@ -1,5 +1,6 @@
 """Late commands and filtered joint PDs against a disc that plain MuJoCo steps with a controller written out here."""
 
+import itertools
 from pathlib import Path
 
 import mujoco
@@ -118,6 +119,26 @@ def test_what_is_left_of_lost_commands_comes_late_in_either_order(order: int, tm
     held = (mean_over_losses(TORQUE, SHARE), mean_over_losses(ANGLE, SHARE))
     late = np.concatenate([[0] * 5, SENT[:-5]])
     assert replay(robot, *both[::order]) == pytest.approx(plain(robot, late, sent=held), abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.5])
+@pytest.mark.parametrize("order", itertools.permutations(range(3)))
+def test_lost_commands_that_are_computed_late_and_arrive_late_do_so_in_any_order(
+    order: tuple[int, ...], share: float, tmp_path: Path
+) -> None:
+    """Rows of twice the length: a command is sent half a row late, of its own or the next row, and travels for 5 ms."""
+    robot, rows_late = disc(tmp_path), round(share + 0.5)
+    halves = [[row - rows_late] * n + [row - rows_late + 1] * n for row, n in enumerate(TICKS)]
+    arrived = np.concatenate([[0] * 5, np.maximum(np.concatenate(halves), 0)[:-5]])
+    kinds = (
+        effects.effect("dropped_commands", share=SHARE),
+        effects.effect("computation_delay", share=share),
+        effects.effect("command_delay", delay_s=0.005),
+    )
+    held = (mean_over_losses(TORQUE, SHARE), mean_over_losses(ANGLE, SHARE))
+    found = replay(robot, *(kinds[i] for i in order), slower=2)
+    assert found == pytest.approx(plain(robot, arrived, sent=held), abs=1e-9)
+    assert np.abs(found - replay(robot, *kinds[:2], slower=2)).max() > 5e-3
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
 from leapgap.reports.channel_names import row_of

@@ -23,6 +23,8 @@ PIPELINE = """stages:
     outs: [curves.csv]
     metrics:
       - metrics.json: {cache: false}
+artifacts:
+  curves: {path: curves.csv, type: model}
 plots:
   - learning curves:
       template: curves
@@ -132,6 +134,14 @@ def test_a_remote_in_a_local_folder_brings_a_second_clone_its_data(small: Small,
     assert not (tmp_path / "clone/curves.csv").exists()
     small.run(DVC, "--cd", str(tmp_path / "clone"), "pull", "-q")
     assert (tmp_path / "clone/curves.csv").read_bytes() == (small.folder / "curves.csv").read_bytes()
+
+
+def test_an_artifact_is_fetched_by_its_name_from_the_commit_that_a_tag_names(small: Small, tmp_path: Path) -> None:
+    small.run("git", "tag", "-a", "curves@v1.0.0", "-m", "the first")
+    small.run(DVC, "artifacts", "get", str(small.folder), "curves", "-o", str(tmp_path / "fetched.csv"))
+    small.run(DVC, "get", str(small.folder), "curves.csv", "-o", str(tmp_path / "by_path.csv"))
+    assert (tmp_path / "fetched.csv").read_bytes() == (small.folder / "curves.csv").read_bytes()
+    assert (tmp_path / "by_path.csv").read_bytes() == (small.folder / "curves.csv").read_bytes()
 
 
 def test_artifacts_are_outputs_of_the_pipeline() -> None:

@@ -1,5 +1,6 @@
 """`make data`: the pinned import is fetched where its repository answers; elsewhere nothing changes, exit code 2."""
 
+import hashlib
 import os
 import shutil
 import subprocess
@@ -59,8 +60,8 @@ def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
 
 
-def fetch(folder: Path) -> subprocess.CompletedProcess[str]:
-    return run(folder, sys.executable, "-m", "stages.fetch")
+def fetch(folder: Path, *names: str) -> subprocess.CompletedProcess[str]:
+    return run(folder, sys.executable, "-m", "stages.fetch", *names)
 
 
 def pin(project: Path, url: str, revision: str | None = None) -> None:
@@ -133,6 +134,79 @@ def test_logs_that_somebody_brought_are_left_alone(project: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert own.read_text() == "mine\n"
     assert not (project / "data/raw/a1_hardware.dvc").exists()
+
+
+IMPORTS = sorted((ROOT / "imports").glob("*.dvc"))
+
+
+@pytest.mark.parametrize("file", IMPORTS, ids=lambda file: file.stem)
+def test_every_import_names_a_public_repository_and_a_commit(file: Path) -> None:
+    (dependency,), (out,) = OmegaConf.load(file).deps, OmegaConf.load(file).outs
+    assert dependency.repo.url.startswith("https://github.com/")
+    assert 7 <= len(dependency.repo.rev) <= 40 and int(dependency.repo.rev, 16) > 0
+    own = Path(os.environ.get("LEAPGAP_ROBOTS", ROOT / "data/raw")) / out.path
+    if own.is_file() and "md5" in out:
+        content = own.read_bytes()
+        assert (hashlib.md5(content).hexdigest(), len(content)) == (out.md5, out.size)
+
+
+def test_imports_bring_what_make_robots_reads() -> None:
+    brought = {OmegaConf.load(file).outs[0].path for file in IMPORTS}
+    for name, case in OmegaConf.load(ROOT / "conf/robots/default.yaml").cases.items():
+        assert case.robot in brought, name
+        assert any(Path(case.source) in (Path(path), Path(path).parent) for path in brought - {case.robot}), name
+
+
+@pytest.fixture
+def arm(project: Path, tmp_path: Path) -> Path:
+    """A public repository of two files, which two import files of the project name by the beginning of a commit."""
+    folder = tmp_path / "arm"
+    (folder / "logs/1").mkdir(parents=True)
+    (folder / "logs/1/trajectory.csv").write_text("0 1\n")
+    (folder / "arm.urdf").write_text("<robot/>\n")
+    git(folder, "init", "-q")
+    git(folder, "add", "-A")
+    git(folder, "commit", "-qm", "logs")
+    for name, path, out in (
+        ("log", "logs/1/trajectory.csv", "arm/sent/one.csv"),
+        ("model", "arm.urdf", "arm/arm.urdf"),
+    ):
+        content = (folder / path).read_bytes()
+        repository = {"url": str(folder), "rev": git(folder, "rev-parse", "--short", "HEAD")}
+        known = {"hash": "md5", "md5": hashlib.md5(content).hexdigest(), "size": len(content), "path": out}
+        stated = {"frozen": True, "deps": [{"path": path, "repo": repository}], "outs": [known]}
+        OmegaConf.save(OmegaConf.create(stated), project / f"imports/arm_{name}.dvc")
+    (folder / "arm.urdf").write_text("<robot name='later'/>\n")
+    git(folder, "commit", "-qam", "later")
+    return folder
+
+
+def test_a_source_of_several_files_comes_whole_and_beside_those_that_are_there(project: Path, arm: Path) -> None:
+    (project / "data/raw/arm/sent").mkdir(parents=True)
+    (project / "data/raw/arm/sent/one.csv").write_text("mine\n")
+    done = fetch(project, "arm")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (project / "data/raw/arm/arm.urdf").read_text() == "<robot/>\n"
+    assert (project / "data/raw/arm/sent/one.csv").read_text() == "mine\n"
+    (project / "data/raw/arm/sent/one.csv").unlink()
+    assert fetch(project, "arm").returncode == 0
+    assert (project / "data/raw/arm/sent/one.csv").read_text() == "0 1\n"
+    assert "there already, left as it is" in fetch(project, "arm").stdout
+
+
+def test_other_content_than_the_import_file_states_is_refused_and_removed(project: Path, arm: Path) -> None:
+    file = project / "imports/arm_model.dvc"
+    file.write_text(file.read_text().replace(OmegaConf.load(file).outs[0].md5, "ab" * 16))
+    done = fetch(project, "arm")
+    assert done.returncode == 2
+    assert f"{arm}, arm.urdf: found other content (md5 " in done.stderr and f"expected md5 {'ab' * 16}" in done.stderr
+    assert not [path for path in (project / "data/raw").iterdir() if path.name != ".gitignore"]
+
+
+def test_an_unknown_source_is_told_with_those_that_are_known(project: Path, arm: Path) -> None:
+    done = fetch(project, "arn")
+    assert done.returncode == 2
+    assert "source: found arn; expected one of a1_hardware, arm; did you mean arm?" in done.stderr
 
 
 def test_make_data_runs_the_stage_and_hands_on_its_exit_code() -> None:

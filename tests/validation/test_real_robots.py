@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.errors import InputError

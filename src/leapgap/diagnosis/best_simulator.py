@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.closure import SIGMAS, Interval
 from leapgap.diagnosis.evidence.base import Evidence
-from leapgap.diagnosis.gap import SIGMAS, HeldOutGap, Interval
+from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis, parts_of, places
 from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, Numbers
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.joint_fit import JointFit
 
 STEPS = 2

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult, in_words
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit, FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.gap import HeldOutGap, Interval
+from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit, part
 from leapgap.diagnosis.joint_search import search_jointly

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.gap import HeldOutGap, Interval, final_position_errors, motion_squares
+from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.gap import HeldOutGap, final_position_errors, motion_squares
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.mixed_descriptions import Mix, best_mix
 from leapgap.errors import InputError

@@ -16,10 +16,10 @@ from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.experiments.base import Experiment
 from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.experiments.plans import is_possible
+from leapgap.diagnosis.gauss_newton import differences
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.rival_fits import Rival
 from leapgap.diagnosis.robust_least_squares import Products
-from leapgap.diagnosis.selection import differences
 from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs
 from leapgap.diagnosis.short_rollouts import Effects, ShortRollouts
 from leapgap.logs.log import Log

@@ -7,10 +7,10 @@ from typing import Any
 
 from leapgap.diagnosis.best_simulator import BestSimulator
 from leapgap.diagnosis.checks import CheckResult
+from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.closure_by_source import ClosureBySource
 from leapgap.diagnosis.descriptions import DescriptionFigures
 from leapgap.diagnosis.evidence.base import Evidence
-from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.provenance import Provenance

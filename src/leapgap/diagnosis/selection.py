@@ -12,13 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from leapgap.diagnosis.candidates import Fit, ProfileLikelihood, SearchResult, clip_numbers, in_words, split_numbers
+from leapgap.diagnosis.gauss_newton import GaussNewtonFit, broyden, covariance, differences
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
-STEP = 0.1
-"""Step of finite differences, as a share of the moderate departure."""
 SETTLED = 0.3
 """A fit has converged when its loss falls by less than this."""
 TRIALS = (0.4, 2.5)
@@ -44,20 +43,6 @@ class LinearGuess:
     hypotheses: tuple[Hypothesis, ...]
     numbers: np.ndarray
     loss: float
-
-
-@dataclass
-class GaussNewtonFit:
-    """State of the Gauss–Newton iteration of one set of hypotheses."""
-
-    hypotheses: tuple[Hypothesis, ...]
-    numbers: np.ndarray
-    """Numbers of the next evaluation, (numbers,)."""
-    best: np.ndarray
-    """Numbers with the smallest loss so far, (numbers,)."""
-    loss: float = np.inf
-    columns: np.ndarray | None = None
-    done: bool = False
 
 
 @dataclass(frozen=True)
@@ -407,29 +392,3 @@ class Search:
             chi2=chi2 / products.values,
             heldout=heldout,
         )
-
-
-def covariance(normal: np.ndarray, scatter: np.ndarray, numbers: int) -> np.ndarray:
-    """Covariance of the first numbers: inverse curvature, widened to the sandwich N⁻¹ S N⁻¹ if that is larger."""
-    inverse = np.linalg.pinv(normal)
-    plain, sandwich = inverse[:numbers, :numbers], (inverse @ scatter @ inverse)[:numbers, :numbers]
-    wider = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300)))
-    return np.asarray(plain * wider[:, None] * wider)
-
-
-def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
-    """A small step in each number within its range, (numbers,) each."""
-    steps = STEP * np.concatenate([h.moderate for h in hypotheses])
-    lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
-    inside = (numbers + steps <= upper) & (numbers + steps >= lower)
-    return list(np.diag(np.where(inside, steps, -steps)))
-
-
-def broyden(columns: np.ndarray, move: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Derivatives (pieces, values, numbers) after a step ``move`` that led to ``errors``, by Broyden's rule."""
-    length = float(move @ move)
-    slopes = columns[:, :, 1:]
-    if length == 0:
-        return slopes
-    surprise = errors - columns[:, :, 0] - slopes @ move
-    return np.asarray(slopes + surprise[:, :, None] * move / length)

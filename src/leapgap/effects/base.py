@@ -3,6 +3,7 @@
 from abc import ABC
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
 from functools import cache
 from typing import Any, ClassVar
 
@@ -73,6 +74,17 @@ PARAMETER = "parameter"
 """Key of a dataclass field's metadata under which its declaration stands."""
 
 
+class CommandStage(IntEnum):
+    """Stages of a command on its way to the joints, in the order of time."""
+
+    CHOICE = 0
+    """Which command holds in a row; there is one for each row, however long it lasts."""
+    SENDING = 1
+    """When within its row a command is sent."""
+    ARRIVAL = 2
+    """What holds at the joints at each time, whatever row it was sent in."""
+
+
 @dataclass(frozen=True)
 class Commands:
     """Commands that are sent to the joints in periods of equal length: (periods, joints), joint order of the robot."""
@@ -134,8 +146,9 @@ class Effect(ABC):
     """Whether a fit of all effects together looks for it on a robot without a free base, though not by default."""
     has_rotors: ClassVar[bool] = False
     """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
-    acts_as_sent: ClassVar[bool] = False
-    """Whether it changes single commands, one a row; where rows are uneven it comes before what shifts them in time."""
+    command_stage: ClassVar[CommandStage] = CommandStage.ARRIVAL
+    """Where on their way it changes commands. Where rows are uneven, effects act in the order of these stages, since
+    commands that are shifted in time no longer tell what each row sent."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 

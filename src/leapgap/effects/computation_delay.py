@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.effects.base import Commands, CommandStage, Effect, parameter
 from leapgap.robot.model import Robot
 
 
@@ -21,6 +21,7 @@ class ComputationDelay(Effect):
     needs_motor = True
     by_default = False
     beside_clock = True
+    command_stage = CommandStage.SENDING
 
     share: float = parameter(0.0, "rows", 0.0, 2.0, 0.5)
 

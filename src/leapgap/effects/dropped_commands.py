@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.effects.base import Commands, CommandStage, Effect, parameter
 from leapgap.robot.model import Robot
 
 
@@ -21,7 +21,7 @@ class DroppedCommands(Effect):
     by_default = False
     places = "joints"
     needs_motor = True
-    acts_as_sent = True
+    command_stage = CommandStage.CHOICE
 
     share: float = parameter(0.0, "1", 0.0, 0.95, 0.5)
 

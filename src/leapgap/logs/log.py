@@ -20,17 +20,11 @@ import pyarrow.parquet as pq
 from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
+from leapgap.logs.completeness import check_complete
 from leapgap.logs.consistency import check_physics
 from leapgap.logs.files import VALUE_BYTES, check_file, check_values_fit, decoding
 from leapgap.logs.metadata import read_metadata
-from leapgap.logs.schema import (
-    BASE_POSITION,
-    BASE_QUATERNION,
-    COMMANDS,
-    PAIR_FORCE_AXES,
-    check_kind,
-    check_values,
-)
+from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, check_values
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
@@ -121,7 +115,7 @@ class Log:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))
-        check(self)
+        check_complete(self.columns, self.joints, self.name)
 
     def __reduce__(self) -> tuple[type["Log"], tuple[str, dict[str, np.ndarray], LogInfo]]:
         """Pickle with a plain dict: a read-only view of columns cannot be pickled."""
@@ -251,67 +245,6 @@ class Log:
             for name, values in self.columns.items()
         }
         return replace(self, columns=columns, info=replace(self.info, sample_period_s=rows * self.info.sample_period_s))
-
-
-def check(log: Log) -> None:
-    """Raise ``InputError`` for a log that cannot be used: shapes, order of time, NaN, incomplete sets of columns."""
-    where = log.name
-    if "time" not in log.columns:
-        raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
-    rows = len(log.columns["time"])
-    if rows < 2:
-        raise InputError(where, f"{rows} rows", "two or more", "log the whole motion")
-    for name, values in log.columns.items():
-        if values.shape != (rows,):
-            raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            raise InputError(
-                f"{where}, column {name}",
-                f"{len(bad)} values that are no number, first in row {bad[0]}",
-                "finite numbers",
-                "repair the log, or leave the column out if it was not measured",
-            )
-    back = np.flatnonzero(np.diff(log.columns["time"]) <= 0)
-    if len(back):
-        raise InputError(
-            f"{where}, column time",
-            f"a step of {np.diff(log.columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(log, back)}",
-            "strictly increasing times",
-            "sort the rows, or repair the clock",
-        )
-    if not log.joints:
-        raise InputError(where, "no column cmd_tau/<joint>", "commands of every joint", "log the commands")
-    for quantity in COMMANDS:
-        missing = [joint for joint in log.joints if f"{quantity}/{joint}" not in log.columns]
-        if missing:
-            raise InputError(
-                where,
-                f"no {quantity} of {', '.join(missing)}",
-                "commands and gains of every joint",
-                "log them; the gap cannot be judged without the commands",
-            )
-    for group in (BASE_POSITION, BASE_QUATERNION):
-        present = [name for name in group if name in log.columns]
-        if present and len(present) != len(group):
-            raise InputError(where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all")
-    if BASE_QUATERNION[0] in log.columns:
-        length = np.linalg.norm(log.stack(BASE_QUATERNION), axis=1)
-        worst = int(np.argmax(np.abs(length - 1)))
-        if abs(length[worst] - 1) > 1e-3:
-            raise InputError(
-                f"{where}, base_quat, row {worst}",
-                f"length {length[worst]:g}",
-                "unit quaternions w x y z",
-                "normalise them, and check their order",
-            )
-
-
-def copies_in_words(log: Log, rows: np.ndarray) -> str:
-    """Whether the rows after these are copies of them in every column, in words; empty where they are not."""
-    if not all((values[rows] == values[rows + 1]).all() for values in log.columns.values()):
-        return ""
-    return f" ({len(rows)} rows are there twice, equal in every column)"
 
 
 def write_log(log: Log, path: Path) -> None:

@@ -175,8 +175,8 @@ class RolloutModels:
         torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
         commands = Commands(torque, position, velocity, row)
         acting = overriding(trial.effects, "change_commands")
-        if not log.is_even:  # what shifts commands within rows hides which ones were sent
-            acting.sort(key=lambda effect: not effect.acts_as_sent)
+        if not log.is_even:  # commands that are shifted in time no longer tell what each row sent
+            acting.sort(key=lambda effect: effect.command_stage)
         for effect in acting:
             commands = replace(effect.change_commands(commands, period_s, robot), row=row)
         kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))

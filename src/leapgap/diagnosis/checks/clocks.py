@@ -1,14 +1,15 @@
 """True over claimed sample period, from positions that must be the integral of velocities."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
+T = TypeVar("T")
 CLAIMED = (1.0,)
 """The clock of a log that is too short or too still to have one of its own: that which it claims."""
 RESOLVED_S = 0.002
@@ -41,11 +42,26 @@ def clock_scale(
 def integrated(velocity: np.ndarray, period_s: float, lengths: np.ndarray | None) -> np.ndarray:
     """Integral of velocities (rows, channels) from the first row to each; ``lengths`` of the rows in periods."""
     if period_s > RESOLVED_S and len(velocity) > 3:
+        from scipy.interpolate import CubicSpline  # half a second, and logs at 1 kHz need none
+
         rows = np.ones(len(velocity)) if lengths is None else lengths
         time = np.concatenate([[0.0], np.cumsum(rows[:-1])]) * period_s
         return np.asarray(CubicSpline(time, velocity).antiderivative()(time))
     middle = (velocity[1:] + velocity[:-1]) / 2 * (1.0 if lengths is None else lengths[:-1, None])
     return np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(middle, axis=0) * period_s])
+
+
+def of_joints(
+    clock: Callable[[Log, np.ndarray, np.ndarray], T], logs: Sequence[Log], robot: Robot | None
+) -> dict[str, T] | None:
+    """A clock of each log by its name, from the log and its joints' positions and velocities (rows, joints).
+
+    None where a log lacks these columns.
+    """
+    joints = joints_of(logs, robot)
+    if not have_joints(logs, joints):
+        return None
+    return {log.name: clock(log, *(log.per_joint(of, joints) for of in ("joint_pos", "joint_vel"))) for log in logs}
 
 
 LOCAL_S = 0.02
@@ -91,19 +107,12 @@ def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, n
 
     A log that is too short or in which no joint moves is left out; None where a log lacks the columns or none is left.
     """
-    joints = joints_of(logs, robot)
-    if not have_joints(logs, joints):
-        return None
-    clocks = {
-        log.name: local_clock(
-            log.per_joint("joint_pos", joints),
-            log.per_joint("joint_vel", joints),
-            log.info.sample_period_s,
-            log.info.rows(LOCAL_EVERY_S),
-            log.row_lengths,
-        )
-        for log in logs
-    }
+
+    def local(log: Log, position: np.ndarray, velocity: np.ndarray) -> np.ndarray | None:
+        every = log.info.rows(LOCAL_EVERY_S)
+        return local_clock(position, velocity, log.info.sample_period_s, every, log.row_lengths)
+
+    clocks = of_joints(local, logs, robot) or {}
     return {name: clock for name, clock in clocks.items() if clock is not None} or None
 
 

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
-from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
-from leapgap.diagnosis.checks.clocks import CLAIMED, clock_scale, judge_clocks, longest_period
+import numpy as np
+
+from leapgap.diagnosis.checks.base import Check, CheckResult
+from leapgap.diagnosis.checks.clocks import CLAIMED, clock_scale, judge_clocks, longest_period, of_joints
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -20,18 +22,13 @@ class JointClock(Check):
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
         """Compare position increments with summed velocities, over all joints of each log."""
-        joints = joints_of(logs, robot)
-        if not have_joints(logs, joints):
+
+        def scale(log: Log, position: np.ndarray, velocity: np.ndarray) -> float | None:
+            return clock_scale(position, velocity, log.info.sample_period_s, log.row_lengths)
+
+        scales = of_joints(scale, logs, robot)
+        if scales is None:
             return None
-        scales = {
-            log.name: clock_scale(
-                log.per_joint("joint_pos", joints),
-                log.per_joint("joint_vel", joints),
-                log.info.sample_period_s,
-                log.row_lengths,
-            )
-            for log in logs
-        }
         result = judge_clocks(self.name, "the joints", scales, threshold, longest_period(logs))
-        clocks = {name: CLAIMED if scale is None else (scale,) for name, scale in scales.items()}
+        clocks = {name: CLAIMED if own is None else (own,) for name, own in scales.items()}
         return result and replace(result, clocks=clocks)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.gap import SIGMAS
+from leapgap.diagnosis.closure import SIGMAS
 from leapgap.diagnosis.judged_logs import JudgedLogs, is_jump
 from leapgap.diagnosis.outside_forces.episodes import Episode, episodes_of
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
