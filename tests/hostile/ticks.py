@@ -210,6 +210,10 @@ class Law:
     authority: np.ndarray
     authority_error: np.ndarray
 
+    def planned_to(self, goal: np.ndarray) -> "Law":
+        """The same for all goals."""
+        return self
+
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         """Where a jump lands that nothing disturbs: on its goal, x, z and pitch, (3,)."""
         return goal
