@@ -68,4 +68,4 @@ def test_a_stance_that_was_not_measured_is_the_expected_one(
 
 def test_the_folder_says_that_it_measures_the_stance(late_folder: Path) -> None:
     about = json.loads((late_folder / "controller.json").read_text())
-    assert about["stance_is_measured"] and about["numbers"]["MEASURED_UNTIL_S"] == 0.05
+    assert about["stance_is_measured"] and about["numbers"]["MEASURED_UNTIL_S"] == 0.049

@@ -84,6 +84,8 @@ class ShiftTracker(JumpController):
         if update >= self._updates:
             self._updates = update + 1
             self._update(update, before)
+        elif self.planner is not None:
+            self.planner.prepare_ahead(update)
         rate = (self.shifts[update] - before) / self.config.period_s * (share < 1.0)
         self._rate = rate if self._transition is None else self._transition.rate(rate, time_s)
         row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s

@@ -182,6 +182,12 @@ class GoalShiftPlanner:
         for update in range(self.grid.updates):
             self.prepared(update)
 
+    def prepare_ahead(self, update: int) -> None:
+        """Compute it for the first update after this one for which it is still missing: a little in each tick."""
+        missing = (later for later in range(update + 1, self.grid.updates) if later not in self._prepared)
+        for later in itertools.islice(missing, 1):
+            self.prepared(later)
+
     def prepared(self, update: int) -> PreparedUpdate:
         """What the QP of an update needs; computed when it is first asked for."""
         if update not in self._prepared:

@@ -21,8 +21,9 @@ class LateStance:
     """Pitches of the ground under the feet, rising, (p,), rad, nose-down. One beyond them is not believed."""
     goals: np.ndarray
     """Goal of a jump from each of them, (p, 3), m, m, rad; linear in between."""
-    until_s: float = 0.05
-    """Estimates up to this time since the start are used."""
+    until_s: float = 0.049
+    """Estimates before this time since the start are used. It is a tick before an update, so that choosing the goal and
+    solving the first program for it do not come in one tick."""
     reach_s: float = 0.05
     """Time in which the plan from the measured stance is reached."""
 
