@@ -26,21 +26,9 @@ from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
+from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, SIMULATED, kind_of
 from tests.benchmarks.tick.timings import Timings, load
 from tests.jumping.export.conftest import new_tracker, record_jump
-
-UPDATE_TICKS, STANCE_TICK = 25, 49
-SIMULATED, OWN = 108, 36
-KINDS = ("measures_stance", "decides", "updates", "others")
-
-
-def kind_of(tick: int, updates: int) -> str:
-    """What a tick does, by its number."""
-    if tick < STANCE_TICK:
-        return "measures_stance"
-    if tick == STANCE_TICK:
-        return "decides"
-    return "updates" if tick % UPDATE_TICKS == 0 and tick < UPDATE_TICKS * updates else "others"
 
 
 def follow_jump(tracker: ShiftTracker, estimates: list[StateEstimate], timed: dict[str, Timings]) -> None:
