@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from omegaconf import DictConfig
 
 from leapgap.cache import ResultCache
@@ -41,6 +42,7 @@ class ExportSettings:
     hardware: str
     target: tuple[float, float]
     stance_pitch_rad: float
+    stance_is_seen: bool
     landings: str | None
     out: str | None
 
@@ -75,7 +77,17 @@ def export(config: DictConfig) -> None:
     with whole_folder(out, STAGE) as folder:
         tables = write_controller(tracker, folder, about)
     print(f"a jump of {x:g} m to {z:g} m, {tables.numbers['ROWS']} rows, {tables.numbers['UPDATES']} updates -> {out}")
-    print(f"run it: cd {out} && gcc -O2 main.c jump_controller.c -o jump -lm")
+    if tracker.late is not None:
+        until_ms = round(1000 * tracker.late.until_s)
+        print(f"it measures the slope of the ground in the first {until_ms} ms, {span_of(tracker.late.pitches)} rad")
+    elif not chosen.stance_is_seen:
+        print("there is no plan from another slope: it does not measure the ground, which must slope as configured")
+    print(f"run it: cd {out} && gcc -O2 *.c -o jump -lm")
+
+
+def span_of(values: np.ndarray) -> str:
+    """The first and the last of rising values."""
+    return f"{values[0]:g} to {values[-1]:g}"
 
 
 @contextmanager
@@ -90,7 +102,7 @@ def practice_of(landings: str | None, place: str) -> Iterator[ResultCache]:
 
 def tracker_of(chosen: ExportSettings, rig: Rig) -> ShiftTracker:
     """The controller of the jump to the target, before its first tick."""
-    task = JumpTask("export", *chosen.target)
+    task = JumpTask("export", *chosen.target, stance_is_seen=chosen.stance_is_seen)
     method = rig.method(chosen.method)
     reference = Reference.of(rig.plan(task.target), rig.robot)
     jump = None if method is None else method.controller(task, reference)

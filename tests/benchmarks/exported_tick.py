@@ -1,8 +1,9 @@
 """How long does a tick of the exported C controller take, from the estimate to the joint commands?
 
 A controller with tables as large as those of a robot that practised (108 simulated and 36 own jumps), compiled with
-``gcc -O2``, on the estimates of one jump in closed loop with a kick. Every tick is timed inside of C; ticks in which a
-quadratic program is solved, one in 25, are given apart. ``python -m tests.benchmarks.exported_tick --json <file>``.
+``gcc -O2``, on the estimates of one jump in closed loop from unseen blocks with a kick. Every tick is timed in C.
+Given apart are the ticks that measure the stance, the one that decides what follows from it, and those in which a
+quadratic program is solved, one in 25. ``python -m tests.benchmarks.exported_tick --json <file>``.
 """
 
 import argparse
@@ -20,6 +21,8 @@ from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
+from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, SIMULATED, kind_of
+from tests.benchmarks.tick.timings import load
 from tests.jumping.export.conftest import new_tracker, raw, record_jump
 
 PROGRAM = """
@@ -45,14 +48,12 @@ int main(int count, char **arguments) {
     return 0;
 }
 """
-UPDATE_TICKS = 25
-SIMULATED, OWN = 108, 36
 
 
 def tick_times(folder: Path, estimates: bytes, repeats: int) -> np.ndarray:
     """Times of all ticks of the controller in a folder, µs, (repeats, ticks)."""
     (folder / "timing.c").write_text(PROGRAM)
-    sources = ["timing.c", "jump_controller.c"]
+    sources = ["timing.c", "jump_controller.c", "jump_program.c", "tables.c"]
     subprocess.run(["gcc", "-std=gnu99", "-O2", *sources, "-o", "timing", "-lm"], cwd=folder, check=True)
     done = subprocess.run([str(folder / "timing"), str(repeats)], input=estimates, capture_output=True, check=True)
     return np.frombuffer(done.stdout).reshape(repeats, -1)
@@ -73,24 +74,25 @@ def main() -> None:
     chosen = parser.parse_args()
     repeats = 1 if chosen.tiny else chosen.repeats
     robot = Robot.load()
-    jump = record_jump(robot, plan_reference(Target(0.5), planar_robot(robot), ContactSchedule()))
+    before = load()
+    jump = record_jump(robot, plan_reference(Target(0.5), planar_robot(robot), ContactSchedule()), late=True)
     with tempfile.TemporaryDirectory() as name:
-        tables = write_controller(new_tracker(robot, simulated=SIMULATED, own=OWN), Path(name), {})
+        tracker = new_tracker(robot, simulated=SIMULATED, own=OWN, late=True)
+        tables = write_controller(tracker, Path(name), {})
         times = tick_times(Path(name), raw(jump.estimates), repeats)
-    last = UPDATE_TICKS * int(tables.numbers["UPDATES"])
-    solving = np.arange(times.shape[1]) % UPDATE_TICKS == 0
-    solving[last:] = False
+    updates = int(tables.numbers["UPDATES"])
+    kinds = np.array([kind_of(tick, updates) for tick in range(times.shape[1])])
     result = {
         "tick_us": row(times),
-        "update_us": row(times[:, solving]),
-        "other_us": row(times[:, ~solving]),
+        **{f"{kind}_us": row(times[:, kinds == kind]) for kind in KINDS},
         "ticks": int(times.size),
         "samples": int(tables.numbers["SAMPLES"]),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, gcc -O2, one thread",
+        "load": {"before": before, "after": load()},
     }
     write_json(chosen.json, result)
-    for name in ("tick_us", "update_us", "other_us"):
-        print(f"{name:10} " + ", ".join(f"{key} {value}" for key, value in result[name].items()))
+    for name in ("tick_us", *(f"{kind}_us" for kind in KINDS)):
+        print(f"{name:18} " + ", ".join(f"{key} {value}" for key, value in result[name].items()))
 
 
 if __name__ == "__main__":

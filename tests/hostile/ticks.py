@@ -22,6 +22,7 @@ from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.landing import LandingConfig, LandingMpc
+from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
@@ -200,6 +201,7 @@ def controllers(robot: Robot, reference: Reference, rng: np.random.Generator) ->
         yield LandingMpc(robot, reference.joint_pos[0], LandingConfig(), A1_BODY)
         jumps = [JointPd(reference, robot, gains), mpc("daqp")]
         yield shift_tracker(robot, reference, gains)
+        yield shift_tracker(robot, reference, gains, late=True)
         yield JumpSequence(jumps, robot, SequenceConfig(settle_s=0.2), A1_BODY)
 
 
@@ -209,6 +211,10 @@ class Law:
 
     authority: np.ndarray
     authority_error: np.ndarray
+
+    def planned_to(self, goal: np.ndarray) -> "Law":
+        """The same for all goals."""
+        return self
 
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         """Where a jump lands that nothing disturbs: on its goal, x, z and pitch, (3,)."""
@@ -223,20 +229,25 @@ class Law:
         return np.array([0.01, 0.01, 0.03])
 
 
-def shift_tracker(robot: Robot, reference: Reference, gains: PhaseGains) -> ShiftTracker:
-    """Goal-shift MPC whose joints and trunk follow the goal by small waves, and whose torques and forces do not."""
-    slopes = {}
+def shift_tracker(robot: Robot, reference: Reference, gains: PhaseGains, late: bool = False) -> ShiftTracker:
+    """Goal-shift MPC whose joints and trunk follow the goal by small waves, and whose torques and forces do not.
+
+    ``late``: they follow the stance in the same way, and it is measured in the jump.
+    """
+    slopes, axes = {}, 4 if late else 3
     for name in QUANTITIES:
         rows, columns = getattr(reference, name).shape
-        waves = np.sin(np.outer(np.linspace(0, 9, rows), np.arange(1, 3 * columns + 1) / columns))
+        waves = np.sin(np.outer(np.linspace(0, 9, rows), np.arange(1, axes * columns + 1) / columns))
         size = 0.0 if name in ("torque", "force") else 1.0
-        slopes[name] = size * waves.reshape(rows, 3, columns).transpose(1, 0, 2)
+        slopes[name] = size * waves.reshape(rows, axes, columns).transpose(1, 0, 2)
     plan, config = ShiftedPlan(reference, slopes), GoalShiftConfig()
     updates = ShiftGrid(reference.schedule, config.period_s, config.steps).updates
     across = np.array([[1.0, 0.2, 0.0], [0.1, 0.8, 0.0], [0.4, 0.3, 0.6]])
     law = Law(np.linspace(2, 0, updates)[:, None, None] / updates * across, np.full((1, updates, 3, 3), 1e-3))
     goal = np.array([0.6, 0.0, 0.0])
-    return ShiftTracker(plan, robot, gains, config, goal, 0.0, goal, law)
+    pitches = np.array([-0.2, 0.0, 0.2])
+    stance = LateStance(pitches, goal + pitches[:, None] * [-0.5, 0.0, 0.3]) if late else None
+    return ShiftTracker(plan, robot, gains, config, goal, 0.0, goal, law, late=stance)
 
 
 def truth_at(reference: Reference, tick: int) -> StateEstimate:

@@ -25,10 +25,11 @@ def test_a_robot_practises_and_its_controller_compiles(tmp_path: Path) -> None:
     result = stage("export", *SMALL, f"export.landings={tmp_path / 'none'}", f"export.out={out}")
     assert result.returncode == 0, result.stderr
     about = json.loads((out / "controller.json").read_text())
+    assert about["stance_is_measured"] and "measures the slope" in result.stdout
     assert (about["hardware"], about["target_m"]) == ("worn", {"x": 0.5, "z": 0.0})
     if shutil.which("gcc") is None:
         pytest.skip("no gcc")
-    subprocess.run(["gcc", "main.c", "jump_controller.c", "-o", "jump", "-lm"], cwd=out, check=True)
+    subprocess.run("gcc *.c -o jump -lm", shell=True, cwd=out, check=True)
     answer = subprocess.run([str(out / "jump")], input=b"", capture_output=True, check=True)
     assert answer.stdout == b""
 

@@ -136,6 +136,13 @@ def test_compiled_model_is_the_model(widths: tuple[tuple[int, ...], ...]) -> Non
         assert found[3:] == pytest.approx(said.by_force[0].ravel(), abs=1e-8, rel=1e-5)
 
 
+def test_controllers_of_one_model_share_its_weights_and_those_of_another_do_not() -> None:
+    model = learned((8,), (8,))
+    first = first_step(model)
+    assert isinstance(first, CompiledSum) and first_step(model) is first
+    assert first_step(learned((8,), (8,))) is not first
+
+
 def test_compiled_rigid_body_is_the_rigid_body() -> None:
     state, foot = np.arange(6.0), np.array([0.2, -0.3, -0.1, -0.2])
     found = first_step(MODEL)(state, foot, 0.1)

@@ -25,6 +25,9 @@ class Flight:
     authority = np.tile(np.eye(3) / UPDATES, (UPDATES, 1, 1))
     authority_error = np.zeros((1, UPDATES, 3, 3))
 
+    def planned_to(self, goal: np.ndarray) -> "Flight":
+        return self
+
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         return goal
 

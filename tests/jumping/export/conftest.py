@@ -1,8 +1,11 @@
-"""A kicked jump in closed loop with goal-shift MPC: its estimates, its commands, and the controller that sent them."""
+"""Kicked jumps in closed loop with goal-shift MPC: estimates, commands, and the controller that sent them.
+
+One is from the ground that its plan knows, one from blocks that it measures at its beginning.
+"""
 
 import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -12,11 +15,18 @@ import pytest
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
+from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shifted_plan import ShiftedPlan
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
-from leapgap.jumping.experiments.landing_feedback import Authority, FeedbackConfig, ShiftedJumps, learn_feedback
+from leapgap.jumping.experiments.goal_shift_jump import shifted_plan, stance_slopes
+from leapgap.jumping.experiments.landing_feedback import (
+    Authority,
+    FeedbackConfig,
+    LandingFeedback,
+    ShiftedJumps,
+    learn_feedback,
+)
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.export.write import write_controller
@@ -29,6 +39,7 @@ from leapgap.simulation.controller import Command, StateEstimate
 
 UPDATES, FLIGHT_S = 32, 0.4
 GOAL, TARGET, STANCE = np.array([0.52, 0.01, 0.02]), np.array([0.5, 0.015, 0.0]), -0.004
+TILTS = STANCE + np.linspace(-0.2, 0.2, 9)
 PARTS = ("torque", "position", "velocity", "kp", "kd", "planned_force")
 MEASURED = ("base_position", "base_quaternion", "base_velocity", "base_angular_velocity", "joint_pos")
 
@@ -63,26 +74,54 @@ def jumps(count: int, short_m: float, rng: np.random.Generator) -> ShiftedJumps:
 
 @cache
 def shifted(robot: Robot) -> ShiftedPlan:
-    """The plan to the goal and three more around it, planned once."""
+    """The plan to the goal, three more around it and one from another stance, planned once."""
     planner, target = JumpPlanner(planar_robot(robot), limits=AIMING_LIMITS), Target(0.5)
     solution = planner.plan(target, GOAL, STANCE)
     assert solution is not None
-    plan = shifted_plan(planner, solution, Reference.of(to_jump(solution, Gains()), robot), robot)
-    assert plan is not None
-    return plan
+    reference = Reference.of(to_jump(solution, Gains()), robot)
+    plan = shifted_plan(planner, solution, reference, robot)
+    slopes = stance_slopes(planner, solution, reference, robot)
+    assert plan is not None and slopes is not None
+    return plan.with_stance(slopes)
+
+
+def without_stance(plan: ShiftedPlan) -> ShiftedPlan:
+    """The plan with its slopes by the goal alone."""
+    return ShiftedPlan(plan.reference, {name: slopes[:3] for name, slopes in plan.slopes.items()})
+
+
+@cache
+def learned(simulated: int, own: int) -> LandingFeedback:
+    """A model that was learned from own jumps on top of one of simulated jumps, once."""
+    rng, fading = np.random.default_rng(3), 1.6 * (1 - np.arange(UPDATES) / UPDATES) / UPDATES
+    near = fading[:, None, None] * (np.eye(3) + 0.1 * rng.standard_normal((UPDATES, 3, 3)))
+    far = near * np.linspace(1.3, 0.8, UPDATES)[:, None, None]
+    shifts = Authority(np.stack([near, far]), 0.01 * near[None], np.array([0.5, 0.7]))
+    config = FeedbackConfig(bias=1.0, change=1.0)
+    other = learn_feedback(jumps(simulated, 0.0, rng), shifts, config)
+    return learn_feedback(jumps(own, 0.02, rng), shifts, config, other)
 
 
 def new_tracker(
-    robot: Robot, kind: type[ShiftTracker] = ShiftTracker, simulated: int = 60, own: int = 30
+    robot: Robot, kind: type[ShiftTracker] = ShiftTracker, simulated: int = 60, own: int = 30, late: bool = False
 ) -> ShiftTracker:
-    """A controller with four plans, and a model of a robot that was learned on top of that of another one."""
-    plan = shifted(robot)
-    rng, late = np.random.default_rng(3), 1.6 * (1 - np.arange(UPDATES) / UPDATES) / UPDATES
-    mean = late[:, None, None] * (np.eye(3) + 0.1 * rng.standard_normal((UPDATES, 3, 3)))
-    shifts, config = Authority(mean[None], 0.01 * mean[None]), FeedbackConfig(bias=1.0, change=1.0)
-    other = learn_feedback(jumps(simulated, 0.0, rng), shifts, config)
-    model = learn_feedback(jumps(own, 0.02, rng), shifts, config, other)
-    return kind(plan, robot, PhaseGains(), GoalShiftConfig(on_rear_feet=True), GOAL, STANCE, TARGET, model)
+    """A controller with four plans, and a model of a robot that was learned on top of that of another one.
+
+    ``late``: with a fifth plan from another stance, which it measures; the more the ground rises, the farther it goes.
+    """
+    plan = shifted(robot) if late else without_stance(shifted(robot))
+    goals = GOAL + np.column_stack([-0.6 * TILTS, 0.2 * np.abs(TILTS), 2 * TILTS**2])
+    return kind(
+        plan,
+        robot,
+        PhaseGains(),
+        GoalShiftConfig(on_rear_feet=True),
+        GOAL,
+        STANCE,
+        TARGET,
+        learned(simulated, own).planned_to(GOAL),
+        late=LateStance(TILTS, goals) if late else None,
+    )
 
 
 @pytest.fixture(scope="session")
@@ -91,10 +130,18 @@ def jump(robot: Robot, reference: Log) -> RecordedJump:
     return record_jump(robot, reference)
 
 
-def record_jump(robot: Robot, reference: Log) -> RecordedJump:
-    """A jump in closed loop with noise, and with a kick at 0.3 s."""
-    recorder = new_tracker(robot, Recorder)
-    task = JumpTask("push_50", 0.5, kick_m_s=0.2, disturbed_at_s=(0.3,))
+@pytest.fixture(scope="session")
+def late_jump(robot: Robot, reference: Log) -> RecordedJump:
+    """The same from blocks that were not seen before; the same one for all tests."""
+    return record_jump(robot, reference, late=True)
+
+
+def record_jump(robot: Robot, reference: Log, late: bool = False) -> RecordedJump:
+    """A jump in closed loop with noise and with a kick at 0.3 s; ``late``: from unseen blocks."""
+    recorder = new_tracker(robot, Recorder, late=late)
+    task = JumpTask("push_50", 0.5, kick_m_s=0.25, disturbed_at_s=(0.3,))
+    if late:
+        task = replace(task, block_m=(0.05, 0.05), rear_block_m=(0.02, 0.02), stance_is_seen=False)
     attempt_task(task, lambda _: [recorder], reference, (), TrialSetup(robot), np.random.default_rng(2))
     ticks = recorder.__dict__["ticks"]
     commands = np.array([np.concatenate([getattr(command, part) for part in PARTS]) for _, command in ticks])
@@ -104,19 +151,40 @@ def record_jump(robot: Robot, reference: Log) -> RecordedJump:
 @pytest.fixture(scope="session")
 def folder(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The export of the same controller."""
-    out = tmp_path_factory.mktemp("export")
-    write_controller(new_tracker(robot), out, {"robot": robot.name})
+    return exported(robot, tmp_path_factory.mktemp("export"))
+
+
+@pytest.fixture(scope="session")
+def late_folder(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The export of the one that measures its stance."""
+    return exported(robot, tmp_path_factory.mktemp("late_export"), late=True)
+
+
+def exported(robot: Robot, out: Path, late: bool = False) -> Path:
+    """Export a controller."""
+    write_controller(new_tracker(robot, late=late), out, {"robot": robot.name})
     return out
 
 
 @pytest.fixture(scope="session")
-def program(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The exported ``main.c``, compiled without a warning."""
+def program(folder: Path) -> Path:
+    """The exported ``main.c``, compiled."""
+    return compiled(folder)
+
+
+@pytest.fixture(scope="session")
+def late_program(late_folder: Path) -> Path:
+    """The same of the controller that measures its stance."""
+    return compiled(late_folder)
+
+
+def compiled(folder: Path) -> Path:
+    """The program of an export, compiled without a warning, outside of the folder."""
     if shutil.which("gcc") is None:
         pytest.skip("no gcc")
-    out = tmp_path_factory.mktemp("program") / "jump"
+    out = folder.parent / f"{folder.name}_jump"
     warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror"]
-    sources = [str(folder / name) for name in ("main.c", "jump_controller.c")]
+    sources = [str(path) for path in sorted(folder.glob("*.c"))]
     subprocess.run(["gcc", "-std=c99", "-O2", *warnings, *sources, "-o", str(out), "-lm"], check=True)
     return out
 

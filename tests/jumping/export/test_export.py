@@ -20,7 +20,7 @@ from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.export.tables import tables_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
-from tests.jumping.export.conftest import GOAL, MEASURED, PARTS, STANCE, RecordedJump, new_tracker, run_program
+from tests.jumping.export.conftest import GOAL, MEASURED, PARTS, RecordedJump, new_tracker, run_program
 
 CLOSE = 1e-6
 """Largest difference of a command: N·m, rad, rad/s, N."""
@@ -142,12 +142,12 @@ def turned(estimates: Sequence[StateEstimate], yaw: float) -> list[StateEstimate
 def test_the_onnx_graph_predicts_the_landing(jump: RecordedJump, folder: Path) -> None:
     model, rng = jump.tracker.model, np.random.default_rng(1)
     assert isinstance(model, LandingFeedback)
-    goal = GOAL + 0.03 * rng.standard_normal((40, 3))
+    goal, stance = GOAL + 0.03 * rng.standard_normal((40, 3)), rng.uniform(-0.2, 0.2, (40, 1))
     deviation, update = 0.05 * rng.standard_normal((40, 10)), rng.integers(0, 32, 40)
     session = onnxruntime.InferenceSession(str(folder / "landing_model.onnx"), providers=["CPUExecutionProvider"])
-    landing, spread = session.run(None, {"goal": goal, "deviation": deviation, "update": update})
+    landing, spread = session.run(None, {"goal": goal, "stance": stance, "deviation": deviation, "update": update})
     for i in range(40):
-        at = int(update[i]), goal[i], STANCE, deviation[i]
+        at = int(update[i]), goal[i], float(stance[i, 0]), deviation[i]
         np.testing.assert_allclose(landing[i], model.predict(*at), rtol=0, atol=1e-9)
         np.testing.assert_allclose(spread[i], model.spread(*at), rtol=0, atol=1e-9)
 
@@ -155,8 +155,8 @@ def test_the_onnx_graph_predicts_the_landing(jump: RecordedJump, folder: Path) -
 def test_no_memory_is_allocated_and_main_is_ten_lines(folder: Path, program: Path) -> None:
     symbols = subprocess.run(["nm", "-u", str(program)], capture_output=True, check=True, text=True).stdout
     assert not re.search(r"\b(malloc|calloc|realloc|alloca)\b", symbols)
-    includes = re.findall(r"#include <(.+)>", (folder / "jump_controller.c").read_text())
-    assert set(includes) == {"math.h", "string.h"}
+    for name in ("jump_controller.c", "jump_program.c"):
+        assert set(re.findall(r"#include <(.+)>", (folder / name).read_text())) == {"math.h", "string.h"}
     main = (folder / "main.c").read_text()
     body = main[main.index("int main") :].strip().splitlines()
     assert len(body) <= 10
@@ -167,8 +167,10 @@ def test_the_folder_says_what_it_holds(folder: Path) -> None:
     names = {path.name for path in folder.iterdir()}
     assert names == {
         *("controller.json", "controller.py", "tables.npz", "landing_model.onnx"),
-        *("jump_controller.h", "jump_controller.c", "main.c", "sizes.h", "tables.h"),
+        *("jump_controller.h", "jump_controller.c", "jump_program.h", "jump_program.c", "main.c"),
+        *("sizes.h", "tables.h", "tables.c"),
     }
+    assert not about["stance_is_measured"]
     assert len(about["joints"]) == about["numbers"]["JOINTS"] == 12
     with np.load(folder / "tables.npz") as tables:
         assert {name: list(tables[name].shape) for name in tables} == {

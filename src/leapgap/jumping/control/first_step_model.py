@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -23,11 +24,17 @@ def first_step(model: PredictionModel) -> FirstStep:
         by_foot = gain.reshape(4, -1) - rest
         bias = model.affine(Situation(ONE, np.zeros((1, 4)), ONE, ONE), IN_CONTACT).bias[0]
         return CompiledSum.of(np.concatenate([bias, rest]), np.pad(by_foot, [(0, 0), (3, 0)]), ())
-    if isinstance(model, ExportedModel):
-        parts = tuple(part for part in model.contact.parts if isinstance(part, Perceptron))
-        if len(parts) == len(model.contact.parts):
-            return CompiledSum.of(model.contact.constant, model.contact.feet, parts)
-    return Uncompiled(model)
+    return learned_first_step(model) if isinstance(model, ExportedModel) else Uncompiled(model)
+
+
+@lru_cache(maxsize=2)
+def learned_first_step(model: ExportedModel) -> FirstStep:
+    """The same of a trained model. The controllers of successive jumps share it: copies of its weights would not be in
+    the processor's cache at the first update of each jump, which then took three times as long."""
+    parts = tuple(part for part in model.contact.parts if isinstance(part, Perceptron))
+    if len(parts) < len(model.contact.parts):
+        return Uncompiled(model)
+    return CompiledSum.of(model.contact.constant, model.contact.feet, parts)
 
 
 @dataclass(frozen=True)

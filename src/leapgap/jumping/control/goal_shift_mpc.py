@@ -13,6 +13,7 @@ The first shift is applied until the next update.
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -20,9 +21,9 @@ import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.qp import Qp
+from leapgap.jumping.control.shift_efforts import EffortLimits, Efforts, efforts_of
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
-from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 
 PITCH, HEIGHT, EFFORT = 0, 1, 2
 """Slacks of the QP: of the landing's pitch, of its height, and of forces and torques."""
@@ -40,7 +41,11 @@ class LandingPredictor(Protocol):
 
     @property
     def authority_error(self) -> np.ndarray:
-        """By how much it may be off in q independent ways, each one of the whole jump, (q, updates, 3, 3)."""
+        """By how much it may be off in q independent ways, each one of the whole jump, (q, updates, 3, 3); the same for
+        all goals."""
+
+    def planned_to(self, goal: np.ndarray) -> "LandingPredictor":
+        """The model for a jump whose plan goes to a goal (3,)."""
 
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         """Landing, (3,), of a jump to one constant goal (3,) in which nothing unexpected happens."""
@@ -110,6 +115,26 @@ def believe(expected: np.ndarray, predicted: np.ndarray, spread: np.ndarray, dis
 
 
 @dataclass(frozen=True)
+class UpdateBasis:
+    """What the QP of one update has in common for all goals and stances that the plan is moved to."""
+
+    edges: np.ndarray
+    """First update of each step, and the end of the last one, (steps + 1,)."""
+    hessian: np.ndarray
+    """Costs of changes of the shift, of what the model states as errors, and of slacks, (n, n)."""
+    landing: np.ndarray
+    """Slacks in the limits of the landing, (3, n); what the shifts do is not in it."""
+    efforts: Efforts
+    effort_rows: np.ndarray
+    """Limits of forces and torques on shifts and slacks, (m, n)."""
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return len(self.edges) - 1
+
+
+@dataclass(frozen=True)
 class PreparedUpdate:
     """What one update's QP has in common for all measurements."""
 
@@ -125,24 +150,53 @@ class PreparedUpdate:
 
 
 class GoalShiftPlanner:
-    """Builds the QPs of one jump; everything that needs no measurement is computed beforehand."""
+    """Builds the QPs of one jump; everything that needs no measurement is computed once, when it is first needed."""
 
-    def __init__(self, plan: ShiftedPlan, model: LandingPredictor, target: np.ndarray, config: GoalShiftConfig) -> None:
-        """``target`` (3,): where to land, m, m, rad."""
+    def __init__(
+        self,
+        plan: ShiftedPlan,
+        model: LandingPredictor,
+        target: np.ndarray,
+        config: GoalShiftConfig,
+        change: np.ndarray | None = None,
+        bases: Sequence[UpdateBasis] | None = None,
+    ) -> None:
+        """``target`` (3,): where to land, m, m, rad. ``change`` (axes,): how far goal and stance are from the plan's.
+        ``bases``: those of another planner of this plan."""
         self.plan, self.model, self.target, self.config = plan, model, target, config
+        self.change = np.zeros(plan.axes) if change is None else change
         self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps, config.on_rear_feet)
         self.errors = 1 / np.array(config.matters) ** 2
-        # Left and right legs have equal torques: one of each is enough.
-        self._joints = np.unique(plan.reference.torque, axis=1, return_index=True)[1]
-        mean = model.authority
-        doubts = [config.authority_doubt * mean, config.timing_doubt_s / config.period_s * np.gradient(mean, axis=0)]
-        self._authority_errors = np.concatenate([model.authority_error, doubts])
-        """Ways in which the authority may be off, (q, updates, 3, 3)."""
-        self.prepared = [self._prepare(update) for update in range(self.grid.updates)]
+        timing = config.timing_doubt_s / config.period_s * np.gradient(model.authority, axis=0)
+        self._doubts = np.stack([config.authority_doubt * model.authority, timing])
+        """Ways in which the authority may be off beyond what the model states, (2, updates, 3, 3)."""
+        self.bases = [self._basis(update) for update in range(self.grid.updates)] if bases is None else bases
+        self._prepared: dict[int, PreparedUpdate] = {}
+
+    def moved(self, model: LandingPredictor, target: np.ndarray, change: np.ndarray) -> "GoalShiftPlanner":
+        """The planner where goal and stance are changed (axes,) from those of the plan; little is computed anew."""
+        return GoalShiftPlanner(self.plan, model, target, self.config, change, self.bases)
+
+    def prepare(self) -> None:
+        """Compute all that needs no measurement, while there is time."""
+        for update in range(self.grid.updates):
+            self.prepared(update)
+
+    def prepare_ahead(self, update: int) -> None:
+        """Compute it for the first update after this one for which it is still missing: a little in each tick."""
+        missing = (later for later in range(update + 1, self.grid.updates) if later not in self._prepared)
+        for later in itertools.islice(missing, 1):
+            self.prepared(later)
+
+    def prepared(self, update: int) -> PreparedUpdate:
+        """What the QP of an update needs; computed when it is first asked for."""
+        if update not in self._prepared:
+            self._prepared[update] = self._prepare(update)
+        return self._prepared[update]
 
     def problem(self, update: int, predicted: np.ndarray, before: np.ndarray) -> Qp:
         """The QP of an update from the landing (3,) predicted without a further change of the shift ``before`` (3,)."""
-        config, ready = self.config, self.prepared[update]
+        config, ready = self.config, self.prepared(update)
         steps = (len(ready.hessian) - SLACKS) // GOAL_AXES
         miss = predicted - self.target
         gradient = np.zeros(len(ready.hessian))
@@ -162,62 +216,47 @@ class GoalShiftPlanner:
         row_upper = np.concatenate([landing, room])
         return Qp(ready.hessian, gradient, lower, upper, ready.rows, row_upper)
 
-    def _prepare(self, update: int) -> PreparedUpdate:
+    def _basis(self, update: int) -> UpdateBasis:
         config, edges = self.config, self.grid.horizon(update)
         steps = len(edges) - 1
-        spans = [slice(first, last) for first, last in itertools.pairwise(edges)]
-        free = float(update < self.grid.free_updates)  # a shift without an effect stays as it is
-        authority = free * np.concatenate([self.model.authority[span].sum(axis=0) for span in spans], axis=1)
-        errors = np.stack([self._authority_errors[:, span].sum(axis=1) for span in spans], axis=1)
-        variance = np.zeros((steps, GOAL_AXES, steps, GOAL_AXES))
-        for axis in range(GOAL_AXES):
-            of_axis = errors[..., axis]
-            variance[:, axis, :, axis] = np.einsum("i,qki,qli->kl", self.errors, of_axis, of_axis)
+        shifts = GOAL_AXES * steps
         difference = np.kron(np.eye(steps) - np.eye(steps, k=-1), np.eye(GOAL_AXES))
         change = np.tile(1 / np.array(config.scale) ** 2, steps)
-        hessian = np.zeros((GOAL_AXES * steps + SLACKS,) * 2)
-        of_shifts = authority.T @ (self.errors[:, None] * authority) + difference.T @ (change[:, None] * difference)
-        hessian[:-SLACKS, :-SLACKS] = of_shifts + variance.reshape(of_shifts.shape)
-        hessian[-SLACKS:, -SLACKS:] = np.diag([config.slack_weight] * SLACKS)
+        hessian = np.zeros((shifts + SLACKS,) * 2)
+        hessian[:shifts, :shifts] = difference.T @ (change[:, None] * difference)
+        hessian[:shifts, :shifts] += self._variance(self.model.authority_error, edges)
+        hessian[shifts:, shifts:] = np.diag([config.slack_weight] * SLACKS)
         landing = np.zeros((3, len(hessian)))
-        landing[0, :-SLACKS], landing[1, :-SLACKS] = authority[PITCH_AXIS], -authority[PITCH_AXIS]
-        landing[2, :-SLACKS] = -authority[HEIGHT_AXIS]
         landing[:2, PITCH - SLACKS], landing[2, HEIGHT - SLACKS] = (-soft for soft in config.soft_landing)
-        blocks, efforts, slopes = [], [], []
-        for step, span in enumerate(spans):
-            effort, slope, soft = self._efforts(span)
-            block = np.zeros((len(effort), len(hessian)))
-            block[:, GOAL_AXES * step : GOAL_AXES * (step + 1)] = slope
-            block[:, EFFORT - SLACKS] = -soft
-            blocks.append(block)
-            efforts.append(effort)
-            slopes.append(slope)
-        rows = np.concatenate([landing, *blocks])
-        return PreparedUpdate(authority, hessian, rows, np.concatenate(efforts), np.concatenate(slopes))
+        limits = EffortLimits(config.limits, config.torque_nm, config.soft_effort)
+        efforts = efforts_of(self.plan, self.grid, edges, limits)
+        rows = np.zeros((len(efforts.step), len(hessian)))
+        for axis in range(GOAL_AXES):
+            rows[np.arange(len(rows)), GOAL_AXES * efforts.step + axis] = efforts.slope[:, axis]
+        rows[:, EFFORT - SLACKS] = -efforts.soft
+        return UpdateBasis(edges, hessian, landing, efforts, rows)
 
-    def _efforts(self, span: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Limits of forces and torques at samples of a step: distance to each, its slope by the shift, its softness."""
-        config, reference = self.config, self.plan.reference
-        first, last = span.start * config.period_s, span.stop * config.period_s
-        rows = reference.rows(np.array([first, (first + last) / 2, last - 0.002]))
-        limits, (soft_n, soft_nm) = config.limits, config.soft_effort
-        force, force_slope = reference.force[rows], self.plan.slopes["force"][:, rows]
-        torque, torque_slope = reference.torque[rows], self.plan.slopes["torque"][:, rows]
-        stands = reference.schedule.in_contact(rows * reference.period_s)
-        parts = []
-        for pair in (0, 1):
-            x, z = (force[:, axis][:, pair] for axis in (FORCE_X, FORCE_Z))
-            dx, dz = (force_slope[:, :, axis][:, :, pair] for axis in (FORCE_X, FORCE_Z))
-            for excess, slope in (
-                (x - limits.friction * z, dx - limits.friction * dz),
-                (-x - limits.friction * z, -dx - limits.friction * dz),
-                (z - limits.largest_n, dz),
-                (limits.smallest_n - z, -dz),
-            ):
-                on = stands[:, pair] & (z > limits.smallest_n)
-                parts.append((-excess[on], slope[:, on].T, np.full(on.sum(), soft_n)))
-        for sign in (1.0, -1.0):
-            room = (config.torque_nm - sign * torque[:, self._joints]).ravel()
-            slope = sign * torque_slope[:, :, self._joints].reshape(GOAL_AXES, -1).T
-            parts.append((room, slope, np.full(len(room), soft_nm)))
-        return tuple(np.concatenate(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]
+    def _variance(self, ways: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        """Cost of shifts by the ways (q, updates, 3, 3) in which the authority may be off, (3 steps, 3 steps)."""
+        errors = np.stack([ways[:, first:last].sum(axis=1) for first, last in itertools.pairwise(edges)], axis=1)
+        steps = len(edges) - 1
+        variance = np.zeros((steps, GOAL_AXES, steps, GOAL_AXES))
+        for axis in range(GOAL_AXES):
+            weighted = np.sqrt(self.errors)[:, None, None] * errors[..., axis].transpose(2, 0, 1)
+            of_axis = weighted.reshape(-1, steps)
+            variance[:, axis, :, axis] = of_axis.T @ of_axis
+        return variance.reshape(GOAL_AXES * steps, GOAL_AXES * steps)
+
+    def _prepare(self, update: int) -> PreparedUpdate:
+        basis = self.bases[update]
+        shifts = GOAL_AXES * basis.steps
+        free = float(update < self.grid.free_updates)  # a shift without an effect stays as it is
+        steps = itertools.pairwise(basis.edges)
+        authority = free * np.concatenate([self.model.authority[a:b].sum(axis=0) for a, b in steps], axis=1)
+        hessian = basis.hessian.copy()
+        hessian[:shifts, :shifts] += authority.T @ (self.errors[:, None] * authority)
+        hessian[:shifts, :shifts] += self._variance(self._doubts, basis.edges)
+        landing = basis.landing.copy()
+        landing[:, :shifts] = authority[PITCH_AXIS], -authority[PITCH_AXIS], -authority[HEIGHT_AXIS]
+        rows, efforts = np.concatenate([landing, basis.effort_rows]), basis.efforts
+        return PreparedUpdate(authority, hessian, rows, efforts.room(self.change), efforts.slope[:, :GOAL_AXES])

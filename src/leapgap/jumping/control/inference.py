@@ -90,9 +90,9 @@ class Phase:
         return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ExportedModel(PredictionModel):
-    """A trained model, for one time grid, schedule and robot."""
+    """A trained model, for one time grid, schedule and robot; two of them are equal where they are one object."""
 
     name: str
     purpose: Purpose

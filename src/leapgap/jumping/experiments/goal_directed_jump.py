@@ -8,6 +8,7 @@ import numpy as np
 from leapgap.jumping.control.deviation_recorder import Observation, ObservedJointPd
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.landing import stand
+from leapgap.jumping.control.late_stance import ground_pitch
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.control.shifted_plan import GOAL_AXES
@@ -180,13 +181,5 @@ class GoalDirectedJump(JumpController):
 
 
 def stance_pitch(estimates: list[StateEstimate], legs: LegKinematics) -> float:
-    """Pitch of the ground under a robot in the crouch, rad, nose-down: the slope from the rear to the front feet.
-
-    Feet by forward kinematics of the measured joints and attitude; mean over the estimates.
-    """
-    slopes = []
-    for estimate in estimates:
-        front, rear = legs.pair_offsets(estimate.base_quaternion, estimate.joint_pos)
-        across = np.hypot(*(front - rear)[:2])
-        slopes.append(-np.arctan2(front[2] - rear[2], across))
-    return float(np.mean(slopes))
+    """Pitch of the ground under a robot in the crouch, rad, nose-down; mean over the estimates."""
+    return float(np.mean([ground_pitch(estimate, legs) for estimate in estimates]))

@@ -1,30 +1,33 @@
 """A goal-directed jump whose goal is shifted while the robot pushes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker, StanceMeasurement
+from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
+from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, QUANTITIES, ShiftedPlan
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan, differences
 from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner, stance_pitch
+from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.robot.model import Robot
-from leapgap.simulation.controller import StateEstimate
+from leapgap.simulation.controller import Command, StateEstimate
 
 NO_NEIGHBOURS = "no plans of neighbouring goals"
+NO_OTHER_STANCE = "no plan from another stance, so that none can be measured in the jump"
 STANCE_STEPS = (-0.05, 0.05)
 """Distance of the stance that the slope by the stance's pitch is taken from, rad: nose-up, as on a block ahead, and
 nose-down where the first has no plan."""
 LARGEST_TILT_RAD = 0.2
 """A stance that is measured in the jump and farther from the expected one is not believed."""
+STANCES = 21
+"""Number of stances within that distance whose goals are chosen before the jump: one every 0.02 rad."""
 NEIGHBOUR_STEPS = (0.05, 0.04, 0.08)
 """Distance of the neighbouring goals that slopes are taken from: x, z, pitch; m, m, rad."""
 
@@ -61,7 +64,13 @@ class GoalShiftJump(GoalDirectedJump):
                 self._substitute(NO_NEIGHBOURS)
             return super().track(solution)
         settings, feedback = self.settings, self.settings.feedback
-        measurement = None if self.choice.stance_is_seen else self._late_measurement(plan, solution)
+        late = None
+        if not self.choice.stance_is_seen:
+            slopes = stance_slopes(self.choice.planner, solution, self.reference, self.robot)
+            if slopes is None:
+                self._substitute(NO_OTHER_STANCE)
+            else:
+                plan, late = plan.with_stance(slopes), self._late_stance()
         self.shift_tracker = ShiftTracker(
             plan,
             self.robot,
@@ -72,43 +81,22 @@ class GoalShiftJump(GoalDirectedJump):
             self._desired(),
             None if feedback is None else feedback.planned_to(self.goal),
             settings.exploration,
-            measurement=measurement,
+            late=late,
         )
         self.shift_tracker.fallbacks, self.shift_tracker.substituted = self.fallbacks, self.substituted
         return self.shift_tracker
 
-    def _late_measurement(self, plan: ShiftedPlan, solution: Solution) -> StanceMeasurement | None:
-        """How the stance is measured at the beginning of the jump; None where the plan has no slope by the stance.
+    def command(self, estimate: StateEstimate) -> Command:
+        """See ``GoalDirectedJump``; goal and stance are those that were measured late, where they were."""
+        command = super().command(estimate)
+        if self.shift_tracker is not None:
+            self.goal, self.stance_pitch = self.shift_tracker.goal, self.shift_tracker.stance_pitch
+        return command
 
-        The plan from the measured stance is found by that slope, so that none is made during the jump.
-        """
-        assert self.goal is not None
-        first, goal, choice, feedback = (
-            solution.problem.stance_pitch_rad,
-            self.goal,
-            self.choice,
-            self.settings.feedback,
-        )
-        slopes = stance_slopes(choice.planner, solution, self.reference, self.robot)
-        if slopes is None:
-            return None
-
-        def decide(estimates: Sequence[StateEstimate]) -> LateStance | None:
-            pitch = stance_pitch(list(estimates), self.legs)
-            if abs(pitch - first) > LARGEST_TILT_RAD:
-                return None
-            self.goal, self.stance_pitch = choice.aim(choice.target, pitch), pitch
-            shift = plan.change_to(self.goal - goal)
-            moved = plan.moved({name: shift[name] + (pitch - first) * slopes[name] for name in QUANTITIES})
-            return LateStance(
-                pitch,
-                moved,
-                self.goal,
-                self._desired(),
-                None if feedback is None else feedback.planned_to(self.goal),
-            )
-
-        return StanceMeasurement(decide)
+    def _late_stance(self) -> LateStance:
+        """Goals for all stances that may be measured in the jump."""
+        pitches = self.stance_pitch + np.linspace(-LARGEST_TILT_RAD, LARGEST_TILT_RAD, STANCES)
+        return LateStance(pitches, np.array([self.choice.aim(self.choice.target, pitch) for pitch in pitches]))
 
     def _desired(self) -> np.ndarray:
         """Landing (3,) that shifts of the goal aim at.
@@ -158,6 +146,5 @@ def stance_slopes(
     for step in STANCE_STEPS:
         tilted = planner.plan(problem.target, goal, problem.stance_pitch_rad + step, problem.robot)
         if tilted is not None:
-            other = Reference.of(to_jump(tilted, Gains()), robot)
-            return {name: (getattr(other, name) - getattr(reference, name)) / step for name in QUANTITIES}
+            return differences(reference, Reference.of(to_jump(tilted, Gains()), robot), step)
     return None

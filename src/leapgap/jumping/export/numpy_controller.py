@@ -1,4 +1,5 @@
-"""Goal-shift MPC of one jump with NumPy alone, by the tables beside it; ``jump_controller.c`` is the same in C.
+"""Goal-shift MPC of one jump with NumPy alone, by the tables beside it; ``jump_controller.c`` and
+``jump_program.c`` are the same in C.
 
 controller = Controller("folder of the export")
 command = controller.tick(time_s, base_position, base_quaternion, base_velocity, base_angular_velocity, joint_pos)
@@ -6,6 +7,7 @@ command = controller.tick(time_s, base_position, base_quaternion, base_velocity,
 World x forward, z up; SI units; quaternions w x y z; what was not measured is NaN.
 """
 
+import itertools
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,6 +41,11 @@ class Controller:
         self.n = json.loads((Path(folder) / "controller.json").read_text(encoding="utf-8"))["numbers"]
         self.counts = {"time_not_usable": 0, "not_finite": 0, "not_solved": 0, "limited": 0}
         self.shift = np.zeros((self.n["UPDATES"], 3))
+        self.target, self.pitch = self.t["target"], self.n["STANCE_PITCH_RAD"]
+        self._aim(self.t["planned_goal"])
+        self._stance_known = self.n["MEASURED_UNTIL_S"] == 0
+        self._stood: list[tuple[float, float]] = []
+        self._change, self._changed_s, self._level = np.zeros(4), 0.0, 0.0
         self._updates, self._latest = 0, np.zeros((0, 10))
         self._used_s: float | None = None
         self._seen_s: float | None = None
@@ -92,6 +99,11 @@ class Controller:
         self._used_s, self._since_used = time_s + self._offset_s, 0
         return self._used_s if self._offset_s else time_s
 
+    def _aim(self, goal: np.ndarray) -> None:
+        """Take a goal, with what shifts do on the way to it: linear between the tabled distances."""
+        shares = [np.interp(goal[0], self.t["authority_x"], one) for one in np.eye(self.n["KNOTS"])]
+        self.goal, self.authority = goal, np.einsum("g,gtij->tij", shares, self.t["authority"])
+
     def _safe_command(self) -> JointCommand:
         self.counts["time_not_usable"] += 1
         if self._last is not None and self._since_used <= self.n["HOLD_TICKS"]:
@@ -117,34 +129,63 @@ class Controller:
             self._forward, self._framed = np.array([np.cos(yaw), np.sin(yaw), 0.0]), True
             self._origin = np.array([position[0], position[1], 0.0])
         time_s = now_s - self._start_s
+        if not self._stance_known:
+            self._measure_stance(time_s, quaternion, position, joint_pos)
         update = int(np.clip((time_s + ROUNDING_S) / n["UPDATE_S"], 0, n["UPDATES"] - 1))
         before = self.shift[update - 1].copy() if update else np.zeros(3)
         share = min((time_s - update * n["UPDATE_S"]) / n["UPDATE_S"], 1.0)
-        shift = before + share * (self.shift[update] - before)
+        gone = min(max((time_s - self._changed_s) / n["REACHED_IN_S"], 0.0), 1.0)  # of the way to the stance
+        moved = gone * self._change + np.append(before + share * (self.shift[update] - before), 0.0)
         if time_s <= n["TAKE_OFF_S"]:
             w, x, y, z = quaternion
             pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
             ahead = (position - self._origin) @ self._forward
-            trunk = [ahead, position[2], pitch, velocity @ self._forward, velocity[2], turning[1]]
+            trunk = [ahead, position[2] - self._level, pitch, velocity @ self._forward, velocity[2], turning[1]]
             at = slice(n["OF_STATE"], n["OF_STATE"] + 10)
-            deviation = np.append(trunk, self._feet(quaternion, joint_pos)) - self._planned(time_s, shift)[at]
+            feet = self._feet(quaternion, joint_pos)
+            feet = np.column_stack([feet @ self._forward, feet[:, 2]])
+            deviation = np.append(trunk, feet) - self._planned(time_s, moved)[at]
             self._latest = np.concatenate([self._latest, deviation[None]])[-n["KEPT"] :]
         if update >= self._updates:
             self._updates = update + 1
-            self.shift[update:] = before + self._change(update, before)
-        rate = (self.shift[update] - before) / n["UPDATE_S"] * (share < 1)
-        return self._follow(time_s, shift, rate)
+            self.shift[update:] = before + self._chosen(update, before)
+        rate = np.append((self.shift[update] - before) / n["UPDATE_S"] * (share < 1), 0.0)
+        return self._follow(time_s, moved, rate + (gone < 1) / n["REACHED_IN_S"] * self._change)
+
+    def _measure_stance(
+        self, time_s: float, quaternion: np.ndarray, position: np.ndarray, joint_pos: np.ndarray
+    ) -> None:
+        """Take in the stance while all feet stand; at the end choose goal and target for it."""
+        t = self.t
+        if time_s < self.n["MEASURED_UNTIL_S"] - ROUNDING_S:
+            if np.isfinite([*position, *quaternion, *joint_pos]).all():
+                front, rear = self._feet(quaternion, joint_pos)
+                apart = front - rear
+                self._stood.append((-np.arctan2(apart[2], np.hypot(apart[0], apart[1])), position[2]))
+            return
+        self._stance_known = True
+        if not self._stood:
+            return
+        pitch, height = np.mean(self._stood, axis=0)
+        if not t["stance_pitch"][0] <= pitch <= t["stance_pitch"][-1]:
+            return
+        goal = np.array([np.interp(pitch, t["stance_pitch"], column) for column in t["stance_goal"].T])
+        self._change, self._changed_s = np.append(goal - self.goal, pitch - self.pitch), time_s
+        self.pitch = float(pitch)
+        self._aim(goal)
+        self.target = self._landing(goal)
+        self._level = height - self._planned(0.0, self._change)[self.n["OF_STATE"] + 1]
 
     def _row(self, time_s: float) -> int:
         return min(max(round(time_s / self.n["ROW_S"]), 0), self.n["ROWS"] - 1)
 
-    def _planned(self, time_s: float, shift: np.ndarray) -> np.ndarray:
-        """The row of the shifted plan at this time."""
+    def _planned(self, time_s: float, moved: np.ndarray) -> np.ndarray:
+        """The row of the plan at this time, where goal and stance are moved."""
         row = self.t["plan"][self._row(time_s)]
-        return row[0] + shift @ row[1:]
+        return row[0] + moved[: self.n["AXES"]] @ row[1:]
 
-    def _follow(self, time_s: float, shift: np.ndarray, rate: np.ndarray) -> JointCommand:
-        n, row, planned = self.n, self.t["plan"][self._row(time_s)], self._planned(time_s, shift)
+    def _follow(self, time_s: float, moved: np.ndarray, rate: np.ndarray) -> JointCommand:
+        n, row, planned = self.n, self.t["plan"][self._row(time_s)], self._planned(time_s, moved)
         joints, moving = n["JOINTS"], time_s <= n["LANDING_S"]
         position, velocity, torque = (
             slice(n[f"OF_{part}"], n[f"OF_{part}"] + joints) for part in ("POSITION", "VELOCITY", "TORQUE")
@@ -155,7 +196,7 @@ class Controller:
             JointCommand(
                 torque=np.clip(planned[torque], -n["TORQUE_NM"], n["TORQUE_NM"]) * moving,
                 position=planned[position],
-                velocity=(planned[velocity] + rate @ row[1:, position]) * moving,
+                velocity=(planned[velocity] + rate[: n["AXES"]] @ row[1:, position]) * moving,
                 kp=kp,
                 kd=kd,
                 planned_force=planned[force] * (row[0, force] != 0) * moving,
@@ -177,7 +218,7 @@ class Controller:
         return replace(command, torque=scaled, planned_force=command.planned_force * np.repeat(share, 2))
 
     def _feet(self, quaternion: np.ndarray, joint_pos: np.ndarray) -> np.ndarray:
-        """Mean foot − base of each pair along the heading: front x z, rear x z."""
+        """Mean foot − base of each pair, front and rear, in world axes, (2, 3)."""
         t, feet = self.t, np.zeros((2, 3))
         for foot in range(self.n["FEET"]):
             turned, at = matrix(quaternion), np.zeros(3)
@@ -191,26 +232,28 @@ class Controller:
                     turned = turned @ matrix(np.append(np.cos(half), np.sin(half) * t["link_axis"][link]))
                     at = at - turned @ anchor
             feet += np.outer(t["foot_share"][foot], at + turned @ t["foot_point"][foot])
-        return np.column_stack([feet @ self._forward, feet[:, 2]]).ravel()
+        return feet
 
     def _landing(self, goal: np.ndarray) -> np.ndarray:
         """Landing of a jump to one constant goal in which nothing unexpected happens."""
-        t, at = self.t, np.append(goal, self.n["STANCE_PITCH_RAD"])
+        t, at = self.t, np.append(goal, self.pitch)
         apart = at / t["landing_scale"] - t["landing_sample"]
         kernel = np.exp(-(apart**2).sum(axis=1) / 2)
         found: np.ndarray = goal + np.append(1.0, at) @ t["landing_trend"] + kernel @ t["landing_dual"]
         return found
 
-    def _change(self, update: int, before: np.ndarray) -> np.ndarray:
+    def _chosen(self, update: int, before: np.ndarray) -> np.ndarray:
         """Change of the shift at an update; zero where it cannot be computed."""
+        if not self._stance_known:
+            return np.zeros(3)
         t, deviation = self.t, self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
         if not np.isfinite(deviation).all():
             self.counts["not_finite"] += 1
             return np.zeros(3)
-        goal = t["planned_goal"] + before
+        goal = self.goal + before
         held = np.concatenate([self.shift[:update], np.tile(before, (len(self.shift) - update, 1))])
-        expected = self._landing(t["planned_goal"]) + np.einsum("tij,tj->i", t["authority"], held)
-        inputs = np.concatenate([[1.0], goal, [self.n["STANCE_PITCH_RAD"]], deviation])
+        expected = self._landing(self.goal) + np.einsum("tij,tj->i", self.authority, held)
+        inputs = np.concatenate([[1.0], goal, [self.pitch], deviation])
         doubt = max(inputs @ t["feedback_covariance"][update] @ inputs, 0.0)
         spread = t["matters"] * np.sqrt(t["scatter"][update] ** 2 + doubt)
         changed = self._landing(goal) + inputs @ t["feedback"][update] - expected
@@ -225,26 +268,53 @@ class Controller:
         """Shifts of all steps and slacks of this update's quadratic program; None where it has no solution."""
         t, n = self.t, self.n
         steps = int(t["steps_of_update"][update])
-        size = 3 * steps + 3
-        miss = landing - t["target"]
-        gradient = (t["authority_of_step"][update].T @ (miss / t["matters_of_target"] ** 2))[:size]
+        shifts, size = 3 * steps, 3 * steps + 3
+        miss, weight = landing - self.target, 1 / t["matters_of_target"] ** 2
+        effect, uncertain = self._effects(update)
+        gradient = np.append(effect.T @ (weight * miss), np.zeros(3))
+        hessian = t["hessian"][update, :size, :size].copy()
+        hessian[:shifts, :shifts] += effect.T @ (weight[:, None] * effect) + uncertain
         upper = np.append(np.tile(t["largest_shift"] - before, steps), np.full(3, np.inf))
         lower = np.append(np.tile(-t["largest_shift"] - before, steps), np.zeros(3))
         upper[:3] = np.minimum(upper[:3], t["largest_change"])
         lower[:3] = np.maximum(lower[:3], -t["largest_change"])
         scale = t["bound_scale"][update, :size]
-        own = slice(*t["efforts_of_update"][update : update + 2])
-        slopes, at = t["effort_slope"][own], t["effort_step"][own]
-        efforts = np.zeros((len(at), size))
-        for axis in range(3):
-            efforts[np.arange(len(at)), 3 * at + axis] = slopes[:, axis]
-        efforts[:, -1] = -t["effort_soft"][own]
+        of_landing = np.zeros((3, size))
+        of_landing[:, :shifts] = effect[2], -effect[2], -effect[1]
+        of_landing[[0, 1, 2], [shifts, shifts, shifts + 1]] = -t["landing_soft"]
+        of_landing *= t["landing_row_scale"][update][:, None]
         limits = np.array([n["LARGEST_PITCH_RAD"] - landing[2], n["LARGEST_PITCH_RAD"] + landing[2]])
         limits = np.append(limits, n["BELOW_TARGET_M"] + miss[1]) * t["landing_row_scale"][update]
-        rows = np.concatenate([np.diag(scale), -np.diag(scale), t["landing_row"][update, :, :size], efforts])
-        room = np.maximum(t["effort_room"][own] - slopes @ before, 0.0)
+        efforts, room = self._efforts(update, before, size)
+        rows = np.concatenate([np.diag(scale), -np.diag(scale), of_landing, efforts])
         bounds = np.concatenate([upper * scale, -lower * scale, limits, room])
-        return solve(t["inverse_root"][update, :size, :size], gradient, rows, bounds)
+        return solve(np.linalg.inv(np.linalg.cholesky(hessian)).T, gradient, rows, bounds)
+
+    def _effects(self, update: int) -> tuple[np.ndarray, np.ndarray]:
+        """Change of the landing by the shift of each step, (3, 3 steps), and the cost of what is uncertain of it."""
+        t, n = self.t, self.n
+        edges = t["edges_of_update"][update, : t["steps_of_update"][update] + 1]
+        later = np.gradient(self.authority, axis=0)
+        effect, timing = (
+            np.concatenate([of_update[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)], axis=1)
+            for of_update in (self.authority, later)
+        )
+        matters = t["matters_of_target"][:, None]
+        ways = np.concatenate([n["AUTHORITY_DOUBT"] * effect / matters, n["TIMING_DOUBT"] * timing / matters])
+        axis = np.arange(ways.shape[1]) % 3
+        return effect * (update < n["FREE_UPDATES"]), ways.T @ ways * (axis[:, None] == axis)
+
+    def _efforts(self, update: int, before: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of forces and torques: rows (m, size), and distances (m,)."""
+        t, axes = self.t, self.n["AXES"]
+        own = slice(*t["efforts_of_update"][update : update + 2])
+        slopes, at = t["effort_slope"][own], t["effort_step"][own]
+        rows = np.zeros((len(at), size))
+        for axis in range(3):
+            rows[np.arange(len(at)), 3 * at + axis] = slopes[:, axis]
+        rows[:, -1] = -t["effort_soft"][own]
+        moved = (np.append(before, 0.0) + self._change)[:axes]
+        return rows, np.maximum(t["effort_room"][own] - slopes @ moved, 0.0)
 
 
 def matrix(quaternion: np.ndarray) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Everything that the goal-shift controller of one jump needs while it runs, as arrays and numbers.
 
 The names here are those in the C files and in ``numpy_controller``; what a table holds stands in ``MEANING``, which is
-written beside the tables. Quadratic programs are tabled as far as no measurement is needed: for each update the inverse
-root of the Hessian, and the constraints scaled by their norm in it.
+written beside the tables. Quadratic programs are tabled as far as no measurement is needed, neither of the robot nor of
+the stance that it may begin in: for each update a part of the Hessian, and the constraints, scaled by their norm in the
+Hessian of the plan's own goal.
 """
 
 from collections.abc import Mapping
@@ -13,8 +14,10 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.border import LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
-from leapgap.jumping.control.goal_shift_mpc import SLACKS, GoalShiftPlanner
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftPlanner
+from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.leg_chains import LegChains
+from leapgap.jumping.control.shift_efforts import Efforts
 from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback, features
 from leapgap.jumping.experiments.landing_model import LandingModel
@@ -25,12 +28,15 @@ IN_PLAN = {"POSITION": "joint_pos", "VELOCITY": "joint_vel", "TORQUE": "torque",
 IN_PLAN |= {"FOOT": "foot"}
 """Parts of a row of the plan, in their order."""
 MEANING = {
-    "plan": "rows of the plan: value, then slopes by a shift of the goal in x, z, pitch",
+    "plan": "rows of the plan: value, then slopes by a shift of the goal in x, z, pitch, and by the stance if measured",
     "gains": "kp and kd of each phase, by joint",
     "gains_of_row": "which of them holds in a row of the plan",
     "planned_goal": "goal of the plan: x, z, pitch",
     "target": "where to land: x, z, pitch",
-    "authority": "change of the landing by the shift during each update",
+    "stance_pitch": "pitches of the ground that may be measured at the start, rising, rad, nose-down",
+    "stance_goal": "goal of a jump from each of them: x, z, pitch",
+    "authority": "change of the landing by the shift during each update, for goals at several distances",
+    "authority_x": "these distances, m",
     "landing_trend": "landing - goal: rows for 1, goal and pitch of the stance",
     "landing_scale": "by which goal and stance are divided",
     "landing_sample": "goals and stances of the kernel, divided by the scale",
@@ -41,14 +47,14 @@ MEANING = {
     "matters": "landing errors that count alike in the model",
     "matters_of_target": "landing errors that cost alike",
     "steps_of_update": "number of steps of the horizon",
-    "authority_of_step": "change of the landing by the shift of each step",
-    "inverse_root": "J with J J' = 1/H; the last three variables are slacks of pitch, height and effort",
+    "edges_of_update": "first update of each step, and the end of the last one",
+    "hessian": "costs of changes of the shift and of stated errors; the last three: slacks of pitch, height and effort",
     "bound_scale": "by which bounds are multiplied",
-    "landing_row": "limits of the landing's pitch, upwards and downwards, and of its height: left side, scaled",
-    "landing_row_scale": "by which their right side is multiplied",
+    "landing_row_scale": "by which limits of the landing's pitch, up and down, and of its height are multiplied",
+    "landing_soft": "by how much their slacks widen them",
     "efforts_of_update": "first row of each update in the tables of efforts, and their number",
     "effort_step": "step of the horizon that an effort belongs to",
-    "effort_slope": "its change by the shift",
+    "effort_slope": "its change by the shift, and by the stance if measured",
     "effort_soft": "by how much its slack widens it",
     "effort_room": "distance of the plan to the limit",
     "largest_shift": "of the goal",
@@ -86,7 +92,13 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
     if not isinstance(model, LandingFeedback) or planner is None or tracker.exploration.any():
         found = "a controller that explores or has no learned model"
         raise InputError("export", found, "a controller that was learned", "let the robot practise")
-    parts = [plan_tables(tracker), model_tables(model), program_tables(planner), leg_tables(tracker.robot)]
+    parts = [
+        plan_tables(tracker),
+        stance_tables(tracker),
+        model_tables(model),
+        program_tables(planner),
+        leg_tables(tracker.robot),
+    ]
     arrays = {name: values for part in parts for name, values in part.items()}
     arrays |= {
         "planned_goal": np.asarray(tracker.goal, float),
@@ -96,6 +108,7 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
     }
     of_border = {"position": "base_position", "velocity": "base_velocity", "angular_velocity": "base_angular_velocity"}
     of_border |= {"joint_pos": "joint_pos"}
+    config, late = tracker.config, tracker.late
     numbers: dict[str, int | float] = {
         **sizes(arrays, planner),
         **{f"OF_{name}": start for name, start in starts(tracker).items()},
@@ -104,14 +117,19 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         "SAFE_KP": tracker.border.safe.damping.kp_nm_per_rad,
         "SAFE_KD": tracker.border.safe.damping.kd_nms_per_rad,
         "ROW_S": tracker.reference.period_s,
-        "UPDATE_S": tracker.config.period_s,
+        "UPDATE_S": config.period_s,
         "TAKE_OFF_S": tracker.reference.schedule.take_off_s,
         "LANDING_S": tracker.reference.schedule.landing_s,
         "STANCE_PITCH_RAD": float(tracker.stance_pitch),
-        "DISBELIEF": tracker.config.disbelief,
-        "LARGEST_PITCH_RAD": tracker.config.largest_pitch_rad,
-        "BELOW_TARGET_M": tracker.config.below_target_m,
-        "TORQUE_NM": tracker.config.torque_nm,
+        "MEASURED_UNTIL_S": 0.0 if late is None else late.until_s,
+        "REACHED_IN_S": LateStance.reach_s if late is None else late.reach_s,
+        "FREE_UPDATES": planner.grid.free_updates,
+        "AUTHORITY_DOUBT": config.authority_doubt,
+        "TIMING_DOUBT": config.timing_doubt_s / config.period_s,
+        "DISBELIEF": config.disbelief,
+        "LARGEST_PITCH_RAD": config.largest_pitch_rad,
+        "BELOW_TARGET_M": config.below_target_m,
+        "TORQUE_NM": config.torque_nm,
         "LONGEST_GAP_S": LONGEST_GAP_S,
         "LARGEST_TIME_S": LARGEST_TIME_S,
     }
@@ -130,10 +148,13 @@ def sizes(arrays: Mapping[str, np.ndarray], planner: GoalShiftPlanner) -> dict[s
     return {
         "ROWS": len(arrays["plan"]),
         "COLUMNS": arrays["plan"].shape[2],
+        "AXES": planner.plan.axes,
         "PHASES": len(arrays["gains"]),
         "JOINTS": len(arrays["torque_limit"]),
         "UPDATES": planner.grid.updates,
-        "VARIABLES": arrays["inverse_root"].shape[1],
+        "VARIABLES": arrays["hessian"].shape[1],
+        "KNOTS": len(arrays["authority_x"]),
+        "PITCHES": len(arrays["stance_pitch"]),
         "EFFORTS": len(arrays["effort_step"]),
         "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
         "SAMPLES": len(arrays["landing_sample"]),
@@ -156,6 +177,14 @@ def plan_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
     }
 
 
+def stance_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
+    """Goals of the stances that may be measured; the planned one alone where none is."""
+    late = tracker.late
+    if late is None:
+        return {"stance_pitch": np.array([float(tracker.stance_pitch)]), "stance_goal": np.array([tracker.goal], float)}
+    return {"stance_pitch": late.pitches, "stance_goal": late.goals}
+
+
 def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
     """The landing model and its feedback, on unscaled inputs."""
     config = model.config
@@ -163,7 +192,8 @@ def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
     doubt = config.doubt_share**2 * model.covariance
     return {
         **landing_tables(model.landing),
-        "authority": model.authority,
+        "authority": model.shifts.mean,
+        "authority_x": model.shifts.x_m,
         "feedback": np.einsum("ki,tij->tkj", turn, model.weights) * model.matters,
         "feedback_covariance": np.einsum("ki,tij,lj->tkl", turn, doubt, turn),
         "scatter": model.scatter,
@@ -202,32 +232,29 @@ def landing_tables(model: LandingModel) -> dict[str, np.ndarray]:
 
 
 def program_tables(planner: GoalShiftPlanner) -> dict[str, np.ndarray]:
-    """The quadratic programs of all updates."""
-    size = max(len(ready.hessian) for ready in planner.prepared)
-    updates = len(planner.prepared)
-    authority, roots = np.zeros((updates, 3, size)), np.zeros((updates, size, size))
-    bounds, landing, landing_scale = np.zeros((updates, size)), np.zeros((updates, 3, size)), np.zeros((updates, 3))
-    efforts, steps = [], []
-    for update, ready in enumerate(planner.prepared):
-        n = len(ready.hessian)
+    """The quadratic programs of all updates, as far as they depend neither on the goal nor on what is measured."""
+    bases, config = planner.bases, planner.config
+    size, steps = max(len(basis.hessian) for basis in bases), max(basis.steps for basis in bases)
+    hessian, edges = np.zeros((len(bases), size, size)), np.zeros((len(bases), steps + 1), np.int32)
+    bounds, landing_scale = np.zeros((len(bases), size)), np.zeros((len(bases), 3))
+    efforts: list[dict[str, np.ndarray]] = []
+    for update, basis in enumerate(bases):
+        n, ready = len(basis.hessian), planner.prepared(update)
         root = np.linalg.inv(np.linalg.cholesky(ready.hessian)).T
-        norms = np.linalg.norm(ready.rows @ root, axis=1)
-        authority[update, :, : n - SLACKS] = ready.authority
-        roots[update, :n, :n] = root
+        hessian[update, :n, :n], edges[update, : basis.steps + 1] = basis.hessian, basis.edges
         bounds[update, :n] = 1 / np.linalg.norm(root, axis=1)
-        landing_scale[update] = 1 / norms[:3]
-        landing[update, :, :n] = ready.rows[:3] / norms[:3, None]
-        steps.append((n - SLACKS) // GOAL_AXES)
-        efforts.append(effort_tables(ready.rows[3:], ready.effort, norms[3:]))
+        landing_scale[update] = 1 / np.linalg.norm(ready.rows[:3] @ root, axis=1)
+        norms = np.linalg.norm(basis.effort_rows @ root, axis=1)
+        efforts.append(effort_tables(basis.efforts, norms))
     counts = [len(part["effort_step"]) for part in efforts]
-    config = planner.config
+    soft_pitch, soft_height = config.soft_landing
     return {
-        "steps_of_update": np.array(steps, np.int32),
-        "authority_of_step": authority,
-        "inverse_root": roots,
+        "steps_of_update": np.array([basis.steps for basis in bases], np.int32),
+        "edges_of_update": edges,
+        "hessian": hessian,
         "bound_scale": bounds,
-        "landing_row": landing,
         "landing_row_scale": landing_scale,
+        "landing_soft": np.array([soft_pitch, soft_pitch, soft_height]),
         "efforts_of_update": np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
         **{name: np.concatenate([part[name] for part in efforts]) for name in efforts[0]},
         "largest_shift": np.array(config.largest),
@@ -236,15 +263,13 @@ def program_tables(planner: GoalShiftPlanner) -> dict[str, np.ndarray]:
     }
 
 
-def effort_tables(rows: np.ndarray, room: np.ndarray, norms: np.ndarray) -> dict[str, np.ndarray]:
-    """Limits of forces and torques of one update: each depends on the shift of one step, and on one slack."""
-    by_step = rows[:, :-SLACKS].reshape(len(rows), -1, GOAL_AXES)
-    step = np.abs(by_step).max(axis=2).argmax(axis=1)
+def effort_tables(efforts: Efforts, norms: np.ndarray) -> dict[str, np.ndarray]:
+    """Limits of forces and torques of one update, scaled."""
     return {
-        "effort_step": step.astype(np.int32),
-        "effort_slope": by_step[np.arange(len(rows)), step] / norms[:, None],
-        "effort_soft": -rows[:, -1] / norms,
-        "effort_room": room / norms,
+        "effort_step": efforts.step.astype(np.int32),
+        "effort_slope": efforts.slope / norms[:, None],
+        "effort_soft": efforts.soft / norms,
+        "effort_room": efforts.distance / norms,
     }
 
 

@@ -15,8 +15,8 @@ from leapgap.jumping.learning import landing_graph
 from leapgap.jumping.learning.windows import write_npz
 from leapgap.output_folder import package_version
 
-FORMAT_VERSION = 1
-C_FILES = ("jump_controller.h", "jump_controller.c", "main.c")
+FORMAT_VERSION = 2
+C_FILES = ("jump_controller.h", "jump_controller.c", "jump_program.h", "jump_program.c", "main.c")
 PER_LINE = 8
 """Numbers in a line of a table in C."""
 
@@ -28,17 +28,17 @@ def write_controller(tracker: ShiftTracker, folder: Path, about: Mapping[str, An
     for name in C_FILES:
         write_text(folder / name, (package / "c" / name).read_text(encoding="utf-8"))
     write_text(folder / "sizes.h", sizes_in_c(tables))
-    write_text(folder / "tables.h", tables_in_c(tables))
+    write_text(folder / "tables.h", declarations_in_c(tables))
+    write_text(folder / "tables.c", tables_in_c(tables))
     write_npz(folder / "tables.npz", dict(tables.arrays))
     write_text(folder / "controller.py", (package / "numpy_controller.py").read_text(encoding="utf-8"))
-    (folder / "landing_model.onnx").write_bytes(
-        landing_graph.serialise(tables.arrays, tables.numbers["STANCE_PITCH_RAD"], about)
-    )
+    (folder / "landing_model.onnx").write_bytes(landing_graph.serialise(tables.arrays, about))
     described = {
         "format_version": FORMAT_VERSION,
         **about,
         "joints": list(tracker.robot.joints),
         "feet": list(tracker.robot.feet),
+        "stance_is_measured": tracker.late is not None,
         "numbers": dict(tables.numbers),
         "tables": {name: {"shape": list(tables.arrays[name].shape), "holds": MEANING[name]} for name in tables.arrays},
         "versions": {"leapgap": package_version(), "python": platform.python_version()},
@@ -54,14 +54,23 @@ def sizes_in_c(tables: ControllerTables) -> str:
     return "\n".join([*head, *lines, "", "#endif", ""])
 
 
+def declarations_in_c(tables: ControllerTables) -> str:
+    """Declarations of the arrays, each with what it holds."""
+    head = ["/* Tables of this jump. */", "#ifndef TABLES_H", "#define TABLES_H", ""]
+    lines = [f"extern {declaration(name, values)}; /* {MEANING[name]} */" for name, values in tables.arrays.items()]
+    return "\n".join([*head, *lines, "", "#endif", ""])
+
+
 def tables_in_c(tables: ControllerTables) -> str:
-    """The arrays as constants, each with what it holds."""
-    lines = ["/* Tables of this jump. */", ""]
-    for name, values in tables.arrays.items():
-        kind = "double" if values.dtype.kind == "f" else "int"
-        extent = "".join(f"[{length}]" for length in values.shape)
-        lines += [f"/* {MEANING[name]} */", f"static const {kind} {name}{extent} = {nested(values)};", ""]
-    return "\n".join(lines)
+    """The arrays as constants."""
+    lines = [f"{declaration(name, values)} = {nested(values)};\n" for name, values in tables.arrays.items()]
+    return "\n".join(['#include "tables.h"', "", *lines])
+
+
+def declaration(name: str, values: np.ndarray) -> str:
+    """Type, name and extent of an array in C."""
+    kind = "double" if values.dtype.kind == "f" else "int"
+    return f"const {kind} {name}" + "".join(f"[{length}]" for length in values.shape)
 
 
 def nested(values: np.ndarray) -> str:

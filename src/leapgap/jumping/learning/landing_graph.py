@@ -1,8 +1,8 @@
 """The landing model of a goal-shift controller as an ONNX graph, for batches of any length.
 
-Inputs ``goal`` (n, 3; m, m, rad), ``deviation`` (n, 10) and ``update`` (n,); outputs ``landing`` (n, 3), if the goal
-stays what it is, and ``spread`` (n, 3), its standard deviation. Double precision. What the model is for stands in the
-metadata, as JSON under ``leapgap``.
+Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``deviation`` (n, 10) and ``update`` (n,); outputs
+``landing`` (n, 3), if the goal stays what it is, and ``spread`` (n, 3), its standard deviation. Double precision. What
+the model is for stands in the metadata, as JSON under ``leapgap``.
 """
 
 import json
@@ -15,16 +15,15 @@ from onnx import TensorProto, helper
 from leapgap.jumping.learning.onnx_graph import IR_VERSION, OPSET, Graph
 
 
-def serialise(tables: Mapping[str, np.ndarray], stance_pitch: float, about: Mapping[str, object]) -> bytes:
-    """The graph of the tables (``leapgap.jumping.export.tables``) for one stance, rad; equal tables, equal bytes."""
+def serialise(tables: Mapping[str, np.ndarray], about: Mapping[str, object]) -> bytes:
+    """The graph of the tables (``leapgap.jumping.export.tables``); equal tables, equal bytes."""
     graph = Graph()
 
     def constant(values: object) -> str:
         return graph.constant(np.asarray(values))
 
     axis, middle, double = constant([1]), constant([2]), np.float64
-    whole = np.eye(4)[:3]
-    at = graph.node("Add", graph.node("MatMul", "goal", constant(whole)), constant([0.0, 0.0, 0.0, stance_pitch]))
+    at = graph.node("Concat", "goal", "stance", axis=1)
     scaled = graph.node("Div", at, constant(tables["landing_scale"]))
     samples = tables["landing_sample"]
     apart = graph.node("Sub", graph.node("Unsqueeze", scaled, axis), constant(samples[None]))
@@ -54,6 +53,7 @@ def serialise(tables: Mapping[str, np.ndarray], stance_pitch: float, about: Mapp
             "landing",
             [
                 helper.make_tensor_value_info("goal", TensorProto.DOUBLE, ["n", 3]),
+                helper.make_tensor_value_info("stance", TensorProto.DOUBLE, ["n", 1]),
                 helper.make_tensor_value_info("deviation", TensorProto.DOUBLE, ["n", 10]),
                 helper.make_tensor_value_info("update", TensorProto.INT64, ["n"]),
             ],

@@ -1,45 +1,58 @@
-/* See jump_controller.h. The numbers of this jump are in tables.h; controller.py is the same in NumPy. */
+/* See jump_controller.h. The numbers of this jump are in sizes.h and tables.c; controller.py is the same in NumPy. */
 #include "jump_controller.h"
 
 #include <math.h>
 #include <string.h>
 
+#include "jump_program.h"
 #include "tables.h"
 
 #define STATE 6                                     /* x z pitch and their rates */
 #define DEVIATIONS (STATE + 4)                      /* trunk, then feet: front x z, rear x z */
 #define INPUTS (1 + 3 + 1 + DEVIATIONS)             /* of the landing model: 1, goal, stance, deviation */
-#define LANDING_ROWS 3                              /* limits of pitch, upwards and downwards, and of height */
-#define CONSTRAINTS (2 * VARIABLES + LANDING_ROWS + LARGEST_EFFORTS)
 #define ROUNDING_S 1e-6
-#define VIOLATION 1e-9 /* of a constraint, in the norm of the Hessian, that counts as none */
-#define DEPENDENT 1e-18
-#define LARGEST_ITERATIONS 500
 
 static struct {
     int started, framed, has_used, has_last, ticks_since_used, updates, kept, next;
     double used_s, seen_s, offset_s, start_s;
-    double x, y, forward[2]; /* frame of the start: position and heading */
+    double x, y, level, forward[2]; /* frame of the start: position, height of the plan's zero, heading */
+    int stance_known, stood;
+    double pitch_sum, height_sum;     /* of the ground and of the base over the ticks that stood */
+    double goal[3], target[3], pitch; /* where the jump goes, where it shall land, and the stance it begins in */
+    JumpAuthority authority;          /* for this goal */
+    double change[4], changed_s;      /* of goal and stance from those of the plan, and since when */
     double shift[UPDATES][3];
     double latest[KEPT][DEVIATIONS];
     JumpCommand last;
     JumpCounts counts;
 } now;
 
-/* Quadratic program of one update, min 1/2 x'Hx + g'x, a_i x <= b_i, with a dual active-set method (Goldfarb, Idnani
-   1983). inverse_root J: J J' = 1/H. Constraints: upper bounds, lower bounds, landing, efforts. */
-static struct {
-    int n, update, q;
-    double x[VARIABLES], gradient[VARIABLES], lower[VARIABLES], upper[VARIABLES];
-    double landing[LANDING_ROWS], room[LARGEST_EFFORTS];
-    double J[VARIABLES][VARIABLES], R[VARIABLES][VARIABLES], d[VARIABLES], u[VARIABLES];
-    int active[VARIABLES];
-    unsigned char is_active[CONSTRAINTS];
-} qp;
+/* Place of x among rising values: the last one at or below it, and the share of the way to the next, 0 to 1. */
+static int place(const double *at, int count, double x, double *share) {
+    int k = 0;
+    while (k + 2 < count && x >= at[k + 1]) k++;
+    *share = count > 1 ? fmin(fmax((x - at[k]) / (at[k + 1] - at[k]), 0), 1) : 0;
+    return k;
+}
+
+/* Take a goal, with what shifts do on the way to it: linear between the tabled distances. */
+static void aim(const double goal[3]) {
+    double share;
+    const int k = place(authority_x, KNOTS, goal[0], &share), next = k + (KNOTS > 1);
+    memcpy(now.goal, goal, sizeof now.goal);
+    for (int t = 0; t < UPDATES; t++)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                now.authority.by_update[t][i][j] = (1 - share) * authority[k][t][i][j] + share * authority[next][t][i][j];
+}
 
 void jump_reset(void) {
     memset(&now, 0, sizeof now);
     now.seen_s = NAN;
+    now.stance_known = MEASURED_UNTIL_S == 0;
+    now.pitch = STANCE_PITCH_RAD;
+    aim(planned_goal);
+    memcpy(now.target, target, sizeof now.target);
 }
 
 const JumpCounts *jump_counts(void) { return &now.counts; }
@@ -103,11 +116,11 @@ static void add_turned(double to[3], const double m[9], const double v[3], doubl
     for (int i = 0; i < 3; i++) to[i] += sign * (m[3 * i] * v[0] + m[3 * i + 1] * v[1] + m[3 * i + 2] * v[2]);
 }
 
-/* Mean foot - base of each pair in the frame of the start: front x z, rear x z. */
-static void feet_of(const JumpEstimate *e, double feet[4]) {
+/* Mean foot - base of each pair, front and rear, in world axes. */
+static void pair_offsets(const JumpEstimate *e, double feet[2][3]) {
     double base[9];
     to_matrix(e->base_quaternion, base);
-    memset(feet, 0, 4 * sizeof *feet);
+    memset(feet, 0, 6 * sizeof **feet);
     for (int foot = 0; foot < FEET; foot++) {
         double m[9], at[3] = {0, 0, 0};
         memcpy(m, base, sizeof m);
@@ -125,11 +138,8 @@ static void feet_of(const JumpEstimate *e, double feet[4]) {
             add_turned(at, m, link_anchor[link], -1);
         }
         add_turned(at, m, foot_point[foot], 1);
-        double ahead = at[0] * now.forward[0] + at[1] * now.forward[1];
-        for (int pair = 0; pair < 2; pair++) {
-            feet[2 * pair] += foot_share[foot][pair] * ahead;
-            feet[2 * pair + 1] += foot_share[foot][pair] * at[2];
-        }
+        for (int pair = 0; pair < 2; pair++)
+            for (int i = 0; i < 3; i++) feet[pair][i] += foot_share[foot][pair] * at[i];
     }
 }
 
@@ -138,27 +148,31 @@ static int row_at(double time_s) {
     return row < 0 ? 0 : row > ROWS - 1 ? ROWS - 1 : (int)row;
 }
 
-/* Entries first ... first + count - 1 of a row of the plan, moved by a shift of the goal. */
-static void plan_at(int row, int first, int count, const double shift[3], double *values) {
+/* Entries first ... first + count - 1 of a row of the plan, where goal and stance are moved. */
+static void plan_at(int row, int first, int count, const double moved[4], double *values) {
     for (int i = 0; i < count; i++) {
-        const int j = first + i;
-        values[i] = plan[row][0][j] + shift[0] * plan[row][1][j] + shift[1] * plan[row][2][j] + shift[2] * plan[row][3][j];
+        values[i] = plan[row][0][first + i];
+        for (int axis = 0; axis < AXES; axis++) values[i] += moved[axis] * plan[row][1 + axis][first + i];
     }
 }
 
 /* Keep how far trunk and feet are from the shifted plan. */
-static void measure(double time_s, const JumpEstimate *e, const double shift[3]) {
+static void measure(double time_s, const JumpEstimate *e, const double moved[4]) {
     const double *p = e->base_position, *q = e->base_quaternion, *v = e->base_velocity;
-    double deviation[DEVIATIONS], planned[DEVIATIONS];
+    double deviation[DEVIATIONS], planned[DEVIATIONS], feet[2][3];
     double sine = 2 * (q[0] * q[2] - q[3] * q[1]);
     deviation[0] = (p[0] - now.x) * now.forward[0] + (p[1] - now.y) * now.forward[1];
-    deviation[1] = p[2];
+    deviation[1] = p[2] - now.level;
     deviation[2] = asin(sine > 1 ? 1 : sine < -1 ? -1 : sine);
     deviation[3] = v[0] * now.forward[0] + v[1] * now.forward[1];
     deviation[4] = v[2];
     deviation[5] = e->base_angular_velocity[1];
-    feet_of(e, deviation + STATE);
-    plan_at(row_at(time_s), OF_STATE, DEVIATIONS, shift, planned);
+    pair_offsets(e, feet);
+    for (int pair = 0; pair < 2; pair++) {
+        deviation[STATE + 2 * pair] = feet[pair][0] * now.forward[0] + feet[pair][1] * now.forward[1];
+        deviation[STATE + 2 * pair + 1] = feet[pair][2];
+    }
+    plan_at(row_at(time_s), OF_STATE, DEVIATIONS, moved, planned);
     for (int i = 0; i < DEVIATIONS; i++) now.latest[now.next][i] = deviation[i] - planned[i];
     now.next = (now.next + 1) % KEPT;
     if (now.kept < KEPT) now.kept++;
@@ -180,7 +194,7 @@ static int mean_deviation(double mean[DEVIATIONS]) {
 
 /* Landing of a jump to one constant goal in which nothing unexpected happens. */
 static void landing_of(const double goal[3], double landing[3]) {
-    double in[4] = {goal[0], goal[1], goal[2], STANCE_PITCH_RAD};
+    double in[4] = {goal[0], goal[1], goal[2], now.pitch};
     for (int i = 0; i < 3; i++) {
         landing[i] = goal[i] + landing_trend[0][i];
         for (int j = 0; j < 4; j++) landing[i] += in[j] * landing_trend[1 + j][i];
@@ -197,16 +211,16 @@ static void landing_of(const double goal[3], double landing[3]) {
 /* Landing to reckon with: what was expected before the jump, and the share of what was measured that can be believed. */
 static void predict(int update, const double before[3], const double deviation[DEVIATIONS], double landing[3]) {
     double expected[3], predicted[3], goal[3], in[INPUTS], squared = 0, doubt = 0;
-    for (int i = 0; i < 3; i++) goal[i] = planned_goal[i] + before[i];
-    landing_of(planned_goal, expected);
+    for (int i = 0; i < 3; i++) goal[i] = now.goal[i] + before[i];
+    landing_of(now.goal, expected);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
-            for (int t = 0; t < update; t++) expected[i] += authority[t][i][j] * now.shift[t][j];
-            for (int t = update; t < UPDATES; t++) expected[i] += authority[t][i][j] * before[j];
+            for (int t = 0; t < update; t++) expected[i] += now.authority.by_update[t][i][j] * now.shift[t][j];
+            for (int t = update; t < UPDATES; t++) expected[i] += now.authority.by_update[t][i][j] * before[j];
         }
     in[0] = 1;
     for (int i = 0; i < 3; i++) in[1 + i] = goal[i];
-    in[4] = STANCE_PITCH_RAD;
+    in[4] = now.pitch;
     for (int i = 0; i < DEVIATIONS; i++) in[5 + i] = deviation[i];
     landing_of(goal, predicted);
     for (int k = 0; k < INPUTS; k++) {
@@ -224,186 +238,42 @@ static void predict(int update, const double before[3], const double deviation[D
     for (int i = 0; i < 3; i++) landing[i] = expected[i] + (share > 0 ? share : 0) * (predicted[i] - expected[i]);
 }
 
-/* ---- quadratic program ---- */
+/* ---- stance that was not seen before the jump ---- */
 
-static double slack_of(int c) {
-    const int n = qp.n, u = qp.update;
-    if (c < n) return (qp.upper[c] - qp.x[c]) * bound_scale[u][c];
-    if (c < 2 * n) return (qp.x[c - n] - qp.lower[c - n]) * bound_scale[u][c - n];
-    c -= 2 * n;
-    if (c < LANDING_ROWS) {
-        double left = qp.landing[c];
-        for (int i = 0; i < n; i++) left -= landing_row[u][c][i] * qp.x[i];
-        return left;
-    }
-    c -= LANDING_ROWS;
-    const int e = efforts_of_update[u] + c;
-    const double *x = qp.x + 3 * effort_step[e], *slope = effort_slope[e];
-    return qp.room[c] - slope[0] * x[0] - slope[1] * x[1] - slope[2] * x[2] + effort_soft[e] * qp.x[n - 1];
+static int are_finite(const double *values, int count) {
+    int finite = 1;
+    for (int i = 0; i < count; i++) finite = finite && isfinite(values[i]);
+    return finite;
 }
 
-/* d = -J' a of a constraint. */
-static void project(int c) {
-    const int n = qp.n, u = qp.update;
-    double a[VARIABLES] = {0};
-    if (c < n) a[c] = -bound_scale[u][c];
-    else if (c < 2 * n) a[c - n] = bound_scale[u][c - n];
-    else if (c < 2 * n + LANDING_ROWS)
-        for (int i = 0; i < n; i++) a[i] = -landing_row[u][c - 2 * n][i];
-    else {
-        const int e = efforts_of_update[u] + c - 2 * n - LANDING_ROWS;
-        for (int i = 0; i < 3; i++) a[3 * effort_step[e] + i] = -effort_slope[e][i];
-        a[n - 1] = effort_soft[e];
+/* Take in the stance while all feet stand; at the end choose goal and target for it. */
+static void measure_stance(double time_s, const JumpEstimate *e) {
+    double feet[2][3], goal[3], state[STATE], pitch, share;
+    if (time_s < MEASURED_UNTIL_S - ROUNDING_S) {
+        if (!are_finite(e->base_position, 3) || !are_finite(e->base_quaternion, 4) || !are_finite(e->joint_pos, JOINTS))
+            return;
+        pair_offsets(e, feet);
+        now.stood++;
+        now.pitch_sum -= atan2(feet[0][2] - feet[1][2], hypot(feet[0][0] - feet[1][0], feet[0][1] - feet[1][1]));
+        now.height_sum += e->base_position[2];
+        return;
     }
-    memset(qp.d, 0, sizeof qp.d);
-    for (int i = 0; i < n; i++)
-        if (a[i] != 0)
-            for (int j = 0; j < n; j++) qp.d[j] += a[i] * qp.J[i][j];
-}
-
-static void rotate_columns(int j, double c, double s) {
-    for (int i = 0; i < qp.n; i++) {
-        const double left = qp.J[i][j], right = qp.J[i][j + 1];
-        qp.J[i][j] = c * left + s * right;
-        qp.J[i][j + 1] = c * right - s * left;
-    }
-}
-
-static void activate(int c, double multiplier) {
-    for (int j = qp.n - 1; j > qp.q; j--) {
-        if (qp.d[j] == 0) continue;
-        const double r = hypot(qp.d[j - 1], qp.d[j]), cosine = qp.d[j - 1] / r, sine = qp.d[j] / r;
-        qp.d[j - 1] = r;
-        qp.d[j] = 0;
-        rotate_columns(j - 1, cosine, sine);
-    }
-    for (int i = 0; i <= qp.q; i++) qp.R[i][qp.q] = qp.d[i];
-    qp.u[qp.q] = multiplier;
-    qp.active[qp.q++] = c;
-    qp.is_active[c] = 1;
-}
-
-static void release(int l) {
-    qp.is_active[qp.active[l]] = 0;
-    qp.q--;
-    for (int j = l; j < qp.q; j++) {
-        qp.active[j] = qp.active[j + 1];
-        qp.u[j] = qp.u[j + 1];
-        for (int i = 0; i <= j + 1; i++) qp.R[i][j] = qp.R[i][j + 1];
-    }
-    for (int j = l; j < qp.q; j++) {
-        const double r = hypot(qp.R[j][j], qp.R[j + 1][j]);
-        if (r == 0) continue;
-        const double cosine = qp.R[j][j] / r, sine = qp.R[j + 1][j] / r;
-        qp.R[j][j] = r;
-        qp.R[j + 1][j] = 0;
-        for (int k = j + 1; k < qp.q; k++) {
-            const double up = qp.R[j][k], down = qp.R[j + 1][k];
-            qp.R[j][k] = cosine * up + sine * down;
-            qp.R[j + 1][k] = cosine * down - sine * up;
-        }
-        rotate_columns(j, cosine, sine);
-    }
-}
-
-/* Make a violated constraint hold, releasing others where they are in the way; whether that is possible. */
-static int enforce(int c, int *iterations) {
-    const int n = qp.n;
-    double multiplier = 0, slack = slack_of(c);
-    while ((*iterations)++ < LARGEST_ITERATIONS) {
-        double r[VARIABLES], along = 0, whole = 0, largest = INFINITY;
-        int leaves = -1;
-        project(c);
-        for (int j = 0; j < n; j++) whole += qp.d[j] * qp.d[j];
-        for (int j = qp.q; j < n; j++) along += qp.d[j] * qp.d[j];
-        for (int i = qp.q - 1; i >= 0; i--) {
-            r[i] = qp.d[i];
-            for (int k = i + 1; k < qp.q; k++) r[i] -= qp.R[i][k] * r[k];
-            r[i] /= qp.R[i][i];
-        }
-        for (int i = 0; i < qp.q; i++)
-            if (r[i] > 0 && qp.u[i] / r[i] < largest) {
-                largest = qp.u[i] / r[i];
-                leaves = i;
-            }
-        const double full = along > DEPENDENT * whole ? -slack / along : INFINITY;
-        const double step = full < largest ? full : largest;
-        if (!isfinite(step)) return 0;
-        for (int i = 0; i < qp.q; i++) qp.u[i] -= step * r[i];
-        multiplier += step;
-        if (isfinite(full)) {
-            for (int i = 0; i < n; i++)
-                for (int j = qp.q; j < n; j++) qp.x[i] += step * qp.J[i][j] * qp.d[j];
-            slack += step * along;
-        }
-        if (step == full) {
-            activate(c, multiplier);
-            return 1;
-        }
-        release(leaves);
-    }
-    return 0;
-}
-
-/* Solve the program; whether it has a solution. */
-static int solve(void) {
-    const int n = qp.n, u = qp.update;
-    const int constraints = 2 * n + LANDING_ROWS + efforts_of_update[u + 1] - efforts_of_update[u];
-    double image[VARIABLES] = {0};
-    int iterations = 0;
-    qp.q = 0;
-    memset(qp.is_active, 0, sizeof qp.is_active);
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            qp.J[i][j] = inverse_root[u][i][j];
-            image[j] -= qp.J[i][j] * qp.gradient[i];
-        }
-    for (int i = 0; i < n; i++) {
-        qp.x[i] = 0;
-        for (int j = 0; j < n; j++) qp.x[i] += qp.J[i][j] * image[j];
-    }
-    for (;;) {
-        int worst = -1;
-        double least = -VIOLATION;
-        for (int c = 0; c < constraints; c++) {
-            if (qp.is_active[c]) continue;
-            const double slack = slack_of(c);
-            if (!(slack >= least)) {
-                least = slack;
-                worst = c;
-            }
-        }
-        if (worst < 0) return 1;
-        if (!enforce(worst, &iterations)) return 0;
-    }
-}
-
-/* The program of an update from the landing that is predicted without a further change of the shift. */
-static void set_problem(int update, const double landing[3], const double before[3]) {
-    const int steps = steps_of_update[update], shifts = 3 * steps, n = shifts + 3;
-    double miss[3];
-    qp.update = update;
-    qp.n = n;
-    for (int i = 0; i < 3; i++) miss[i] = landing[i] - target[i];
-    for (int i = 0; i < n; i++) {
-        qp.gradient[i] = 0;
-        for (int j = 0; i < shifts && j < 3; j++)
-            qp.gradient[i] += authority_of_step[update][j][i] * miss[j] / (matters_of_target[j] * matters_of_target[j]);
-        qp.upper[i] = i < shifts ? largest_shift[i % 3] - before[i % 3] : INFINITY;
-        qp.lower[i] = i < shifts ? -largest_shift[i % 3] - before[i % 3] : 0;
-    }
+    now.stance_known = 1;
+    if (!now.stood) return;
+    pitch = now.pitch_sum / now.stood;
+    if (!(pitch >= stance_pitch[0] && pitch <= stance_pitch[PITCHES - 1])) return;
+    const int k = place(stance_pitch, PITCHES, pitch, &share), next = k + (PITCHES > 1);
     for (int i = 0; i < 3; i++) {
-        qp.upper[i] = fmin(qp.upper[i], largest_change[i]);
-        qp.lower[i] = fmax(qp.lower[i], -largest_change[i]);
+        goal[i] = (1 - share) * stance_goal[k][i] + share * stance_goal[next][i];
+        now.change[i] = goal[i] - now.goal[i];
     }
-    qp.landing[0] = (LARGEST_PITCH_RAD - landing[2]) * landing_row_scale[update][0];
-    qp.landing[1] = (LARGEST_PITCH_RAD + landing[2]) * landing_row_scale[update][1];
-    qp.landing[2] = (BELOW_TARGET_M + miss[1]) * landing_row_scale[update][2];
-    for (int e = efforts_of_update[update]; e < efforts_of_update[update + 1]; e++) {
-        const double *slope = effort_slope[e];
-        const double room = effort_room[e] - slope[0] * before[0] - slope[1] * before[1] - slope[2] * before[2];
-        qp.room[e - efforts_of_update[update]] = room > 0 ? room : 0;
-    }
+    now.change[3] = pitch - now.pitch;
+    now.changed_s = time_s;
+    now.pitch = pitch;
+    aim(goal);
+    landing_of(goal, now.target);
+    plan_at(0, OF_STATE, STATE, now.change, state);
+    now.level = now.height_sum / now.stood - state[1];
 }
 
 /* ---- commands ---- */
@@ -411,12 +281,13 @@ static void set_problem(int update, const double landing[3], const double before
 /* Choose the shift from this update on; where that is not possible it stays. */
 static void choose_shift(int update, const double before[3]) {
     double deviation[DEVIATIONS], landing[3], change[3] = {0, 0, 0};
-    if (!mean_deviation(deviation)) now.counts.not_finite++;
-    else {
-        predict(update, before, deviation, landing);
-        set_problem(update, landing, before);
-        if (solve()) memcpy(change, qp.x, sizeof change);
-        else now.counts.not_solved++;
+    if (now.stance_known) {
+        if (!mean_deviation(deviation)) now.counts.not_finite++;
+        else {
+            predict(update, before, deviation, landing);
+            const JumpProgram program = {update, &now.authority, landing, now.target, before, now.change};
+            if (!jump_program_solve(&program, change)) now.counts.not_solved++;
+        }
     }
     for (int t = update; t < UPDATES; t++)
         for (int i = 0; i < 3; i++) now.shift[t][i] = before[i] + change[i];
@@ -439,15 +310,15 @@ static void limit(JumpCommand *command) {
 }
 
 /* Command of the shifted plan. */
-static void follow(double time_s, const double shift[3], const double rate[3], JumpCommand *command) {
+static void follow(double time_s, const double moved[4], const double rate[4], JumpCommand *command) {
     const int row = row_at(time_s), moving = time_s <= LANDING_S;
     const double *unshifted = plan[row][0];
-    plan_at(row, OF_POSITION, JOINTS, shift, command->position);
-    plan_at(row, OF_VELOCITY, JOINTS, shift, command->velocity);
-    plan_at(row, OF_TORQUE, JOINTS, shift, command->torque);
-    plan_at(row, OF_FORCE, 4, shift, command->planned_force);
+    plan_at(row, OF_POSITION, JOINTS, moved, command->position);
+    plan_at(row, OF_VELOCITY, JOINTS, moved, command->velocity);
+    plan_at(row, OF_TORQUE, JOINTS, moved, command->torque);
+    plan_at(row, OF_FORCE, 4, moved, command->planned_force);
     for (int j = 0; j < JOINTS; j++) {
-        for (int i = 0; i < 3; i++) command->velocity[j] += rate[i] * plan[row][1 + i][OF_POSITION + j];
+        for (int i = 0; i < AXES; i++) command->velocity[j] += rate[i] * plan[row][1 + i][OF_POSITION + j];
         command->velocity[j] *= moving;
         command->torque[j] = moving * fmax(-TORQUE_NM, fmin(TORQUE_NM, command->torque[j]));
         command->kp[j] = gains[gains_of_row[row]][0][j];
@@ -464,10 +335,7 @@ static void start(const JumpEstimate *e) {
         now.forward[0] = 1;
     }
     if (now.framed) return;
-    for (int i = 0; i < 3; i++)
-        if (!isfinite(e->base_position[i])) return;
-    for (int i = 0; i < 4; i++)
-        if (!isfinite(e->base_quaternion[i])) return;
+    if (!are_finite(e->base_position, 3) || !are_finite(e->base_quaternion, 4)) return;
     const double *q = e->base_quaternion;
     const double yaw = atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
     now.x = e->base_position[0];
@@ -502,16 +370,24 @@ void jump_tick(const JumpEstimate *measured, JumpCommand *command) {
     const double time_s = e.time_s - now.start_s, at = (time_s + ROUNDING_S) / UPDATE_S;
     const int update = at < 0 ? 0 : at > UPDATES - 1 ? UPDATES - 1 : (int)at;
     const double share = fmin((time_s - update * UPDATE_S) / UPDATE_S, 1);
-    double before[3] = {0, 0, 0}, shift[3], rate[3];
+    double before[3] = {0, 0, 0}, moved[4], rate[4];
+    if (!now.stance_known) measure_stance(time_s, &e);
     if (update) memcpy(before, now.shift[update - 1], sizeof before);
-    for (int i = 0; i < 3; i++) shift[i] = before[i] + share * (now.shift[update][i] - before[i]);
-    if (time_s <= TAKE_OFF_S) measure(time_s, &e, shift);
+    const double gone = fmin(fmax((time_s - now.changed_s) / REACHED_IN_S, 0), 1); /* of the way to the stance */
+    for (int i = 0; i < 4; i++) {
+        moved[i] = gone * now.change[i];
+        if (i < 3) moved[i] += before[i] + share * (now.shift[update][i] - before[i]);
+    }
+    if (time_s <= TAKE_OFF_S) measure(time_s, &e, moved);
     if (update >= now.updates) {
         now.updates = update + 1;
         choose_shift(update, before);
     }
-    for (int i = 0; i < 3; i++) rate[i] = share < 1 ? (now.shift[update][i] - before[i]) / UPDATE_S : 0;
-    follow(time_s, shift, rate, command);
+    for (int i = 0; i < 4; i++) {
+        rate[i] = gone < 1 ? now.change[i] / REACHED_IN_S : 0;
+        if (i < 3 && share < 1) rate[i] += (now.shift[update][i] - before[i]) / UPDATE_S;
+    }
+    follow(time_s, moved, rate, command);
     now.last = *command;
     now.has_last = 1;
 }
