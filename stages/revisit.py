@@ -170,7 +170,7 @@ def experiment_cases(cases: list[Seen], number: int) -> list[Seen]:
     asking = [
         case
         for case in cases
-        if case.first.kind in ("single", "pair")
+        if case.first.kind in ("single", "pair", "triple")
         and case.first.verdict == "ambiguous"
         and case.first.detectable
         and is_runnable(case.report.get("next_experiment") or {})

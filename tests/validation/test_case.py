@@ -23,7 +23,7 @@ from leapgap.validation.off_table import families
 from leapgap.validation.off_table.crosstalk import Crosstalk
 from leapgap.validation.off_table.loads import SLOSH_HZ, SloshingPayload
 from leapgap.validation.off_table.measurement import PacketLoss
-from leapgap.validation.off_table.motors import Backlash
+from leapgap.validation.off_table.motors import Backlash, DeadBand
 from leapgap.validation.off_table.pulls import DRAG_AREA, Wind
 from stages.common import CONF
 from tests.conftest import standing
@@ -38,7 +38,7 @@ def sizes() -> dict[str, dict[str, list[float]]]:
 @pytest.fixture(scope="module")
 def halves() -> dict[str, Half]:
     names = sorted(families())
-    return {"a": Half(1, 20, 3, 6, 2, names[:6]), "b": Half(2, 20, 3, 6, 2, names[6:])}
+    return {"a": Half(1, 20, 3, 6, 2, names[:6]), "b": Half(2, 20, 3, 7, 2, names[6:])}
 
 
 def case_of(*acting: Effect) -> Case:
@@ -127,7 +127,7 @@ def test_cases_cover_every_effect_and_families_are_split(
     halves: dict[str, Half], sizes: dict[str, dict[str, list[float]]], robot: Robot
 ) -> None:
     cases = draw_cases(halves, sizes, ["com_offset"], robot)
-    assert len(cases) == 62
+    assert len(cases) == 63
     for half in halves:
         own = [c for c in cases if c.half == half]
         assert {c.effects[0].name for c in own if c.kind == "single"} == set(effects.by_default())
@@ -140,6 +140,19 @@ def test_cases_cover_every_effect_and_families_are_split(
                 assert p.lower <= getattr(effect, p.name) <= p.upper
                 assert getattr(effect, p.name) != p.nominal
             assert effect_from_json(effect_to_json(effect)) == effect
+
+
+def test_triples_are_three_different_effects_and_change_no_other_case(
+    halves: dict[str, Half], sizes: dict[str, dict[str, list[float]]], robot: Robot
+) -> None:
+    more = {name: replace(half, triple=4) for name, half in halves.items()}
+    cases, before = draw_cases(more, sizes, [], robot), draw_cases(halves, sizes, [], robot)
+    triples = [case for case in cases if case.kind == "triple"]
+    assert len(triples) == 4 * len(halves)
+    assert all(len({effect.name for effect in case.effects}) == 3 for case in triples)
+    first = min(halves)
+    drawn = {case.effects for case in cases if case.half == first and case.kind != "triple"}
+    assert drawn == {case.effects for case in before if case.half == first}
 
 
 def test_no_off_table_effect_is_known_to_the_diagnosis() -> None:
@@ -252,6 +265,21 @@ def test_a_joint_gets_a_share_of_the_torque_of_the_next_motor_of_its_leg(robot: 
     moved = np.abs(same.qvel - off.qvel).max()
     assert moved > 0.1
     assert np.abs(leaking.qvel - same.qvel).max() < 0.02 * moved
+
+
+def test_a_dead_band_takes_what_it_says_from_a_torque_and_all_of_a_small_one(robot: Robot) -> None:
+    """In the air: told 4 and 0.5 N·m with a band of 1, the calves move as if told 3 and nothing."""
+    air = flying(robot, 20)
+    free = dict(air.columns) | {name: np.zeros(20) for name in air.columns if name.startswith(("cmd_kp", "cmd_kd"))}
+
+    def told(rear: float, front: float) -> Log:
+        both = {"cmd_tau/RR_calf": np.full(20, rear), "cmd_tau/FR_calf": np.full(20, front)}
+        return Log("air", free | both, air.info)
+
+    trials = [Rollout(told(4.0, -0.5), (DeadBand("calf", torque_nm=1.0),)), Rollout(told(3.0, 0.0))]
+    cut, same, full = Generator(robot, step_s=0.001).motions([*trials, Rollout(told(4.0, -0.5))])
+    assert np.abs(full.qvel - same.qvel).max() > 0.1
+    assert np.abs(cut.qvel - same.qvel).max() < 1e-6
 
 
 def test_backlash_holds_the_link_within_its_play(robot: Robot) -> None:

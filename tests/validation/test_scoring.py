@@ -107,6 +107,20 @@ def test_one_of_a_pair_named_is_no_wrong_name() -> None:
     assert not half.right
 
 
+def test_members_of_triples_count_where_they_show() -> None:
+    """Of two triples with three and two members that show, the answers have three and one of them."""
+    names = ("joint_damping", "torque_gain", "payload")
+    whole = outcome("a", truth("triple", *names), report("named", [[name] for name in names]), None)
+    part = truth("triple", *names) | {"changes": [0.4, 0.3, 0.1]}
+    one = outcome("b", part, report("partly", [["torque_gain"]]), None)
+    found = scoring.scores([whole, one], 5, 10, np.random.default_rng(1))
+    assert found["triples_members_named"] == pytest.approx(4 / 5)
+    assert found["triples_all_named"] == pytest.approx(1 / 2)
+    assert found["cases"] == 2
+    assert whole.right
+    assert not one.right
+
+
 def test_true_parameter_is_that_of_the_logs_and_not_of_the_proof(outcomes: list[CaseOutcome]) -> None:
     assert outcomes[0].compared[0].true == 0.4
     assert outcomes[0].compared[0].error == pytest.approx(0.1)

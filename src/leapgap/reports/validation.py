@@ -13,31 +13,33 @@ from leapgap.validation.scoring import CONDITIONS
 
 RIGHT, WRONG = "#14804a", "#c0391b"
 BARS = {
-    "named_first": ("named first, of detectable single effects", 0.90, ">="),
+    "named_first": ("named first, of detectable single effects", 0.97, ">="),
     "named_in_set": ("within the reported set", 0.97, ">="),
     "set_size_mean": ("mean size of the reported set", 2.0, "<="),
-    "wrongly_named": ("a wrong `named`, of all cases", 0.05, "<="),
-    "unknown_recall": ("`unknown`, of detectable off-table effects", 0.80, ">="),
-    "where_right": ("localisation right: phase and channel of the largest share", 0.90, ">="),
+    "wrongly_named": ("a wrong `named`, of all cases", 0.03, "<="),
+    "unknown_recall": ("`unknown` or `partly`, of detectable off-table effects", 0.90, ">="),
+    "none_correct": ("`none`, of robots with nothing wrong", 0.95, ">="),
+    "where_right": ("localisation right: phase and channel of the largest share", None, ""),
     "where_overlap": ("overlap of the map with the true one, above five noise floors", 0.80, ">="),
     "where_top_three": ("largest true share among the three largest of the map", None, ""),
-    "pairs_both_named": ("both of a pair named", 0.75, ">="),
-    "parameter_error_median": ("median parameter error", 0.10, "<="),
-    "coverage": ("95 % intervals that contain the truth (0.90 to 0.98)", 0.90, ">="),
+    "pairs_both_named": ("both of a pair named", 0.85, ">="),
+    "triples_members_named": ("named, of the members of triples that show", 0.60, ">="),
+    "parameter_error_median": ("median parameter error", 0.03, "<="),
+    "coverage": ("95 % intervals that contain the truth (0.92 to 0.97)", 0.92, ">="),
     "closure_promise_error": ("mean |promised − realised closure|", 0.05, "<="),
-    "next_experiment_resolves": ("ambiguous cases that the next experiment resolves", 0.70, ">="),
+    "next_experiment_resolves": ("ambiguous cases that the next experiment resolves", 0.80, ">="),
     "further_jumps_find": ("missed effects that are found with further jumps", None, ""),
-    "struck_honest_mirrored": ("right answer with the true effect ablated", None, ""),
+    "struck_honest_mirrored": ("right answer with the true effect ablated", 0.90, ">="),
     "uneven_clock_first": ("the clock named first, of logs with uneven rows", 0.90, ">="),
     "uneven_effect_named": ("the detectable effect beside uneven rows named too", None, ""),
-    "third_none_correct": ("`none`, in a third physics", None, ""),
+    "third_none_correct": ("`none`, in a third physics", 0.95, ">="),
     "third_named_first": ("named first, of detectable single effects in a third physics", None, ""),
     "too_high_named_first": ("named first, of detectable too high friction, damping or armature", None, ""),
     "brier": ("Brier score of the first cause's probability", None, ""),
     "calibration_error": ("calibration error", None, ""),
 }
 """Score → its description, its bar, and the side of the bar that is good."""
-COVERAGE_MOST = 0.98
+COVERAGE_MOST = 0.97
 NOTHING = '<p class="note">No such case.</p>'
 HALVES = {"reported": "reported: unseen seed, other families", "tuning": "tuning: thresholds may have seen it"}
 

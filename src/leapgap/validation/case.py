@@ -35,13 +35,10 @@ from leapgap.validation.generator import (
     planned_rows,
 )
 from leapgap.validation.off_table import family
-from leapgap.validation.outcome import CLOCK
+from leapgap.validation.outcome import CLOCK, DETECTABLE_FLOORS
 from leapgap.validation.physics import USUAL, Physics, physics_of
 from leapgap.validation.true_localisation import true_localisation
 from leapgap.validation.uneven_rows import UnevenRows, clock_family, draw_timings
-
-DETECTABLE_FLOORS = 2.0
-"""An effect is detectable where it changes the headline figure of the motion by this many noise floors."""
 
 CLOCK_SEED = 2
 """Distinguishes the generator of the rows from others of the same case."""

@@ -15,8 +15,8 @@ from leapgap.validation.own_numbers import OwnNumbers
 from leapgap.validation.physics import OTHERS, USUAL, Physics
 from leapgap.validation.uneven_rows import ClockFamily, clock_family
 
-KINDS = ("single", "pair", "nameless", "none")
-"""One effect of the table, two of them, one off-table effect, or no effect."""
+KINDS = ("single", "pair", "nameless", "none", "triple")
+"""One effect of the table, two of them, one off-table effect, no effect, or three effects of the table."""
 FURTHER_KINDS = ("uneven", "third", "too_high")
 """Rows that are not what they claim, with an effect of the table or without; an effect or none in a third physics; a
 model whose joint friction, damping or armature is larger than the robot's."""
@@ -33,6 +33,7 @@ class Half:
     none: int
     families: list[str]
     """Names of the off-table effects that are used in turn."""
+    triple: int = 0
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def draw_cases(
 ) -> list[Case]:
     """All cases of all halves; ``signed`` effects depart to either side of nominal.
 
-    The four ordinary kinds come first in shuffled order, then the further kinds, shuffled too. Every further kind is
+    The ordinary kinds come first in shuffled order, then the further kinds, shuffled too. Every further kind is
     drawn by a generator of its own, so that the ordinary cases of a seed stay what they are.
     """
     cases = draw_ordinary_cases(halves, sizes, signed, robot)
@@ -100,7 +101,7 @@ def draw_cases(
 def draw_ordinary_cases(
     halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot, own: OwnNumbers | None = None
 ) -> list[Case]:
-    """The cases of the four ordinary kinds of all halves in shuffled order.
+    """The cases of the ordinary kinds of all halves in shuffled order.
 
     With ``own`` the sizes are shares of the robot's own numbers, and effects that do not exist on it are not drawn.
     """
@@ -113,12 +114,13 @@ def draw_ordinary_cases(
         known = [str(n) for n in rng.permutation(sorted(set(effects.known()) & set(sizes) & sampler.existing))]
         drawn: list[tuple[str, tuple[Effect, ...]]] = []
         drawn += [("single", (sampler.sample(known[i % len(known)]),)) for i in range(half.single)]
-        drawn += [("pair", sampler.sample_pair(known)) for _ in range(half.pair)]
+        drawn += [("pair", sampler.sample_several(known, 2)) for _ in range(half.pair)]
         if half.nameless and not half.families:
             raise InputError(f"withhold.halves.{name}", "no families", "names of off-table effects", "list some")
         check_families(half.families, robot)
         drawn += [("nameless", (sampler.sample(half.families[i % len(half.families)]),)) for i in range(half.nameless)]
         drawn += [("none", ())] * half.none
+        drawn += [("triple", sampler.sample_several(known, 3)) for _ in range(half.triple)]
         cases += [Case(name, kind, own, int(rng.integers(2**31))) for kind, own in drawn]
     order = np.random.default_rng([half.seed for half in halves.values()]).permutation(len(cases))
     return [cases[i] for i in order]
@@ -218,10 +220,9 @@ class EffectSampler:
             values[p.name] = float(f"{value:.4g}")
         return kind(location=location, **values)
 
-    def sample_pair(self, names: Sequence[str]) -> tuple[Effect, ...]:
-        """Draw two different effects of the table, each from the upper half of its logarithmic size range."""
-        first, second = self.rng.choice(names, 2, replace=False)
-        return self.sample(str(first), 0.5), self.sample(str(second), 0.5)
+    def sample_several(self, names: Sequence[str], number: int) -> tuple[Effect, ...]:
+        """Draw so many different effects of the table, each from the upper half of its logarithmic size range."""
+        return tuple(self.sample(str(name), 0.5) for name in self.rng.choice(names, number, replace=False))
 
     def sample_clock(self, name: str, sizes: Sizes) -> ClockFamily:
         """Draw the sizes of a clock family."""

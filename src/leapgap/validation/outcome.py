@@ -14,7 +14,9 @@ LEAVES_A_REST = ("unknown", "partly")
 """Verdicts that say that something has no name."""
 CLOCK = "sample_period"
 """Name of the effect as which a diagnosis names rows that are not what they claim."""
-ORDINARY = ("single", "pair", "nameless", "none")
+DETECTABLE_FLOORS = 2.0
+"""An effect is detectable where it changes the headline figure of the motion by this many noise floors."""
+ORDINARY = ("single", "pair", "triple", "nameless", "none")
 """Kinds of cases that the scores without a kind in their name are counted from."""
 
 
@@ -57,7 +59,7 @@ class CaseOutcome:
     """How much the effects change the motion, in noise floors."""
     detectable: bool
     each_detectable: bool
-    """Whether each of a pair, switched off alone, changes the motion detectably."""
+    """Whether each of several effects, switched off alone, changes the motion detectably."""
     verdict: str
     answer: tuple[tuple[str, ...], ...]
     first: str | None
@@ -92,6 +94,8 @@ class CaseOutcome:
     """Overlap of the reported map of the gap with the true one; None where nothing acted."""
     where_top_three: bool = False
     """Whether the largest share of the true map is one of the three largest of the reported one."""
+    members: Mapping[str, bool] = field(default_factory=dict)
+    """Of three effects those that show, each switched off alone, and whether the answer has them."""
 
     @property
     def is_ordinary(self) -> bool:
@@ -165,7 +169,7 @@ def outcome(
         said_true=truth_in_words(truth),
         change_floors=(truth["change"] or 0.0) / floor,
         detectable=truth["detectable"],
-        each_detectable=bool(truth.get("changes")) and min(truth["changes"]) >= 2 * floor,
+        each_detectable=bool(truth.get("changes")) and min(truth["changes"]) >= DETECTABLE_FLOORS * floor,
         verdict=report["verdict"],
         answer=answer,
         first=report["causes"][0]["effect"] if claims else None,
@@ -185,11 +189,22 @@ def outcome(
         physics=truth.get("physics"),
         accepted=tuple(truth.get("accepted", ())),
         clock_first=report["verdict"] in CLAIMS and [c["effect"] for c in report["causes"][:1]] == [CLOCK],
-        effect_detectable="clock" in truth and len(truth["changes"]) > 1 and truth["changes"][1] >= 2 * floor,
+        effect_detectable="clock" in truth
+        and len(truth["changes"]) > 1
+        and truth["changes"][1] >= DETECTABLE_FLOORS * floor,
         robot=truth.get("robot"),
         where_overlap=overlap(true_map, said_map) if true_map else None,
         where_top_three=bool(true_map) and largest(true_map, 1)[0] in largest(said_map, 3),
+        members={name: name in in_answer for name in members_that_show(truth)},
     )
+
+
+def members_that_show(truth: Mapping[str, Any]) -> list[str]:
+    """Of three effects the names of those that change the motion detectably; none of another kind of case."""
+    if truth["kind"] != "triple":
+        return []
+    least = DETECTABLE_FLOORS * truth["noise_floor"]
+    return [e["name"] for e, change in zip(truth["effects"], truth["changes"], strict=True) if change >= least]
 
 
 Map = Mapping[tuple[str, str], float]

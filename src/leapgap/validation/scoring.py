@@ -177,6 +177,8 @@ def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng:
         "located": share(true == said for o in singles for true, said in o.locations),
         "set_size_mean": mean(len(names) for o in singles for names in o.answer),
         **{name: value for name, value in shares.items() if name not in ("named_first", "named_in_set", "named_alone")},
+        "triples_members_named": share(found for o in outcomes for found in o.members.values()),
+        "triples_all_named": share(all(o.members.values()) for o in outcomes if o.members),
         "where_overlap": mean_overlap(outcomes, CLEAR_FLOORS),
         "where_overlap_detectable": mean_overlap(outcomes, 0.0),
         "where_top_three": share(o.where_top_three for o in outcomes if o.detectable and o.where_overlap is not None),

@@ -1,4 +1,4 @@
-"""Off-table effects of motors and gears: backlash, cogging."""
+"""Off-table effects of motors and gears: backlash, cogging, a dead band."""
 
 from dataclasses import dataclass
 
@@ -19,6 +19,32 @@ TOOTH_DAMPING = 2.0
 
 
 @dataclass(frozen=True)
+class MotorTorque:
+    """What motors with joint PD give, as the model has them when this is made."""
+
+    gain: np.ndarray
+    """(motors,), N·m per unit of control."""
+    bias: np.ndarray
+    """(motors, 3): constant, N·m per rad and N·m per rad/s."""
+    limit: np.ndarray
+    """(motors, 2) least and largest torque, N·m."""
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, actuators: np.ndarray) -> "MotorTorque":
+        """Copies of the model's numbers."""
+        return cls(
+            model.actuator_gainprm[actuators, 0].copy(),
+            model.actuator_biasprm[actuators, :3].copy(),
+            model.actuator_forcerange[actuators].copy(),
+        )
+
+    def __call__(self, control: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Torques, N·m, at joint angles, rad, and velocities, rad/s, (motors,) each."""
+        torque = self.gain * control + self.bias[:, 1] * q + self.bias[:, 2] * v
+        return np.clip(torque, self.limit[:, 0], self.limit[:, 1])
+
+
+@dataclass(frozen=True)
 class Backlash(OffTableEffect):
     """Play in the gears: the rotor turns freely within it before its teeth push the link.
 
@@ -35,8 +61,7 @@ class Backlash(OffTableEffect):
         at = robot.joints_at(self.location)
         actuators, dofs, qpos = robot.joint_actuators[at], robot.joint_dofs[at], robot.joint_qpos[at]
         inertia = model.dof_armature[dofs].copy()
-        gain, bias = model.actuator_gainprm[actuators, 0].copy(), model.actuator_biasprm[actuators, :3].copy()
-        limit = model.actuator_forcerange[actuators].copy()
+        motor = MotorTorque.of(model, actuators)
         model.actuator_gainprm[actuators], model.actuator_biasprm[actuators] = 0.0, 0.0
         model.dof_armature[dofs] = 0.0
         mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -46,8 +71,7 @@ class Backlash(OffTableEffect):
             q, v = data.qpos[qpos], data.qvel[dofs]
             if not rotor:
                 rotor["q"], rotor["v"] = q.copy(), v.copy()
-            motor_torque = gain * data.ctrl[actuators] + bias[:, 1] * q + bias[:, 2] * v
-            motor_torque = np.clip(motor_torque, limit[:, 0], limit[:, 1])
+            motor_torque = motor(data.ctrl[actuators], q, v)
             twist = rotor["q"] - q
             beyond = twist - np.clip(twist, -self.play_rad / 2, self.play_rad / 2)
             teeth = np.where(beyond != 0, TOOTH_STIFFNESS * beyond + TOOTH_DAMPING * (rotor["v"] - v), 0.0)
@@ -78,4 +102,29 @@ class Cogging(OffTableEffect):
         return ripple
 
 
-KINDS: tuple[type[OffTableEffect], ...] = (Backlash, Cogging)
+@dataclass(frozen=True)
+class DeadBand(OffTableEffect):
+    """A driver that gives no small currents: of a torque τ the joint gets what is left of its size beyond the band.
+
+    Unlike dry friction it takes from torques at rest as well, and does nothing while the motor is idle.
+    """
+
+    name = "dead_band"
+    places = "joints"
+
+    torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0)
+
+    def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
+        """Take the band away from what the motors of the location give."""
+        at = robot.joints_at(self.location)
+        actuators, dofs, qpos = robot.joint_actuators[at], robot.joint_dofs[at], robot.joint_qpos[at]
+        motor = MotorTorque.of(model, actuators)
+
+        def take(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+            given = motor(data.ctrl[actuators], data.qpos[qpos], data.qvel[dofs])
+            data.qfrc_applied[dofs] -= np.clip(given, -self.torque_nm, self.torque_nm)
+
+        return take
+
+
+KINDS: tuple[type[OffTableEffect], ...] = (Backlash, Cogging, DeadBand)
