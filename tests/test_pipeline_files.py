@@ -69,8 +69,8 @@ def test_every_grid_that_lands_has_models_of_its_own_steps() -> None:
     land = OmegaConf.load(ROOT / "conf/land/default.yaml")
     raw = OmegaConf.to_container(OmegaConf.create((ROOT / "dvc.yaml").read_text().replace("${", "$ {")))
     steps = {f"data/models/{name}": of["grid"] for name, of in raw["stages"]["chunk"]["foreach"].items()}  # type: ignore[index,call-overload]
-    makefile = (ROOT / "Makefile").read_text()
-    steps |= {f"data/models/simulated_{name}": grid for name, grid in re.findall(r"^STEPS_(\w+) := (.*)", makefile, re.M)}
+    by_make = re.findall(r"^STEPS_(\w+) := (.*)", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    steps |= {f"data/models/simulated_{name}": grid for name, grid in by_make}
     for name, folder in land.models.items():
         made = compose_params(steps[folder].split())
         chunk, grid = OmegaConf.create(made).chunk, land.grids[name]
