@@ -106,8 +106,8 @@ def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
     for folder in sorted({(cache.folder / job.place).parent for job in jobs}):
         write_text(folder / SCRIPT, plotly.offline.get_plotlyjs())
     todo = [job for job in jobs if cache.get(job.place, job.key) is None]
-    if executor.workers > 1:
-        todo = [replace(job, threads=1) for job in todo]
+    if executor.workers > 1 and len(todo) > 1:
+        todo = [replace(job, threads=1) for job in todo]  # side by side; a single one uses every core itself
     print(f"{len(jobs)} cases, {len(jobs) - len(todo)} of them diagnosed already", flush=True)
     failed = {}
     for number, (name, sentence, error) in enumerate(executor.map(partial(judge, cache), todo), start=1):

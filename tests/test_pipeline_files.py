@@ -64,6 +64,19 @@ def test_the_lock_holds_no_stage_that_is_gone() -> None:
     assert set(lock["stages"]) <= set(stage_names(ROOT / "dvc.yaml"))  # type: ignore[index,call-overload,arg-type]
 
 
+def test_every_grid_that_lands_has_models_of_its_own_steps() -> None:
+    """The pipeline trains the grids that are landed with by default, and `make full` the others."""
+    land = OmegaConf.load(ROOT / "conf/land/default.yaml")
+    raw = OmegaConf.to_container(OmegaConf.create((ROOT / "dvc.yaml").read_text().replace("${", "$ {")))
+    steps = {f"data/models/{name}": of["grid"] for name, of in raw["stages"]["chunk"]["foreach"].items()}  # type: ignore[index,call-overload]
+    by_make = re.findall(r"^STEPS_(\w+) := (.*)", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    steps |= {f"data/models/simulated_{name}": grid for name, grid in by_make}
+    for name, folder in land.models.items():
+        made = compose_params(steps[folder].split())
+        chunk, grid = OmegaConf.create(made).chunk, land.grids[name]
+        assert {key: chunk[key] for key in grid} == grid
+
+
 def test_every_size_composes() -> None:
     for path in (ROOT / "conf" / "size").glob("*.yaml"):
         assert compose_params([f"size={path.stem}"])

@@ -21,7 +21,7 @@ from leapgap.jumping.learning import (
     training,
     window_extraction,
 )
-from leapgap.jumping.learning.experiment import MODELS, TrainConfig
+from leapgap.jumping.learning.experiment import TrainConfig
 from leapgap.jumping.learning.model import Nominal, squared_errors
 from leapgap.jumping.learning.models.constant_velocity import ConstantVelocity
 from leapgap.jumping.learning.models.kernel import KernelConfig
@@ -57,7 +57,7 @@ def config(**changes) -> TrainConfig:
             pitch_inertia_kgm2=A1_BODY.pitch_inertia_kgm2,
             curvature=0.0,  # as the jumps were made
             processes=1,
-            models=list(MODELS),
+            models=sorted(recipes(), key=lambda name: len(recipes()[name].members)),  # means after what they are of
             folds=2,
             model_settings={"kernel": KERNEL, "networks": SHORT, "published_recipe": small},
             steps_an_epoch=4,

@@ -18,7 +18,7 @@ def folders(tmp_path):
         "predictions_simulated", "predictions_published", "landings",
     )  # fmt: skip
     places = {name: str(tmp_path / name) for name in names}
-    return View(**places, most=1, most_predictions=1, models=[], landing_methods=["ours", "joint_pd"])
+    return View(**places, most=1, most_predictions=1, most_landings=1, models=[], landing_methods=["ours", "joint_pd"])
 
 
 def test_every_kind_is_written_with_its_ghosts(tmp_path, robot, hop, ghost, folders):

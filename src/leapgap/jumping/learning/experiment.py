@@ -17,11 +17,7 @@ from leapgap.jumping.learning.store import is_stored, load
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 
-MODELS = (
-    *("nominal_published", "nominal", "nominal_fitted", "constant_velocity", "playback", "published_recipe"),
-    *("networks", "networks_no_phase", "kernel", "kernel_no_phase", "blend", "blend_no_phase"),
-    *("networks_forecast", "kernel_forecast"),
-)
+MODELS = ("nominal", "nominal_fitted", "constant_velocity", "playback", "networks", "kernel", "blend")
 """Fitted unless others are asked for."""
 NOT_IN_SESSIONS = ("published_recipe", "networks_forecast", "kernel_forecast")
 """Models that take long, or that are only compared with others of the same folds."""

@@ -31,6 +31,8 @@ class View:
     """Largest number of recordings of each kind; the first by name are taken."""
     most_predictions: int
     """Largest number of jumps with predictions of each kind; the first by name are taken."""
+    most_landings: int
+    """Largest number of tasks whose landings are recorded."""
     models: list[str]
     """Models whose predictions are shown; empty: all."""
     landings: str
@@ -40,8 +42,9 @@ class View:
     out: str | None = None
 
     def __post_init__(self) -> None:
-        if self.most < 0 or self.most_predictions < 0:
-            raise ValueError(f"most {self.most} and most_predictions {self.most_predictions}: 0 or more")
+        counts = {"most": self.most, "most_predictions": self.most_predictions, "most_landings": self.most_landings}
+        if min(counts.values()) < 0:
+            raise ValueError(f"{', '.join(f'{name} {count}' for name, count in counts.items())}: 0 or more")
 
 
 def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
@@ -102,9 +105,9 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
             )
         yield describe_recordings(f"prediction_{kind}", folder, len(tables), view.most_predictions)
     found = comparison_logs(Path(view.landings), view.landing_methods)
-    for task, logs in islice(found.items(), view.most):
+    for task, logs in islice(found.items(), view.most_landings):
         record_comparison(out / f"landing_{task}.rrd", task, logs, robot, Path(view.references))
-    yield describe_recordings("landing", view.landings, len(found), view.most)
+    yield describe_recordings("landing", view.landings, len(found), view.most_landings)
 
 
 def logs_in(folder: Path) -> list[Path]:

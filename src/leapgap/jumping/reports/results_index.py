@@ -216,6 +216,16 @@ SOURCES = (
         pages={"page": "landings/report.html"},
     ),
     Source(
+        "Landings of all methods on all robots",
+        "The same with every method, time grid and run that the tables of the documentation are of.",
+        ("landing_full.json",),
+        "make full",
+        of_landing,
+        bars=best_landing,
+        unit="cm",
+        pages={"page": "landings_full/report.html"},
+    ),
+    Source(
         "Landings with the corrected robot",
         "Planning for the robot as it was diagnosed.",
         ("landing_corrected.json",),
