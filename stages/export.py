@@ -103,8 +103,8 @@ def practice_of(landings: str | None, place: str) -> Iterator[ResultCache]:
 def tracker_of(chosen: ExportSettings, rig: Rig) -> ShiftTracker:
     """The controller of the jump to the target, before its first tick."""
     task = JumpTask("export", *chosen.target, stance_is_seen=chosen.stance_is_seen)
+    reference = Reference.of(rig.plan(task.target), rig.robot)  # a jump that no robot does is refused before practice
     method = rig.method(chosen.method)
-    reference = Reference.of(rig.plan(task.target), rig.robot)
     jump = None if method is None else method.controller(task, reference)
     if not isinstance(jump, GoalShiftJump):
         raise InputError("export.method", chosen.method, "a method of kind learned_goal_mpc", "choose one")

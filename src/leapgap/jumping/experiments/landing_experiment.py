@@ -21,11 +21,14 @@ from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.models.rigid_body_model import planner_body
 from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.presets import Variant
 
 RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.html"
+LEVEL = Target(0.6)
+"""A jump to the ground, which is planned where no task has one."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +110,11 @@ class LandingExperiment:
     def rig(self, hardware: Hardware, runner: TrialRunner) -> Rig:
         """A hardware, with everything that methods need to be prepared on it."""
         settings, planar = self.settings, planar_robot(self.robot)
+        targets = [task.target for task in self.tasks]
+        if all(target.z_m for target in targets):
+            targets.append(LEVEL)  # practice is on level ground, whatever the tasks are
         references: References = {
-            task.target: reference_to(task.target, Path(settings.references), planar, settings.schedule)
-            for task in self.tasks
+            target: reference_to(target, Path(settings.references), planar, settings.schedule) for target in targets
         }
         body = planner_body(self.robot, crouch(references, self.robot), self.rounded)
         world = TrialSetup(self.robot, self.sensing, body=body)
