@@ -10,7 +10,6 @@ import hashlib
 import math
 import os
 import re
-import shutil
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -124,15 +123,6 @@ def refuse(name: str, error: InputError | OSError) -> NoReturn:
     message = error if isinstance(error, InputError) else system_error(error)
     print(f"stages.{name}: {message}", file=sys.stderr)
     raise SystemExit(2) from None
-
-
-def program(name: str) -> str:
-    """The path of a program that a stage calls; ``InputError`` where there is none."""
-    found = shutil.which(name)
-    if found is None:
-        do = "activate the project's environment: . .venv/bin/activate"
-        raise InputError(name, "no such program", "a program on the path", do)
-    return found
 
 
 def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:

@@ -25,8 +25,9 @@ from omegaconf.errors import OmegaConfBaseException
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean
 from leapgap.output_folder import folder_lock, is_inside
-from stages.common import program, refuse
+from stages.common import refuse
 from stages.help import answered_at_once
+from stages.programs import program
 
 IMPORTS, RAW = Path("imports"), Path("data/raw")
 JUMPS = "a1_hardware"

@@ -14,8 +14,9 @@ from pathlib import Path
 
 from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
-from stages.common import program, refuse
+from stages.common import refuse
 from stages.help import answered_at_once
+from stages.programs import program
 
 TEMPLATE, OUT = Path(".dvc/tmp/plots.html"), Path("plots")
 PAGE = """<!doctype html>

@@ -26,8 +26,9 @@ from omegaconf import OmegaConf
 
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
-from stages.common import LONGEST_MESSAGE, program, refuse
+from stages.common import LONGEST_MESSAGE, refuse
 from stages.help import answered_at_once
+from stages.programs import program
 
 RECORDED = Path("metrics/timing/stages.json")
 """Seconds of each stage as committed, measured on an idle machine."""

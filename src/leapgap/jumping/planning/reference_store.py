@@ -57,7 +57,6 @@ def reference_to(
     target: Target, folder: Path, planar: PlanarRobot, schedule: ContactSchedule = PUBLISHED_SCHEDULE
 ) -> Log:
     """The reference to a target: its file in ``folder`` if that has this robot and schedule, else a new plan."""
-    Problem(target, robot=planar)  # refuses a target that is none, before its distance becomes the name of a file
     path = folder / f"{name_of(target)}.parquet"
     if path.is_file():
         found = read_log(path)
