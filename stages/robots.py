@@ -73,8 +73,9 @@ def cases_here(config: DictConfig, chosen: RobotsSettings, raw: Path) -> dict[st
         if is_here(case, raw):
             found[name] = case
             continue
+        absent = case.robot if (raw / case.source).exists() else case.source
         source = Path(case.source).parts[0]
-        print(f"{name}: no files in {raw / case.source}, left out; python -m stages.fetch {source} brings them")
+        print(f"{name}: no files in {raw / absent}, left out; python -m stages.fetch {source} brings them")
     return found
 
 
