@@ -176,8 +176,11 @@ def test_bodies_and_executors_refuse_what_means_nothing() -> None:
         Executor("joblib", -3)
 
 
-@pytest.mark.parametrize("report", [{}, {"provenance": 3}, {"provenance": {}}, {"provenance": {"logs": {"a": "other"}}}])
+OTHERS: list[dict] = [{}, {"provenance": 3}, {"provenance": {}}, {"provenance": {"logs": {"a": "2f"}}}]
+
+
+@pytest.mark.parametrize("report", OTHERS)
 def test_a_report_on_other_logs_than_the_sealed_ones_is_not_scored(report: dict) -> None:
     check_judged_logs("case_1", {"logs": {"a.parquet": "1f"}}, {"provenance": {"logs": {"a": "1f"}}})
-    with pytest.raises(InputError, match="^report of case_1: found logs other than those sealed"):
+    with pytest.raises(InputError, match=r"^report of case_1: found logs other than those sealed"):
         check_judged_logs("case_1", {"logs": {"a.parquet": "1f"}}, report)
