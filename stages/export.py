@@ -27,6 +27,8 @@ from leapgap.jumping.experiments.landing_experiment import RUNS, print_trial
 from leapgap.jumping.experiments.rig import LandSettings, Rig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.export.write import write_controller
+from leapgap.jumping.planning.problem import Problem
+from leapgap.jumping.task import Target
 from leapgap.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.land import experiment_of
@@ -50,6 +52,7 @@ class ExportSettings:
         """Refuse what is no jump before the robot practises for minutes."""
         if len(self.target) != 2 or not all(map(math.isfinite, self.target)):
             raise ValueError(f"target {list(self.target)}: x and z of the landing, two numbers, m")
+        Problem(Target(*self.target))  # refuses what is beyond all jumps
         if not abs(self.stance_pitch_rad) < math.pi / 2:
             raise ValueError(f"stance_pitch_rad {self.stance_pitch_rad}: less than a quarter turn, rad")
 
@@ -103,8 +106,8 @@ def practice_of(landings: str | None, place: str) -> Iterator[ResultCache]:
 def tracker_of(chosen: ExportSettings, rig: Rig) -> ShiftTracker:
     """The controller of the jump to the target, before its first tick."""
     task = JumpTask("export", *chosen.target, stance_is_seen=chosen.stance_is_seen)
+    reference = Reference.of(rig.plan(task.target), rig.robot)  # a jump that no robot does is refused before practice
     method = rig.method(chosen.method)
-    reference = Reference.of(rig.plan(task.target), rig.robot)
     jump = None if method is None else method.controller(task, reference)
     if not isinstance(jump, GoalShiftJump):
         raise InputError("export.method", chosen.method, "a method of kind learned_goal_mpc", "choose one")

@@ -18,11 +18,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
 from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
+from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean
+from leapgap.output_folder import folder_lock, is_inside
 from stages.common import refuse
 from stages.help import answered_at_once
+from stages.programs import program
 
 IMPORTS, RAW = Path("imports"), Path("data/raw")
 JUMPS = "a1_hardware"
@@ -32,6 +37,8 @@ PATIENCE_S = 20
 WITHOUT = "everything runs on simulated hardware and says so"
 WITHOUT_ROBOT = "make robots leaves its cases out and says so"
 """What happens without the jumps, and without the logs of a real robot."""
+UNFINISHED = ".fetching.json"
+"""File in data/raw while files come: their names, so that a fetch that was killed leaves no half of them."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +57,18 @@ class Import:
 
     @staticmethod
     def read(file: Path) -> "Import":
-        """The import that a .dvc file states."""
-        stated = OmegaConf.load(file)
-        (dependency,), (out,) = stated.deps, stated.outs
-        return Import(file, dependency.repo.url, dependency.repo.rev, dependency.path, out.path, out.get("md5"))
+        """The import that a .dvc file states; ``InputError`` for a file that states none."""
+        try:
+            stated = OmegaConf.load(file)
+            (dependency,), (out,) = stated.deps, stated.outs
+            names = dependency.repo.url, dependency.repo.rev, dependency.path, out.path
+            if not all(isinstance(one, str) for one in names) or not is_inside(out.path):
+                raise ValueError(f"its names are {names}")
+            return Import(file, *names, out.get("md5"))
+        except (yaml.YAMLError, OmegaConfBaseException, AttributeError, TypeError, ValueError) as error:
+            says = " ".join(str(error).split())[:200]
+            do = "restore it with git checkout"
+            raise InputError(file, f"no import of DVC ({says})", "one dependency and one output", do) from None
 
     @property
     def source(self) -> str:
@@ -73,7 +88,8 @@ def fetch(names: Sequence[str] = (JUMPS,), imports: Path = IMPORTS, raw: Path = 
     """
     known = [Import.read(file) for file in sorted(imports.glob("*.dvc"))]
     if not known:
-        raise InputError(imports, "no import file", "<name>.dvc", "restore it with git checkout")
+        do = "run it in the project's folder, or restore them with git checkout"
+        raise InputError(imports, "no import file", "<name>.dvc", do)
     sources = list(dict.fromkeys(one.source for one in known))
     for name in names:
         if name not in sources:
@@ -84,26 +100,43 @@ def fetch(names: Sequence[str] = (JUMPS,), imports: Path = IMPORTS, raw: Path = 
 
 def fetch_source(parts: Sequence[Import], raw: Path) -> Path:
     """Fetch the parts of one source that are not there; its folder. After a failure ``raw`` is as it was."""
-    logs, missing = raw / parts[0].source, [part for part in parts if not part.is_in(raw)]
-    if not missing:
+    logs, unfinished = raw / parts[0].source, raw / UNFINISHED
+    if not unfinished.exists() and all(part.is_in(raw) for part in parts):
         print(f"{logs}: there already, left as it is")
         return logs
-    for url in dict.fromkeys(part.url for part in missing):
-        check_answer(url, logs)
-    for part in missing:
-        print(f"{raw / part.out}: {part.path} of {part.url} at {part.revision[:7]}", flush=True)
-    is_new, pointers = not logs.exists(), [raw / part.file.name for part in missing]
-    new_files = [*(path for path in pointers if not path.exists()), *(raw / part.out for part in missing)]
-    try:
-        fetch_parts(missing, raw)
-    except InputError:
-        for path in new_files:
-            if path.is_file():
-                path.unlink()
-        if is_new:
-            shutil.rmtree(logs, ignore_errors=True)
-        raise
+    with folder_lock(raw / "fetch"):
+        remove_unfinished(raw)
+        missing = [part for part in parts if not part.is_in(raw)]
+        for url in dict.fromkeys(part.url for part in missing):
+            check_answer(url, logs)
+        for part in missing:
+            print(f"{raw / part.out}: {part.path} of {part.url} at {part.revision[:7]}", flush=True)
+        pointers = [part.file.name for part in missing if not (raw / part.file.name).exists()]
+        coming = [part.out for part in missing] if logs.exists() else [logs.name]
+        write_json(unfinished, {"files": [*pointers, *coming]})
+        try:
+            fetch_parts(missing, raw)
+        except BaseException:
+            remove_unfinished(raw)
+            raise
+        unfinished.unlink()
     return logs
+
+
+def remove_unfinished(raw: Path) -> None:
+    """Remove what a fetch that did not end had begun to bring, and the folders that are empty then."""
+    if not (raw / UNFINISHED).exists():
+        return
+    for name in filter(is_inside, read_json(raw / UNFINISHED).get("files", ())):
+        path = raw / name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        path.unlink(missing_ok=True)
+        for folder in path.parents:
+            if folder == raw or not folder.is_dir() or any(folder.iterdir()):
+                break
+            folder.rmdir()
+    (raw / UNFINISHED).unlink()
 
 
 def fetch_parts(parts: Sequence[Import], raw: Path) -> None:
@@ -112,7 +145,7 @@ def fetch_parts(parts: Sequence[Import], raw: Path) -> None:
     for part, pointer in zip(parts, pointers, strict=True):
         (raw / part.out).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(part.file, pointer)
-    command = ["dvc", "update", "-q", *map(str, pointers)]
+    command = [program("dvc"), "update", "-q", *map(str, pointers)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         message, first = " ".join((done.stderr or done.stdout).split())[:300], parts[0]
@@ -128,7 +161,7 @@ def fetch_parts(parts: Sequence[Import], raw: Path) -> None:
 def check_answer(url: str, logs: Path) -> None:
     """Raise ``InputError`` where the repository at an address does not answer, which git asks in a moment."""
     silent = os.environ | {"GIT_TERMINAL_PROMPT": "0"}
-    command = ["git", "ls-remote", "--quiet", url, "HEAD"]
+    command = [program("git"), "ls-remote", "--quiet", url, "HEAD"]
     try:
         done = subprocess.run(command, env=silent, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
         why = " ".join(done.stderr.split()) if done.returncode else ""

@@ -25,7 +25,10 @@ def index(config: DictConfig) -> None:
     out = Path(section.out) if section.out else Path(HydraConfig.get().runtime.output_dir) / "index.html"
     if out.exists() and (not out.is_file() or TITLE not in out.read_text(encoding="utf-8", errors="replace")[:1000]):
         raise InputError(out, "a file that this stage did not write", "an index of ours, or none", "name another file")
-    parts = results_index.sections(Path(section.root))
+    root = Path(section.root)
+    if not root.is_dir():
+        raise InputError("index.root", f"{root}, which is no folder", "the folder of the project", "name it")
+    parts = results_index.sections(root)
     write_text(out, results_index.html(parts))
     for part in parts:
         if part.absent:

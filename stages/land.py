@@ -6,6 +6,7 @@ Examples:
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,13 @@ from stages.common import output_folder, read_config, read_one_of, read_optional
 from stages.robot import load_robot
 
 STAGE = "stages.land"
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """How often a task of ``land.tasks`` is run."""
+
+    repeats: int
 
 
 def land(config: DictConfig) -> dict[str, float]:
@@ -73,10 +81,10 @@ def tasks_of(section: Mapping[str, Any]) -> tuple[list[JumpTask], dict[str, int]
     """Tasks, and the repeats of each by name; a task with no repeats is left out."""
     tasks, repeats = [], {}
     for name, values in section.items():
-        own = OmegaConf.create({"name": name, **values})
-        repeats[name] = int(own.pop("repeats", 1))
+        own, where = OmegaConf.create({"name": name, **values}), f"land.tasks.{name}"
+        repeats[name] = read_config(Repeats, OmegaConf.create({"repeats": own.pop("repeats", 1)}), where).repeats
         if repeats[name] > 0:
-            tasks.append(read_config(JumpTask, own, f"land.tasks.{name}"))
+            tasks.append(read_config(JumpTask, own, where))
     return tasks, repeats
 
 

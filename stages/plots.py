@@ -16,6 +16,7 @@ from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
 from stages.common import refuse
 from stages.help import answered_at_once
+from stages.programs import program
 
 TEMPLATE, OUT = Path(".dvc/tmp/plots.html"), Path("plots")
 PAGE = """<!doctype html>
@@ -43,9 +44,7 @@ def template() -> str:
         import vl_convert
     except ImportError:
         do = "pip install -c constraints.txt '.[plots]'"
-        raise InputError(
-            "stages.plots", "no package vl-convert-python", "Vega for a page without a network", do
-        ) from None
+        raise InputError("import", "no package vl-convert-python", "Vega for a page without a network", do) from None
     return PAGE.format(bundle=vl_convert.javascript_bundle().replace("</script", "<\\/script"))  # type: ignore[call-arg]
 
 
@@ -53,9 +52,12 @@ def plots(arguments: list[str]) -> int:
     """Write the template and let DVC fill it; DVC's exit code."""
     what, *others = arguments or ["show"]
     if what not in ("show", "diff"):
-        raise InputError("stages.plots", what, "show or diff", "python -m stages.plots diff HEAD~1")
+        raise InputError("command line", what, "show or diff", "python -m stages.plots diff HEAD~1")
+    if not Path("dvc.yaml").is_file():
+        raise InputError("dvc.yaml", "no such file", "the stages of a pipeline", "run it in the project's folder")
     write_text(TEMPLATE, template())
-    return subprocess.run(["dvc", "plots", what, *others, "--html-template", str(TEMPLATE), "-o", str(OUT)]).returncode
+    command = [program("dvc"), "plots", what, *others, "--html-template", str(TEMPLATE), "-o", str(OUT)]
+    return subprocess.run(command, check=False).returncode
 
 
 if __name__ == "__main__":
@@ -64,5 +66,5 @@ if __name__ == "__main__":
             print(answer, end="")
         else:
             sys.exit(plots(sys.argv[1:]))
-    except InputError as error:
+    except (InputError, OSError) as error:
         refuse("plots", error)

@@ -21,10 +21,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
+import yaml
 from omegaconf import OmegaConf
 
 from leapgap.atomic_io import read_json, write_json
+from leapgap.errors import InputError
+from stages.common import LONGEST_MESSAGE, refuse
 from stages.help import answered_at_once
+from stages.programs import program
 
 RECORDED = Path("metrics/timing/stages.json")
 """Seconds of each stage as committed, measured on an idle machine."""
@@ -100,12 +104,21 @@ def in_words(seconds: float) -> str:
 
 
 def stage_names(dvc_yaml: Path) -> tuple[str, ...]:
-    """Names of all stages, ``train@published`` for each entry of a ``foreach``, in the order of the file."""
-    text = dvc_yaml.read_text(encoding="utf-8").replace("${", "$ {")  # DVC's variables are not OmegaConf's
-    stages: dict[str, Any] = OmegaConf.to_container(OmegaConf.create(text))["stages"]
+    """Names of all stages, ``train@published`` for each entry of a ``foreach``, in the order of the file.
+
+    ``InputError`` for a file that is not there or states no stages.
+    """
+    if not dvc_yaml.is_file():
+        raise InputError(dvc_yaml, "no such file", "the stages of a pipeline", "run it in the project's folder")
+    text = dvc_yaml.read_text(encoding="utf-8", errors="replace").replace("${", "$ {")  # of DVC, not of OmegaConf
     names: list[str] = []
-    for name, stage in stages.items():
-        names += [f"{name}@{key}" for key in stage["foreach"]] if "foreach" in stage else [name]
+    try:
+        stages: dict[str, Any] = OmegaConf.to_container(OmegaConf.create(text))["stages"]
+        for name, stage in stages.items():
+            names += [f"{name}@{key}" for key in stage["foreach"]] if "foreach" in stage else [name]
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        says = " ".join(str(error).split())[:LONGEST_MESSAGE]
+        raise InputError(dvc_yaml, f"no stages ({says})", "the stages of a pipeline", "see: dvc stage list") from None
     return tuple(names)
 
 
@@ -153,7 +166,7 @@ def repro(arguments: list[str], screen: TextIO = sys.stdout) -> int:
     progress = Progress(stage_names(Path("dvc.yaml")), known_seconds())
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with subprocess.Popen(["dvc", "repro", *arguments], text=True, env=environment, **pipes) as dvc:  # type: ignore[call-overload]
+    with subprocess.Popen([program("dvc"), "repro", *arguments], text=True, env=environment, **pipes) as dvc:  # type: ignore[call-overload]
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to DVC too, which ends and says so
         follow(dvc.stdout, progress, screen, screen.isatty())
     if dvc.returncode == 0:
@@ -167,5 +180,8 @@ def repro(arguments: list[str], screen: TextIO = sys.stdout) -> int:
 if __name__ == "__main__":
     if answer := answered_at_once("repro", sys.argv[1:]):
         print(answer, end="")
-    else:
+        sys.exit()
+    try:
         sys.exit(repro(sys.argv[1:]))
+    except (InputError, OSError) as error:
+        refuse("repro", error)

@@ -45,14 +45,12 @@ def robots(config: DictConfig) -> None:
     chosen = read_config(RobotsSettings, config.robots, "robots")
     settings, raw = read_config(Settings, config.diagnose.settings, "diagnose.settings"), Path(chosen.raw)
     out = output_folder(chosen.out, STAGE, (raw,))
-    table: dict[str, Any] = {}
+    cases, table = cases_here(config, chosen, raw), dict[str, Any]()
+    if not cases:  # reports of an earlier run stay
+        print(f"nothing was diagnosed, and {out} was left as it is")
+        return
     with whole_folder(out, STAGE) as folder:
-        for name in chosen.cases:
-            case = read_config(RealCase, config.robots.cases[name], f"robots.cases.{name}")
-            if not is_here(case, raw):
-                source = Path(case.source).parts[0]
-                print(f"{name}: no files in {raw / case.source}, left out; python -m stages.fetch {source} brings them")
-                continue
+        for name, case in cases.items():
             begin = time.perf_counter()
             robot, logs = read_case(case, raw, *importer(case.import_logs), corrected=corrected_by(case, folder, name))
             report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
@@ -63,8 +61,22 @@ def robots(config: DictConfig) -> None:
             verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
             verdict = "not judged" if case.expected is None else verdict
             print(f"{name}: {verdict}. {report.sentence}", flush=True)
-    if chosen.metrics and table:
+    if chosen.metrics:
         write_json(Path(chosen.metrics), {"cases": table})
+
+
+def cases_here(config: DictConfig, chosen: RobotsSettings, raw: Path) -> dict[str, RealCase]:
+    """The cases whose files are there, by name; the others are said."""
+    found = {}
+    for name in chosen.cases:
+        case = read_config(RealCase, config.robots.cases[name], f"robots.cases.{name}")
+        if is_here(case, raw):
+            found[name] = case
+            continue
+        absent = case.robot if (raw / case.source).exists() else case.source
+        source = Path(case.source).parts[0]
+        print(f"{name}: no files in {raw / absent}, left out; python -m stages.fetch {source} brings them")
+    return found
 
 
 def corrected_by(case: RealCase, folder: Path, name: str) -> Path | None:

@@ -102,7 +102,8 @@ def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcom
 def check_judged_logs(name: str, truth: Mapping[str, Any], report: Mapping[str, Any]) -> None:
     """Raise an ``InputError`` for a report on logs other than the sealed ones."""
     expected = {file.removesuffix(".parquet"): digest for file, digest in truth["logs"].items()}
-    if report["provenance"]["logs"] != expected:
+    provenance = report.get("provenance")
+    if not isinstance(provenance, Mapping) or provenance.get("logs") != expected:
         raise InputError(f"report of {name}", "logs other than those sealed", "just those", "diagnose the case anew")
 
 

@@ -6,6 +6,7 @@ earlier one (``hydra.sweep.dir=<folder>``) goes on where that ended, and the tab
 
 import csv
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,46 +15,76 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
 from leapgap.atomic_io import read_json, whole_file, write_text
+from leapgap.errors import InputError
+from leapgap.output_folder import check_output, claim_folder, folder_lock
 from leapgap.reports.page import render_page
-from stages.common import FAILED, FIGURES, JOBS
+from stages.common import FAILED, FIGURES, JOBS, refuse
 
 MOST_FIGURES = 4
 """Figures that the plot has a panel for, the first ones."""
 
 
 class Table(Callback):
-    """Writes ``table.csv`` and ``plot.html`` into the folder of a multirun, smallest first figure first."""
+    """Writes ``table.csv`` and ``plot.html`` into the folder of a multirun, smallest first figure first.
+
+    Hydra only warns of errors of a callback, so those of input end the command here.
+    """
+
+    def __init__(self) -> None:
+        self.lock = ExitStack()
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Take the folder, which must be new or that of an earlier multirun of this stage, and hold it."""
+        name, folder = config.hydra.job.name, Path(config.hydra.sweep.dir)
+        by = f"a multirun of stages.{name}"
+        try:
+            check_output(folder, by, kept=True)
+            self.lock.enter_context(folder_lock(folder))
+            claim_folder(folder, by)
+        except (InputError, OSError) as error:
+            refuse(name, error)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Write and print the table, write the plot; exit code 1 where a job failed."""
-        folder = Path(config.hydra.sweep.dir)
-        rows = rank([row_of(read_json(path)) for path in sorted((folder / JOBS).glob("*.json"))])
-        if not rows:
-            return
-        columns = list(dict.fromkeys(name for row in rows for name in row))
-        write_table(folder / "table.csv", columns, rows)
-        lines = [columns, *([str(row.get(name, "")) for name in columns] for row in rows)]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
-        print(
-            "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
-        )
-        print(f"{len(rows)} runs -> {folder / 'table.csv'}")
-        if figures := figures_of(rows):
-            write_text(folder / "plot.html", plot(rows, figures[:MOST_FIGURES]))
-            print(f"plot: {folder / 'plot.html'}")
-        if failed := sum(FAILED in row for row in rows):
-            print(
-                f"{failed} of {len(rows)} runs failed; the same command with hydra.sweep.dir={folder} tries them again"
-            )
+        try:
+            failed = tabulate(Path(config.hydra.sweep.dir))
+        except (InputError, OSError) as error:
+            refuse(config.hydra.job.name, error)
+        finally:
+            self.lock.close()
+        if failed:
             raise SystemExit(1)
 
 
-def row_of(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of a job that were varied, its figures, and why it failed, if it did."""
-    overrides = [override.lstrip("+") for override in job["overrides"]]  # Hydra's mark of added keys
-    varied: dict[str, Any] = dict(override.split("=", 1) for override in overrides)
-    failed = {FAILED: job[FAILED]} if FAILED in job else {}
-    return varied | job.get(FIGURES, {}) | failed
+def tabulate(folder: Path) -> int:
+    """Write and print the table of all jobs of a multirun, write the plot; the number of jobs that failed."""
+    rows = rank([row_of(path) for path in sorted((folder / JOBS).glob("*.json"))])
+    if not rows:
+        return 0
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    write_table(folder / "table.csv", columns, rows)
+    lines = [columns, *([str(row.get(name, "")) for name in columns] for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
+    print("\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines))
+    print(f"{len(rows)} runs -> {folder / 'table.csv'}")
+    if figures := figures_of(rows):
+        write_text(folder / "plot.html", plot(rows, figures[:MOST_FIGURES]))
+        print(f"plot: {folder / 'plot.html'}")
+    failed = sum(FAILED in row for row in rows)
+    if failed:
+        print(f"{failed} of {len(rows)} runs failed; the same command with hydra.sweep.dir={folder} tries them again")
+    return failed
+
+
+def row_of(path: Path) -> dict[str, Any]:
+    """Settings of a job that were varied, its figures, and why it failed, if it did, from the file of its result."""
+    job = read_json(path)
+    try:
+        overrides = [override.lstrip("+") for override in job["overrides"]]  # Hydra's mark of added keys
+        varied: dict[str, Any] = dict(override.split("=", 1) for override in overrides)
+        return varied | dict(job.get(FIGURES, {})) | ({FAILED: str(job[FAILED])} if FAILED in job else {})
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise InputError(path, "other contents", "the result of a job", "remove it: the job is run again") from None
 
 
 def figures_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -22,6 +22,8 @@ DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how 
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
+CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")
+"""Characters that move the cursor, set colours or rename the window of a terminal; a new line is none of them."""
 UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
 
 
@@ -36,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen.run(chosen)
         sys.stdout.flush()
     except InputError as error:
-        print(f"leapgap {chosen.command}: {error}", file=sys.stderr)
+        print(f"leapgap {chosen.command}: {printable(error)}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of a pipe, such as `head`, has enough; Python must not flush into it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -47,6 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
         return STOPPED
     return 0
+
+
+def printable(text: object) -> str:
+    """A text for a terminal: control characters, which names in foreign files may hold, become their codes."""
+    return CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", str(text))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -206,9 +213,9 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
     if chosen.effects:
         settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
-    tell = (lambda _: None) if chosen.quiet else partial(print, flush=True)
+    tell = (lambda _: None) if chosen.quiet else (lambda line: print(printable(line), flush=True))
     report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=tell, threads=chosen.threads)
-    print(report)
+    print(printable(report))
     if chosen.out is not None:
         print(f"page: {report.save(chosen.out, chosen.viewer) / 'report.html'}")
 
@@ -217,7 +224,7 @@ def run_check(chosen: argparse.Namespace) -> None:
     """Print each check on a line."""
     from leapgap import api
 
-    print(api.check(chosen.logs, robot_of(chosen)))
+    print(printable(api.check(chosen.logs, robot_of(chosen))))
 
 
 def run_replay(chosen: argparse.Namespace) -> None:
@@ -279,9 +286,9 @@ def run_import(chosen: argparse.Namespace) -> None:
     logs = readings.logs
     write_all(logs, chosen.out, IMPORT)
     for line in readings.lines():
-        print(line, file=sys.stderr)
+        print(printable(line), file=sys.stderr)
     for log in logs:
-        print(import_line(log))
+        print(printable(import_line(log)))
     print(f"{len(logs)} logs: {chosen.out}")
 
 
@@ -345,7 +352,7 @@ def run_report(chosen: argparse.Namespace) -> None:
     sentence = read_json(data).get("sentence")
     if not isinstance(sentence, str):
         raise InputError(data, "no sentence", "a report", "name a folder that 'leapgap diagnose --out' wrote")
-    print(sentence)
+    print(printable(sentence))
     print(f"page: {page}")
     if not chosen.no_browser:
         open_page(page)

@@ -63,6 +63,22 @@ def test_a_broken_report_is_one_message(name: str, tmp_path: Path, capsys: pytes
     assert said.startswith(f"leapgap report: {tmp_path / 'report.json'}: ") and says in said
 
 
+def test_a_foreign_text_sends_nothing_to_the_terminal(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Such as a sequence that sets the title of its window, or clears what was printed before."""
+    (tmp_path / "report.html").write_text("page")
+    (tmp_path / "report.json").write_text(json.dumps({"sentence": "a \x1b]0;title\x07 and \x1b[2J and \x9b3J"}))
+    assert cli.main(["report", str(tmp_path), "--no-browser"]) == 0
+    assert capsys.readouterr().out.startswith("a \\x1b]0;title\\x07 and \\x1b[2J and \\x9b3J\n")
+    (tmp_path / "logs").mkdir()
+    for name in ("a", "c"):
+        (tmp_path / "logs" / f"{name}\x1b[2J.parquet").write_bytes(b"no log")
+    assert cli.main(["diagnose", str(tmp_path / "logs"), str(arm / "arm.xml")]) == 2
+    said = capsys.readouterr().err
+    assert "\x1b" not in said and "a\\x1b[2J" in said
+
+
 DAMPING = {"name": "joint_damping", "location": "all"}
 CORRECTED = {
     "number": ({"effects": [3]}, "found 3; expected an effect"),

@@ -9,9 +9,11 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap import cli
+from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.jumping.models.rigid_body import RigidBody
 from stages.help import describe
+from stages.score import check_judged_logs
 from tests.code import ROOT
 from tests.stages.test_by_hand import assert_refused, stage
 
@@ -172,3 +174,13 @@ def test_bodies_and_executors_refuse_what_means_nothing() -> None:
     assert Executor("joblib", -1).workers == -1
     with pytest.raises(ValueError, match="workers -3"):
         Executor("joblib", -3)
+
+
+OTHERS: list[dict] = [{}, {"provenance": 3}, {"provenance": {}}, {"provenance": {"logs": {"a": "2f"}}}]
+
+
+@pytest.mark.parametrize("report", OTHERS)
+def test_a_report_on_other_logs_than_the_sealed_ones_is_not_scored(report: dict) -> None:
+    check_judged_logs("case_1", {"logs": {"a.parquet": "1f"}}, {"provenance": {"logs": {"a": "1f"}}})
+    with pytest.raises(InputError, match=r"^report of case_1: found logs other than those sealed"):
+        check_judged_logs("case_1", {"logs": {"a.parquet": "1f"}}, report)

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -134,6 +135,38 @@ def test_logs_that_somebody_brought_are_left_alone(project: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert own.read_text() == "mine\n"
     assert not (project / "data/raw/a1_hardware.dvc").exists()
+
+
+def test_a_fetch_that_was_killed_leaves_no_half_of_the_logs(project: Path, public: Path, tmp_path: Path) -> None:
+    pin(project, str(public), git(public, "rev-parse", "HEAD"))
+    slow = tmp_path / "bin" / "dvc"
+    slow.parent.mkdir()
+    slow.write_text("#!/bin/sh\ncd data/raw\nmkdir -p a1_hardware/1\necho half > a1_hardware/1/half.txt\nsleep 60\n")
+    slow.chmod(0o755)
+    variables = environment(ROOT) | {"PYTHONPATH": os.pathsep.join([str(ROOT / "src"), "."])}
+    variables["PATH"] = f"{slow.parent}{os.pathsep}{variables['PATH']}"
+    killed = subprocess.Popen([sys.executable, "-m", "stages.fetch"], cwd=project, env=variables)
+    half = project / "data/raw/a1_hardware/1/half.txt"
+    deadline = time.monotonic() + 60
+    while not half.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    killed.kill()
+    killed.wait()
+    assert half.exists()
+    done = fetch(project)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [path.name for path in (project / "data/raw/a1_hardware").rglob("*.txt")] == ["pos.txt"]
+    left = {path.name for path in (project / "data/raw").iterdir()}
+    assert left == {"a1_hardware", "a1_hardware.dvc", ".gitignore"}
+
+
+@pytest.mark.parametrize("content", ["outs: [", "[1, 2]", "deps: []\nouts: []\n", "deps: [1]\nouts: [2]\n"])
+def test_an_import_file_that_is_none_is_one_message(project: Path, content: str) -> None:
+    (project / "imports/a1_hardware.dvc").write_text(content)
+    done = fetch(project)
+    assert done.returncode == 2
+    assert done.stderr.startswith("stages.fetch: imports/a1_hardware.dvc: found no import of DVC (")
+    assert len(done.stderr.splitlines()) == 1
 
 
 IMPORTS = sorted((ROOT / "imports").glob("*.dvc"))

@@ -2,11 +2,22 @@
 
 import csv
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from leapgap.atomic_io import read_json
+from leapgap.cache import ResultCache
+from leapgap.errors import InputError
+from leapgap.jumping.experiments.bench import TrialRunner
+from leapgap.jumping.experiments.rig import LandSettings
+from leapgap.logs import log as jump_log
+from leapgap.robot.terrain import Box
+from stages.common import read_config
+from stages.land import experiment_of
+from stages.params import compose_params
 from tests.stages.test_by_hand import assert_refused, stage
 
 SMALL = (
@@ -72,3 +83,41 @@ def test_unknown_hardware_and_methods_are_refused(tmp_path: Path) -> None:
     )
     assert_refused(stage("land", *SMALL, f"land.out={tmp_path / 'b'}", "land.methods=[magic]"), "land.methods", "magic")
     assert not (tmp_path / "a" / "landing.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("hardware", [], "land: found no hardware or no methods; "),
+        ("methods", [], "land: found no hardware or no methods; "),
+        ("single", ["jmp_40"], "land.single: found jmp_40; .* did you mean jump_40?"),
+        ("tasks.jump_40.repeats", 10**9, "land.tasks.jump_40.repeats: found 1000000000; expected 0 "),
+        ("tasks.jump_40.repeats", -1, "land.tasks.jump_40.repeats: found -1; "),
+        ("tasks.jump_40.repeats", "often", "land.tasks.jump_40.repeats: found Value 'often' "),
+        ("practice.rounds", [-1], "land: found identify_jumps 4, random_jumps 16, rounds \\[-1\\]: "),
+        ("practice.identify_jumps", 0, "land: found identify_jumps 0, "),
+    ],
+)
+def test_experiments_without_a_meaning_are_refused_before_any_run(key: str, value: object, says: str) -> None:
+    config = OmegaConf.create(compose_params())
+    config.land.hardware, config.land.only = ["worn"], {}
+    OmegaConf.update(config.land, key, value)
+    with pytest.raises(InputError, match=f"^{says}"):
+        experiment_of(config, read_config(LandSettings, config.land, "land"))
+
+
+@pytest.mark.parametrize("names", [["box_60_20", "jump_60"], ["box_60_20"]])
+def test_robots_practise_without_a_box_whatever_the_first_task_is(
+    names: list[str], reference: jump_log.Log, tmp_path: Path
+) -> None:
+    box = replace(reference.info, terrain=(Box(0.9, 0.0, (1.2, 1.0, 0.2), 0.2),))
+    jump_log.write_log(reference, tmp_path / "h00_d60.parquet")
+    jump_log.write_log(replace(reference, info=box), tmp_path / "h20_d60.parquet")
+    config = OmegaConf.create(compose_params())
+    config.land.references, config.land.hardware = str(tmp_path), ["worn"]
+    config.land.single = names
+    config.land.tasks = {name: config.land.tasks[name] for name in names}
+    experiment = experiment_of(config, read_config(LandSettings, config.land, "land"))
+    rig = experiment.rig(experiment.hardware[0], TrialRunner(ResultCache(tmp_path / "runs"), map))
+    assert rig.bench.references[experiment.tasks[0].target].info.terrain, "the first task lost its box"
+    assert rig.bench.level.info.terrain == ()

@@ -137,3 +137,21 @@ def test_a_stage_that_fails_gives_its_exit_code_and_message(project: Path, tmp_p
     done = subprocess.run([sys.executable, "-m", "stages.repro"], cwd=tmp_path, env=own, capture_output=True, text=True)
     assert done.returncode not in (0, None)
     assert "no logs there" in done.stdout and "\x1b[K" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "path", "says"),
+    [
+        (None, None, "dvc.yaml: found no such file; expected the stages of a pipeline; run it in the project's folder"),
+        ("stages: [", None, "dvc.yaml: found no stages ("),
+        ("[1]", None, "dvc.yaml: found no stages ("),
+        ("stages: {}", "/nowhere", "dvc: found no such program; "),
+    ],
+)
+def test_what_cannot_run_is_one_message(tmp_path: Path, pipeline: str | None, path: str | None, says: str) -> None:
+    if pipeline is not None:
+        (tmp_path / "dvc.yaml").write_text(pipeline)
+    own = environment(ROOT) | {"PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}"} | ({"PATH": path} if path else {})
+    done = subprocess.run([sys.executable, "-m", "stages.repro"], cwd=tmp_path, env=own, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"stages.repro: {says}") and len(done.stderr.splitlines()) == 1

@@ -100,6 +100,24 @@ def test_a_job_that_fails_is_shown_and_the_next_run_makes_only_what_is_missing(a
     assert set(reports) < set(tmp_path.glob("sweep/*/out/report.json"))
 
 
+def test_the_folder_of_somebody_else_is_refused_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/table.csv").write_text("mine\n")
+    said = multirun("stages.collect", "-m", "collect.jumps=0,-1", f"hydra.sweep.dir={tmp_path / 'mine'}", code=2)
+    assert said.startswith(f"stages.collect: {tmp_path / 'mine'}: found table.csv in it, which leapgap did not write")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["table.csv"]
+    assert (tmp_path / "mine/table.csv").read_text() == "mine\n"
+
+
+@pytest.mark.parametrize("content", ["garbage", "{}", '{"overrides": [3]}', '{"overrides": [], "figures": 3}'])
+def test_a_damaged_result_of_a_job_is_one_message(tmp_path: Path, content: str) -> None:
+    arguments = ("stages.collect", "-m", "collect.jumps=0", f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    multirun(*arguments, code=1)
+    (tmp_path / "sweep/jobs/other.json").write_text(content)
+    said = multirun(*arguments, code=2)
+    assert f"stages.collect: {tmp_path / 'sweep/jobs/other.json'}: found " in said and "Warning" not in said
+
+
 @pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
 def test_jobs_in_other_processes_come_to_the_same_table(arm: Path, tmp_path: Path, launcher: str) -> None:
     pytest.importorskip(f"hydra_plugins.hydra_{launcher.partition('_')[0]}_launcher")

@@ -93,6 +93,7 @@ def test_without_any_data_the_stage_says_so_and_writes_no_metrics(tmp_path: Path
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("left out") == 6
     assert not (tmp_path / "metrics.json").exists()
+    assert not (tmp_path / "out").exists(), "reports of an earlier run would have been replaced by none"
 
 
 def pushes_of(folder: Path) -> list[PublishedPush]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from leapgap.errors import InputError
 from leapgap.jumping.reports.results_index import SOURCES, bar_chart, html, markdown, sections
 from stages.repro import stage_names
 from tests.code import ROOT
@@ -42,6 +43,13 @@ def test_figures_sentence_and_page_of_what_is_there(project: Path) -> None:
     assert "<td>noise floor</td><td>–</td>" in part
     assert "A payload &lt;b&gt;explains&lt;/b&gt; all of it." in part
     assert 'href="reports/damped/report.html"' in part
+
+
+@pytest.mark.parametrize("content", ["{}", '{"mean_abs_error_cm": 3}', '{"mean_abs_error_cm": {"a": null, "b": "x"}}'])
+def test_metrics_of_another_form_are_refused_with_the_command_that_makes_them(project: Path, content: str) -> None:
+    (project / "metrics/landing.json").write_text(content)
+    with pytest.raises(InputError, match=r"landing\.json: found other figures .* make it anew: dvc repro land$"):
+        sections(project)
 
 
 def test_what_is_absent_is_a_stated_result_with_its_command(project: Path) -> None:

@@ -145,8 +145,8 @@ class Bench:
 
     @cached_property
     def level(self) -> Log:
-        """One of the plans from level ground: practice starts from its first pose."""
-        return next(iter(self.references.values()))
+        """The first plan to the ground itself: practice starts from its first pose, and on no box."""
+        return next(plan for target, plan in self.references.items() if target.z_m == 0)
 
     def trial(self, name: str, method: Method, task: JumpTask, number: int, with_log: bool = False) -> TrialSpec:
         """A trial of a method. Only task and number decide its seed: all methods get the same ground and noise."""

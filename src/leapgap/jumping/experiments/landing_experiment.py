@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.effects.base import Effect
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.method import Method, References, crouch
 from leapgap.jumping.experiments.method_registry import available
@@ -21,11 +21,16 @@ from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.models.rigid_body_model import planner_body
 from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.presets import Variant
 
 RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.html"
+MOST_REPEATS = 10_000
+"""Of a task; all runs of an experiment are listed before the first one begins."""
+LEVEL = Target(0.6)
+"""A jump to the ground, which is planned where no task has one."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +65,15 @@ class LandingExperiment:
         planar_robot(self.robot)
         self.hardware  # noqa: B018 (refuses unknown hardware)
         for name, number in self.repeats.items():
-            if number < 0:
-                raise InputError(f"land.tasks.{name}.repeats", str(number), "0 (left out) or more", "correct it")
+            if not 0 <= number <= MOST_REPEATS:
+                expected = f"0 (left out) to {MOST_REPEATS}"
+                raise InputError(f"land.tasks.{name}.repeats", str(number), expected, "correct it")
+        for name in self.settings.single:
+            if name not in self.repeats:
+                do = did_you_mean(name, self.repeats) or "choose known tasks"
+                raise InputError("land.single", name, f"one of {', '.join(self.repeats)}", do)
+        if not any(self.names_on(one) for one in self.hardware):
+            raise InputError("land", "no hardware or no methods", "one or more of each", "name them")
         known = available(self.methods)
         lists = {"land.methods": self.settings.methods}
         lists |= {f"land.only.{variant}": names for variant, names in self.settings.only.items()}
@@ -107,9 +119,11 @@ class LandingExperiment:
     def rig(self, hardware: Hardware, runner: TrialRunner) -> Rig:
         """A hardware, with everything that methods need to be prepared on it."""
         settings, planar = self.settings, planar_robot(self.robot)
+        targets = [task.target for task in self.tasks]
+        if all(target.z_m for target in targets):
+            targets.append(LEVEL)  # practice is on level ground, whatever the tasks are
         references: References = {
-            task.target: reference_to(task.target, Path(settings.references), planar, settings.schedule)
-            for task in self.tasks
+            target: reference_to(target, Path(settings.references), planar, settings.schedule) for target in targets
         }
         body = planner_body(self.robot, crouch(references, self.robot), self.rounded)
         world = TrialSetup(self.robot, self.sensing, body=body)

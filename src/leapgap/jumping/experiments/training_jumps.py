@@ -64,6 +64,12 @@ class PracticeConfig:
     """Offsets of the goals of all later jumps."""
     aim: AimConfig = field(default_factory=AimConfig)
 
+    def __post_init__(self) -> None:
+        """Refuse a practice from which nothing can be learned."""
+        if self.identify_jumps < 1 or self.random_jumps < 1 or min(self.rounds, default=0) < 0:
+            jumps = f"identify_jumps {self.identify_jumps}, random_jumps {self.random_jumps}"
+            raise ValueError(f"{jumps}, rounds {list(self.rounds)}: 1 or more, 1 or more, 0 or more each")
+
 
 class GoalMethod(Protocol):
     """A method whose goals can be moved for exploration."""

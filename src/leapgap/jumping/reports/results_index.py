@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.atomic_io import read_json
+from leapgap.errors import InputError
 from leapgap.reports.page import render_page
 
 Metrics = Mapping[str, Any]
@@ -296,13 +297,25 @@ def sections(root: Path, sources: Sequence[Source] = SOURCES) -> list[Section]:
 def section(source: Source, root: Path) -> Section:
     """One part: what its files say."""
     path = next((one for name in source.metrics if (one := root / "metrics" / name).is_file()), None)
-    metrics = None if path is None else read_json(path)
+    figures: tuple[Figure, ...] = ()
+    bars: dict[str, float] = {}
+    if path is not None:
+        figures, bars = read_figures(source, path)
     pages = {words: name for words, name in source.pages.items() if (root / "data" / name).is_file()}
     data = root / "data" / source.report / "report.json" if source.report else None
-    sentence = read_json(data)["sentence"] if data is not None and data.is_file() else None
-    figures = () if metrics is None else tuple(source.figures(metrics))
-    bars = {} if metrics is None or source.bars is None else source.bars(metrics)
-    return Section(source, figures, bars, sentence, pages, metrics is None)
+    sentence = read_json(data).get("sentence") if data is not None and data.is_file() else None
+    return Section(source, figures, bars, sentence, pages, path is None)
+
+
+def read_figures(source: Source, path: Path) -> tuple[tuple[Figure, ...], dict[str, float]]:
+    """Figures and bars of a file of metrics; ``InputError`` for one that has not the form that its command writes."""
+    metrics = read_json(path)
+    try:
+        bars = source.bars(metrics) if source.bars else {}
+        return tuple(source.figures(metrics)), {name: float(value) for name, value in bars.items()}
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        says = f"other figures than {source.title!r} has ({type(error).__name__}: {error})"
+        raise InputError(path, says, "what its command writes", f"make it anew: {source.command}") from None
 
 
 def html(parts: Sequence[Section]) -> str:
