@@ -32,15 +32,18 @@ def answered_at_once(name: str, arguments: Sequence[str]) -> str | None:
 def help_text(name: str, says: str, conf: Path) -> str:
     """The help of a stage; ``says`` is the docstring of its module, with examples."""
     path = conf / name / "default.yaml"
-    parts = [f"usage: python -m stages.{name} [key=value …] [-m key=a,b …]", says.strip()]
-    if path.is_file():
-        parts.append("Options, with their defaults. Units: m, rad, s, N, N·m, kg unless said otherwise.")
-        parts.append("\n".join(describe(path.read_text(encoding="utf-8"), name)))
-    parts.append(
+    ends = "Exit code 0: the output is complete. 2: bad input, with one message that says what to do. 130: Ctrl-C."
+    if not path.is_file():  # a command that takes words, as its examples show, and no settings
+        return f"usage: python -m stages.{name} [word …]\n\n{says.strip()}\n\n{ends}\n"
+    parts = [
+        f"usage: python -m stages.{name} [key=value …] [-m key=a,b …]",
+        says.strip(),
+        "Options, with their defaults. Units: m, rad, s, N, N·m, kg unless said otherwise.",
+        "\n".join(describe(path.read_text(encoding="utf-8"), name)),
         "Of other sections: robot.model=<model.xml>, executor=local|joblib|ray, executor.workers=<n>, size=tiny.\n"
         "-m runs once for each combination of values. --cfg job prints the whole configuration, --hydra-help more.\n"
-        "Exit code 0: the output is complete. 2: bad input, with one message that says what to do. 130: Ctrl-C."
-    )
+        + ends,
+    ]
     return "\n\n".join(parts) + "\n"
 
 

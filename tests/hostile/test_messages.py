@@ -32,7 +32,9 @@ def elsewhere(folder: Path, name: str, *arguments: str) -> subprocess.CompletedP
 def test_help_says_what_a_stage_does_with_examples_and_its_options(name: str, tmp_path: Path) -> None:
     result = elsewhere(tmp_path, name, "--help")
     assert result.returncode == 0, result.stderr
-    assert f"usage: python -m stages.{name}" in result.stdout
+    settings = (ROOT / "conf" / name / "default.yaml").is_file()
+    assert f"usage: python -m stages.{name} [{'key=value' if settings else 'word'} …]" in result.stdout
+    assert ("robot.model=" in result.stdout) == settings
     assert f"Examples:\n\n    python -m stages.{name}" in result.stdout
     conf = ROOT / "conf" / name / "default.yaml"
     if conf.is_file():
