@@ -20,6 +20,7 @@ from leapgap.atomic_io import read_json, write_json
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import file_digests
 from leapgap.diagnosis.diagnose import Settings as Diagnosing
+from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
@@ -108,7 +109,9 @@ def read_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen
 
     Further jumps are planned for the pipeline's own robot, so that cases of other robots are left out.
     """
-    cases = []
+    cases: list[Seen] = []
+    if not Path(settings.verdicts).is_dir():
+        raise InputError(settings.verdicts, "no such folder", "verdicts", "run stages.diagnose_withheld first")
     for path in sorted(Path(settings.verdicts).glob("*/report.json")):
         name = path.parent.name
         truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
