@@ -81,10 +81,11 @@ def tasks_of(section: Mapping[str, Any]) -> tuple[list[JumpTask], dict[str, int]
     """Tasks, and the repeats of each by name; a task with no repeats is left out."""
     tasks, repeats = [], {}
     for name, values in section.items():
-        own, where = OmegaConf.create({"name": name, **values}), f"land.tasks.{name}"
-        repeats[name] = read_config(Repeats, OmegaConf.create({"repeats": own.pop("repeats", 1)}), where).repeats
+        own = OmegaConf.create({"name": name, **values})
+        count = OmegaConf.create({"repeats": own.pop("repeats", 1)})
+        repeats[name] = read_config(Repeats, count, f"land.tasks.{name}").repeats
         if repeats[name] > 0:
-            tasks.append(read_config(JumpTask, own, where))
+            tasks.append(read_config(JumpTask, own, f"land.tasks.{name}"))
     return tasks, repeats
 
 
