@@ -75,6 +75,15 @@ class Project:
         assert old in text
         path.write_text(text.replace(old, new, 1))
 
+    def after(self, stages: set[str]) -> set[str]:
+        """Names of the stages that use what ``stages`` make, directly or through others."""
+        uses = re.findall(r'"([^"]+)" -> "([^"]+)"', self.dvc("dag", "--dot"))
+        found, known = set(stages), set()
+        while found != known:
+            known = set(found)
+            found |= {user for maker, user in uses if maker in known}
+        return found - stages
+
     def outputs(self) -> dict[str, str]:
         """Hash of every output that must repeat byte for byte (recordings do not)."""
         lock = OmegaConf.to_container(OmegaConf.load(self.folder / "dvc.lock"))

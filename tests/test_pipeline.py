@@ -69,10 +69,10 @@ def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated_
     simulated_project.change("conf/view/default.yaml", "most_predictions: 4", "most_predictions: 3")
     assert ran(simulated_project.dvc("repro")) == {"params", "view", "index"}
     simulated_project.change("conf/collect/default.yaml", "seed: 1", "seed: 2")
-    assert ran(simulated_project.dvc("repro")) == {
-        "params",
-        "collect@simulated",
-        "collect@damped",
+    simulated_project.run(sys.executable, "-m", "stages.params")
+    changed = ran(simulated_project.dvc("repro", "--dry"))
+    assert changed == {"params", "collect@simulated", "collect@damped"}
+    assert simulated_project.after(changed - {"params"}) == {
         "chunk@damped",
         "chunk@simulated",
         "chunk@simulated_25_25",
@@ -85,6 +85,13 @@ def test_a_changed_setting_reruns_what_depends_on_it_and_nothing_else(simulated_
         "land_corrected",
         "view",
         "index",
+    }
+    assert ran(simulated_project.dvc("repro", "diagnose@damped", "train@damped")) == {
+        "params",
+        "collect@damped",
+        "chunk@damped",
+        "train@damped",
+        "diagnose@damped",
     }
 
 
