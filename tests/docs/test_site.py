@@ -46,3 +46,10 @@ def test_front_page_is_the_readme_with_links_that_lead_somewhere(site: Path) -> 
     assert f">{title[1]}<" in page
     assert 'href="docs/' not in page
     assert 'src="docs/' not in page
+
+
+def test_a_file_that_a_page_includes_stands_in_it(site: Path) -> None:
+    """A formatter that puts spaces into the mark leaves the mark on the page."""
+    page = (site / "guide" / "quick_start.html").read_text(encoding="utf-8")
+    assert "Logs of a small arm, made by plain MuJoCo" in page
+    assert not [path.name for path in site.rglob("*.html") if re.search(r"-8 ?&lt; ?-", path.read_text("utf-8"))]
