@@ -107,6 +107,14 @@ def test_one_of_a_pair_named_is_no_wrong_name() -> None:
     assert not half.right
 
 
+def test_a_rival_in_the_answer_need_not_be_among_the_causes() -> None:
+    said = report("ambiguous", [["payload", "torque_gain"]])
+    said["causes"] = said["causes"][:1]
+    judged = outcome("case", truth("single", "torque_gain"), said, 0.5)
+    assert judged.answered == {"payload", "torque_gain"}
+    assert judged.locations == () and judged.compared == ()
+
+
 def test_members_of_triples_count_where_they_show() -> None:
     """Of two triples with three and two members that show, the answers have three and one of them."""
     names = ("joint_damping", "torque_gain", "payload")

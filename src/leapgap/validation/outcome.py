@@ -174,8 +174,11 @@ def outcome(
         answer=answer,
         first=report["causes"][0]["effect"] if claims else None,
         probability=report["causes"][0]["probability"] if claims else None,
+        # A rival that a cause cannot be told apart from is in the answer, and not always among the causes.
         locations=tuple(
-            (e["location"], causes[e["name"]]["location"]) for e in truth["effects"] if e["name"] in in_answer
+            (e["location"], causes[e["name"]]["location"])
+            for e in truth["effects"]
+            if e["name"] in in_answer and e["name"] in causes
         ),
         where_true=place(truth["where"]),
         where_said=place(report["where"]),
