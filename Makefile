@@ -81,6 +81,7 @@ full: $(GRIDS)
 	  evaluate.fixed_windows=data/windows/simulated_25_25 evaluate.fixed_models=data/models/simulated_25_25 \
 	  evaluate.out=$(FULL)/predictions evaluate.metrics=metrics/learning_full.json
 	python -m stages.land size=full land.out=data/landings_full land.metrics=metrics/landing_full.json
+	python -m stages.made_with metrics/learning_full.json metrics/landing_full.json
 
 # Networks for a further time grid. Only landings use them, so that no jump is held out: one fold is none.
 $(GRIDS): grid_%: run
@@ -107,10 +108,12 @@ docs: .venv/ready
 hostile: export OMP_NUM_THREADS := 1
 hostile: .venv/ready
 	python -m tests.hostile.run
+	python -m stages.made_with metrics/hostile.json
 
 # Logs of real robots with published answers, from data/raw (docs/robots.md): metrics/real/robots.json.
 robots: .venv/ready
 	python -m stages.robots
+	python -m stages.made_with metrics/real/robots.json
 
 lint: .venv/ready
 	ruff check
@@ -131,6 +134,7 @@ blind: $(BLIND)/logs/seals.json
 	python -m stages.score size=blind score.logs=$(BLIND)/logs score.truth=$(BLIND)/truth score.verdicts=$(BLIND)/verdicts \
 	  score.revisits=$(BLIND)/revisits score.out=$(BLIND)/page score.metrics=metrics/blind.json \
 	  score.published_metrics=metrics/published/blind.json
+	python -m stages.made_with metrics/blind.json
 
 # A software renderer, for the test that takes a screenshot; without it that test is skipped.
 renderer:

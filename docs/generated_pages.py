@@ -5,6 +5,7 @@ that moves needs no edit here.
 """
 
 import re
+import sys
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -60,10 +61,16 @@ def api_path(package: str) -> str:
 
 
 def results_page() -> str:
-    """All figures of the committed metrics as a page, with charts; what links into data/ is left out."""
+    """All figures of the committed metrics as a page, with charts and the code that made them.
+
+    What links into data/ is left out.
+    """
     from leapgap.jumping.reports.results_index import markdown, sections
 
-    return markdown(sections(ROOT))
+    sys.path.insert(0, str(ROOT))  # mkdocs as a program does not look for modules here
+    from stages.made_with import markdown as made_with
+
+    return f"{markdown(sections(ROOT))}\n{made_with(ROOT)}"
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:

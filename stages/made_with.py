@@ -1,0 +1,137 @@
+"""Which code made the figures that `dvc repro` does not make, and whether it has changed since.
+
+Without a word: a line for each file of figures. With files of metrics: note that they were made just now by the code as
+it stands, as the targets of the Makefile do; what is noted stands in metrics/made_with.json.
+
+Examples:
+
+    python -m stages.made_with
+    python -m stages.made_with metrics/blind.json
+"""
+
+import hashlib
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from leapgap.atomic_io import read_json, write_json
+from leapgap.errors import InputError, did_you_mean
+from stages.common import refuse
+from stages.help import answered_at_once
+from stages.programs import program
+
+NOTED = Path("metrics/made_with.json")
+KINDS = {".py", ".xml", ".yaml", ".c", ".h"}
+"""Files of these kinds are code."""
+INSTRUMENT = ("diagnosis", "effects", "logs", "robot", "simulation")
+JUMPING = (*INSTRUMENT[1:], "jumping")
+
+
+def library(*parts: str) -> tuple[str, ...]:
+    """Folders of the library."""
+    return tuple(f"src/leapgap/{part}" for part in parts)
+
+
+CODE: dict[str, tuple[str, ...]] = {
+    "metrics/blind.json": (*library(*INSTRUMENT, "validation"), "conf/withhold", "conf/size/blind.yaml"),
+    "metrics/published/blind.json": (*library(*INSTRUMENT, "validation"), "conf/size/blind.yaml"),
+    "metrics/diagnosis.json": (*library(*INSTRUMENT), "tests/benchmarks/diagnosis_injected.py"),
+    "metrics/real/robots.json": (*library(*INSTRUMENT), "conf/robots", "stages/robots.py"),
+    "metrics/hostile.json": (*library("logs", "robot", "jumping/control"), "tests/hostile"),
+    "metrics/landing_full.json": (*library(*JUMPING), "conf/land", "conf/size/full.yaml"),
+    "metrics/learning_full.json": (*library(*JUMPING), "conf/train", "conf/size/full.yaml"),
+    "metrics/timing/diagnose.json": (*library(*INSTRUMENT), "tests/benchmarks/diagnose.py"),
+    "metrics/timing/sysid.json": (*library(*INSTRUMENT), "tests/benchmarks/sysid.py"),
+    "metrics/timing/replay.json": (*library(*INSTRUMENT[1:]), "tests/benchmarks/replay.py"),
+    "metrics/timing/optimize.json": (*library("jumping/planning", "robot"), "tests/benchmarks/optimize.py"),
+    "metrics/timing/train.json": (*library("jumping/learning"), "tests/benchmarks/train.py"),
+    "metrics/timing/scale.json": (*library(*INSTRUMENT, "jumping/learning"), "tests/benchmarks/scale.py"),
+    "metrics/timing/mpc_tick.json": (*library("jumping/control", "jumping/models"), "tests/benchmarks/mpc_tick.py"),
+    "metrics/timing/exported_tick.json": (*library("jumping/control"), "tests/benchmarks/exported_tick.py"),
+    "metrics/timing/goal_shift_tick.json": (*library("jumping/control"), "tests/benchmarks/goal_shift_tick.py"),
+}
+"""Code that each file of figures is of, from the project's root. What DVC makes has its own record, ``dvc.lock``."""
+
+
+def fingerprint(root: Path, paths: Sequence[str]) -> str:
+    """SHA-256 over names and contents of the code in ``paths``, in the order of the names."""
+    files = {file for path in paths for file in [root / path, *(root / path).rglob("*")] if file.suffix in KINDS}
+    total = hashlib.sha256()
+    for file in sorted(file for file in files if file.is_file()):
+        total.update(f"{file.relative_to(root)}\0".encode())
+        total.update(hashlib.sha256(file.read_bytes()).digest())
+    return total.hexdigest()
+
+
+def noted(root: Path) -> dict[str, dict[str, Any]]:
+    """What is known of each file of figures: ``commit`` and ``code``, the fingerprint then."""
+    path = root / NOTED
+    return dict(read_json(path)) if path.is_file() else {}
+
+
+def note(root: Path, names: Sequence[str]) -> None:
+    """Note that files of figures were made by the code as it stands."""
+    known = noted(root)
+    for name in names:
+        if name not in CODE:
+            do = did_you_mean(name, list(CODE)) or "add it to CODE in stages/made_with.py"
+            raise InputError("figures", name, f"one of {', '.join(CODE)}", do)
+        if not (root / name).is_file():
+            raise InputError(root / name, "no such file", "a file of figures", "make it first")
+        known[name] = {"commit": commit(root), "code": fingerprint(root, CODE[name])}
+    write_json(root / NOTED, dict(sorted(known.items())))
+
+
+def commit(root: Path) -> str:
+    """The commit that the working tree is of."""
+    command = [program("git"), "-C", str(root), "rev-parse", "--short=10", "HEAD"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(root, "no commit", "a clone of the project", "run it in a clone")
+    return done.stdout.strip()
+
+
+def state(root: Path, name: str) -> str:
+    """One word on a file of figures: ``absent``, ``unknown`` code, or code ``as it stands`` or ``older``."""
+    if not (root / name).is_file():
+        return "absent"
+    entry = noted(root).get(name)
+    if entry is None:
+        return "unknown"
+    return "as it stands" if entry["code"] == fingerprint(root, CODE[name]) else "older"
+
+
+def table(root: Path) -> list[tuple[str, str, str]]:
+    """Name, state and commit of each file of figures."""
+    commits = {name: entry["commit"] for name, entry in noted(root).items()}
+    return [(name, state(root, name), commits.get(name, "")) for name in CODE]
+
+
+def markdown(root: Path) -> str:
+    """The same as a part of a page of the documentation."""
+    lines = [
+        "## Which code made them",
+        "",
+        "Figures of `dvc repro` are of the code that `dvc.lock` records. Of the others, which take hours, some may be",
+        "of older code:",
+        "",
+        "| file | its code | commit |",
+        "|---|---|---|",
+        *(f"| `{name}` | {says} | {commit} |" for name, says, commit in table(root)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    if answer := answered_at_once("made_with", sys.argv[1:]):
+        print(answer, end="")
+        sys.exit()
+    try:
+        if sys.argv[1:]:
+            note(Path(), sys.argv[1:])
+        for name, says, of in table(Path()):
+            print(f"{name:36s} {says:13s} {of}".rstrip())
+    except (InputError, OSError) as error:
+        refuse("made_with", error)

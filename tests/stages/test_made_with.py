@@ -1,0 +1,71 @@
+"""The record of which code made the figures that DVC does not make."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from leapgap.atomic_io import read_json
+from leapgap.errors import InputError
+from stages import made_with
+from tests.code import ROOT
+from tests.project import Project
+
+OTHER = {"metrics/made_with.json", "metrics/timing/stages.json"}
+"""The record itself, and the times that ``make run`` shows."""
+
+
+def made_by_dvc() -> set[str]:
+    lock = yaml.safe_load((ROOT / "dvc.lock").read_text(encoding="utf-8"))
+    return {out["path"] for stage in lock["stages"].values() for out in stage.get("outs", [])}
+
+
+def test_every_file_of_figures_has_a_record() -> None:
+    files = {path.relative_to(ROOT).as_posix() for path in (ROOT / "metrics").rglob("*.json")}
+    assert files - made_by_dvc() - set(made_with.CODE) == OTHER
+
+
+def test_the_code_of_every_file_of_figures_is_there() -> None:
+    for paths in made_with.CODE.values():
+        assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_what_is_noted_is_of_files_that_are_known_and_there() -> None:
+    for name in read_json(ROOT / made_with.NOTED):
+        assert name in made_with.CODE
+        assert (ROOT / name).is_file()
+
+
+def test_a_change_of_code_makes_figures_older_and_another_file_does_not(tmp_path: Path) -> None:
+    name = "metrics/timing/optimize.json"
+    project = Project.__new__(Project)
+    project.folder = tmp_path
+    planner = tmp_path / "src/leapgap/jumping/planning/solve.py"
+    for path in (planner, tmp_path / name):
+        path.parent.mkdir(parents=True)
+        path.write_text("{}")
+    project.git("init", "-q")
+    project.commit("start")
+    assert made_with.state(tmp_path, name) == "unknown"
+    made_with.note(tmp_path, [name])
+    assert made_with.state(tmp_path, name) == "as it stands"
+    assert (
+        read_json(tmp_path / made_with.NOTED)[name]["commit"] == project.git("rev-parse", "--short=10", "HEAD").strip()
+    )
+    planner.with_name("readme.md").write_text("other")
+    assert made_with.state(tmp_path, name) == "as it stands"
+    planner.write_text("{ }")
+    assert made_with.state(tmp_path, name) == "older"
+    planner.write_text("{}")
+    planner.rename(planner.with_name("other.py"))
+    assert made_with.state(tmp_path, name) == "older"
+    (tmp_path / name).unlink()
+    assert made_with.state(tmp_path, name) == "absent"
+
+
+def test_only_figures_that_are_known_and_there_are_noted(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="blind"):
+        made_with.note(tmp_path, ["metrics/blnd.json"])
+    with pytest.raises(InputError, match="make it first"):
+        made_with.note(tmp_path, ["metrics/blind.json"])
+    assert not (tmp_path / made_with.NOTED).exists()
