@@ -5,6 +5,9 @@ language is a shell block if its first word is a known command. A block is left 
 says why::
 
     <!-- not run: needs network -->
+
+A block with the tag ``output`` is what the blocks before it on its page have printed. Lines may be left out of it and
+broken elsewhere, and numbers may differ, as they do from machine to machine.
 """
 
 import contextlib
@@ -19,6 +22,8 @@ from typing import Any
 
 PYTHON = ("python", "py")
 SHELL = ("bash", "sh", "shell", "console")
+OUTPUT = "output"
+NUMBER = re.compile(r"-?\d[\d.e-]*")
 COMMANDS = ("dvc", "git", "leapgap", "make", "mkdocs", "pip", "pytest", "python", "python3", "rerun")
 FENCE = re.compile(r"(?P<indent>[ \t]*)(?P<fence>`{3,}|~{3,})\s*(?P<language>[\w+-]*)")
 NOT_RUN = re.compile(r"\s*<!--\s*not run:(?P<reason>.*?)-->\s*")
@@ -32,7 +37,7 @@ class BlockError(Exception):
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block; ``language`` is ``python``, ``shell`` or, for what is no code to run, empty."""
+    """A fenced block; ``language`` is ``python``, ``shell``, ``output`` or, for anything else, empty."""
 
     page: str
     line: int
@@ -49,9 +54,11 @@ class Block:
 
 
 def language_of(tag: str, code: str) -> str:
-    """The language of a fence with this tag: ``python``, ``shell`` or empty."""
+    """The language of a fence with this tag: ``python``, ``shell``, ``output`` or empty."""
     if tag.lower() in PYTHON:
         return "python"
+    if tag.lower() == OUTPUT:
+        return OUTPUT
     words = code.split()
     if tag.lower() in SHELL or (not tag and words and words[0] in COMMANDS):
         return "shell"
@@ -102,23 +109,38 @@ def run_page(page: str, text: str, folder: Path, environment: dict[str, str]) ->
     """Run the blocks of a page in order in ``folder``; returns those that ran.
 
     Raises:
-        BlockError: the first block that fails, with its place and its output.
+        BlockError: the first block that fails, with its place and its output, or that shows what was not printed.
     """
     names: dict[str, Any] = {"__name__": "__main__"}
-    ran = []
+    ran, printed = [], ""
     for block in blocks(page, text):
         if block.not_run:
             continue
-        if block.language == "python":
-            run_python(block, names, folder)
-        else:
-            run_shell(block, folder, environment)
+        if block.language == OUTPUT:
+            check_printed(block, printed)
+            continue
+        printed += (
+            run_python(block, names, folder) if block.language == "python" else run_shell(block, folder, environment)
+        )
         ran.append(block)
     return ran
 
 
-def run_python(block: Block, names: dict[str, Any], folder: Path) -> None:
-    """Run in this process; lines of a traceback are those of the page."""
+def check_printed(block: Block, printed: str) -> None:
+    """Raise ``BlockError`` where a line of a block of output was not printed, numbers and line breaks aside."""
+    said = in_words(printed)
+    for line in filter(None, map(in_words, block.code.splitlines())):
+        if line not in said:
+            raise BlockError(f"{block.place}: no block before it has printed {line!r}\n{printed[-4000:]}")
+
+
+def in_words(text: str) -> str:
+    """A text in one line, with a sign in the place of each number."""
+    return NUMBER.sub("#", " ".join(text.split()))
+
+
+def run_python(block: Block, names: dict[str, Any], folder: Path) -> str:
+    """Run in this process and return what was printed; lines of a traceback are those of the page."""
     padded = "\n" * block.line + block.code
     printed = io.StringIO()
     try:
@@ -126,10 +148,11 @@ def run_python(block: Block, names: dict[str, Any], folder: Path) -> None:
             exec(compile(padded, block.page, "exec"), names)
     except Exception:
         raise BlockError(f"{block.place}: python block failed\n{printed.getvalue()}{traceback.format_exc()}") from None
+    return printed.getvalue()
 
 
-def run_shell(block: Block, folder: Path, environment: dict[str, str]) -> None:
-    """Run by bash, stopping at the first command that fails."""
+def run_shell(block: Block, folder: Path, environment: dict[str, str]) -> str:
+    """Run by bash, stopping at the first command that fails, and return what was printed."""
     try:
         done = subprocess.run(
             ["bash", "-euo", "pipefail", "-c", block.code],
@@ -145,3 +168,4 @@ def run_shell(block: Block, folder: Path, environment: dict[str, str]) -> None:
     if done.returncode != 0:
         output = (done.stdout + done.stderr)[-4000:]
         raise BlockError(f"{block.place}: shell block ended with code {done.returncode}\n{output}")
+    return done.stdout + done.stderr

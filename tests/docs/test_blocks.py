@@ -102,3 +102,13 @@ def test_a_mark_or_fence_that_hides_blocks_is_refused(page: str, message: str) -
     with pytest.raises(BlockError) as caught:
         list(blocks("page.md", page))
     assert str(caught.value) == message
+
+
+def test_output_is_compared_word_by_word_and_numbers_may_differ(tmp_path: Path) -> None:
+    page = code_block("python", "print('gap 0.294, then\\n  all of it', end='')") + code_block(
+        "output", "gap 0.30,\nthen all"
+    )
+    run_page("page.md", page, tmp_path, dict(os.environ))
+    for said in ("then none", "gap 0.3 m"):
+        with pytest.raises(BlockError, match="no block before it has printed"):
+            run_page("page.md", page + code_block("output", said), tmp_path, dict(os.environ))
