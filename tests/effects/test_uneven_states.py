@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from leapgap import effects
+from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
@@ -83,3 +85,38 @@ def test_pieces_from_within_an_uneven_log_are_as_late(tmp_path: Path) -> None:
     poses, velocities = plain(robot, true, 7, 20)
     assert piece.qpos[:, :7] == pytest.approx(poses, abs=CHORD)
     assert piece.qvel[:, :3] == pytest.approx(velocities[:, :3], abs=1e-9)
+
+
+def fallen(late_s: float) -> Log:
+    """An even log of the body in free fall from rest, whose base is reported late; made without a simulation."""
+    time = np.arange(120) / 1000
+    true_s = np.maximum(time - late_s, 0.0)  # at rest before the first row
+    zero = np.zeros(120)
+    columns = dict.fromkeys(("base_pos_x", "base_pos_y", "base_quat_x", "base_quat_y", "base_quat_z"), zero)
+    columns |= {f"base_angvel_{axis}": zero for axis in "xyz"} | {f"base_linvel_{axis}": zero for axis in "xy"}
+    columns |= {"time": time, "base_quat_w": np.ones(120), "base_pos_z": 3.0 - 9.81 * true_s**2 / 2}
+    columns |= {"base_linvel_z": -9.81 * true_s, "cmd_tau/j": zero}
+    columns |= {f"{name}/j": zero for name in ("joint_pos", "joint_vel", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")}
+    return Log("fallen", columns, LogInfo("body", 0.001, source="made for a test"))
+
+
+def test_a_piece_starts_where_the_late_log_says_later_that_it_was(tmp_path: Path) -> None:
+    """A body that accelerates: with its reported velocity alone it would start too slow by g times the delay."""
+    robot, late_s, begin, rows = body(tmp_path), 0.0125, 50, 30
+    log = fallen(late_s)
+    starts, _ = smooth_starts(motion_of(log, robot), [begin], log, robot)
+    trial = Rollout(log, (effects.effect("state_latency", delay_s=late_s),))
+    for some, error in ((starts, 1e-3), (Starts(starts.rows, starts.states), 9.81 * late_s)):
+        ((piece,),) = Replayer(robot).replay_pieces([trial], [some], rows)
+        off = piece.qvel[15:, 2] - log["base_linvel_z"][begin + 15 : begin + rows]  # the start is known by then
+        assert np.abs(off).max() == pytest.approx(error, abs=2e-3)
+
+
+def test_a_piece_of_every_second_row_starts_at_the_same_state(tmp_path: Path) -> None:
+    robot, log = body(tmp_path), fallen(0.01)
+    starts, _ = smooth_starts(motion_of(log, robot), [40, 50, 60], log, robot)
+    some = starts.every(2).chosen([1, 2])
+    later, expected = some.later(5.0), starts.later(10.0)
+    assert list(some.rows) == [25, 30]
+    assert later is not None and expected is not None
+    assert later == pytest.approx(expected[1:])

@@ -58,7 +58,7 @@ class RestartedReplayer:
         if noise is not None:
             states = Motion(*np.split(starts.states, [self.replayer.robot.model.nq], axis=1))
             moved = displaced(states, noise, self.replayer.robot)
-            starts = Starts(starts.rows, np.concatenate([moved.qpos, moved.qvel], axis=1))
+            starts = replace(starts, states=np.concatenate([moved.qpos, moved.qvel], axis=1))
         whole = [k for k, begin in enumerate(starts.rows) if begin + rows < len(log)]
         pieces = self._pieces(trial, starts, whole, rows + 1)
         if len(whole) < len(starts.rows):  # the last one ends with the log
@@ -72,8 +72,7 @@ class RestartedReplayer:
         )
 
     def _pieces(self, trial: Rollout, starts: Starts, which: Sequence[int], rows: int) -> list[Motion]:
-        some = Starts([starts.rows[k] for k in which], starts.states[list(which)])
-        return self.replayer.replay_pieces([trial], [some], rows)[0] if which else []
+        return self.replayer.replay_pieces([trial], [starts.chosen(which)], rows)[0] if which else []
 
 
 def restarts(length: int, rows: int) -> list[int]:

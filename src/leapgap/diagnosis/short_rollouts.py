@@ -114,14 +114,34 @@ def smooth_start(logged: Motion, row: int, ages: np.ndarray, reach: int) -> tupl
     return np.concatenate([qpos, qvel]), float(np.linalg.norm(weights))
 
 
+@dataclass(frozen=True)
+class SmoothCourse:
+    """Smoothed states of a log at any instant."""
+
+    logged: Motion
+    when: np.ndarray
+    """Instants of the rows, in mean rows, (rows,)."""
+    reach: int
+
+    def at(self, instant: float) -> tuple[np.ndarray, float]:
+        """State at an instant in mean rows, the log's end at most, and the share of the rows' noise that stays."""
+        instant = min(instant, float(self.when[-1]))
+        return smooth_start(self.logged, int(np.abs(self.when - instant).argmin()), self.when - instant, self.reach)
+
+    def __call__(self, rows: Sequence[int], after: float) -> np.ndarray:
+        """By how much the state changes in ``after`` mean rows from some rows on, (rows, nq + nv)."""
+        return np.array([self.at(self.when[row] + after)[0] - self.at(self.when[row])[0] for row in rows])
+
+
 def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -> tuple[Starts, np.ndarray]:
     """Smoothed states at some rows of a log, and the share of the noise that remains in each, (rows,)."""
     when = np.arange(len(log)) if log.is_even else log.time / log.info.sample_period_s
-    found = [smooth_start(logged, row, when - when[row], log.info.rows(SMOOTHED_S)) for row in rows]
+    course = SmoothCourse(logged, when, log.info.rows(SMOOTHED_S))
+    found = [course.at(when[row]) for row in rows]
     states = np.array([start for start, _ in found]).reshape(len(rows), robot.model.nq + robot.model.nv)
     if robot.has_free_base:
         states[:, QUATERNION_SLICE] /= np.linalg.norm(states[:, QUATERNION_SLICE], axis=1, keepdims=True)
-    return Starts(rows, states), np.array([kept for _, kept in found])
+    return Starts(rows, states, course), np.array([kept for _, kept in found])
 
 
 @dataclass(frozen=True)
@@ -150,7 +170,7 @@ class Pieces:
 
     def downsample(self, rows: int) -> "Pieces":
         """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
-        starts = Starts([row // rows for row in self.starts.rows], self.starts.states)
+        starts = self.starts.every(rows)
         log, logged = self.log.downsample(rows), self.logged[::rows]
         return replace(self, log=log, logged=logged, starts=starts, ages=self.ages // rows)
 
@@ -292,4 +312,4 @@ class ShortRollouts:
         sizes += [(int(e), way * own.fitted_noise[:, e]) for e in fitted for way in (1, -1)]
         for entry, size in sizes:
             states = [self.state.displace(s, entry, b) for s, b in zip(own.starts.states, sign * size, strict=True)]
-            yield Starts(own.starts.rows, np.array(states).reshape(own.starts.states.shape))
+            yield replace(own.starts, states=np.array(states).reshape(own.starts.states.shape))

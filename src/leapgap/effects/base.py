@@ -266,8 +266,17 @@ class Effect(ABC):
         """
         return motion
 
+    @property
+    def reported_late_s(self) -> float:
+        """How late the log reports a part of the state, s: the first true state stands in a later row then."""
+        return 0.0
+
     def true_start(self, start: Motion, robot: Robot) -> Motion:
-        """True first state from the reported one, one row: the inverse of ``change_measured``."""
+        """True first state from the reported one, the inverse of ``change_measured``.
+
+        The motion has one row. At the start of a piece within a log there is a second one, with what the log reports
+        ``start.time[1]`` seconds later, where an effect of the set has ``reported_late_s``.
+        """
         return start
 
 

@@ -14,15 +14,21 @@ from leapgap.robot.motion import Motion
 class StateLatency(Effect):
     """The log's pose and velocity of the base are those of ``delay_s`` earlier.
 
-    Between rows the state is interpolated linearly (attitude: chord of the quaternions). Before the first row the base
-    is taken to have moved with its first velocity, and so the true start is found from the reported one: exact for
-    a robot that stands, wrong by g·delay²/2 for one that falls.
+    Between rows the state is interpolated linearly (attitude: chord of the quaternions). The true start of a
+    piece within a log is what the log reports ``delay_s`` later. At a log's first row, and before it, the base is taken
+    to move with its reported velocity: exact for a robot that stands, and with the noise of one row. The velocity of
+    others is wrong by acceleration times delay, the position by half of that times the delay.
     """
 
     name = "state_latency"
     needs_base = True
 
     delay_s: float = parameter(0.0, "s", 0.0, 0.06, 0.015)
+
+    @property
+    def reported_late_s(self) -> float:
+        """The delay."""
+        return self.delay_s
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
         """Replace the state of the base by that of ``delay_s`` before each row."""
@@ -49,12 +55,18 @@ class StateLatency(Effect):
         return np.interp(instant, motion.time, np.arange(len(motion))), instant - motion.time[0]
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
-        """Extrapolate the base by ``delay_s`` from the state that is reported first."""
+        """The base as it is reported ``delay_s`` later, or extrapolated by that from its first state."""
         if self.is_nominal or not robot.has_free_base:
             return start
-        qpos = start.qpos.copy()
-        qpos[0, :7] = integrate_pose(start.qpos[0, :7], start.qvel[0, :6], self.delay_s)
-        return Motion(qpos, start.qvel)
+        qpos, qvel = start.qpos.copy(), start.qvel.copy()
+        if len(start) > 1 and start.time is not None:
+            share = self.delay_s / start.time[1]
+            qpos[0, :7] += share * (start.qpos[1, :7] - start.qpos[0, :7])
+            qpos[0, 3:7] /= np.linalg.norm(qpos[0, 3:7])
+            qvel[0, :6] += share * (start.qvel[1, :6] - start.qvel[0, :6])
+        else:
+            qpos[0, :7] = integrate_pose(start.qpos[0, :7], start.qvel[0, :6], self.delay_s)
+        return Motion(qpos, qvel, time=start.time)
 
 
 def integrate_pose(pose: np.ndarray, velocity: np.ndarray, seconds: float) -> np.ndarray:

@@ -167,12 +167,14 @@ class Replayer(RolloutModels):
         of_gains: dict[bytes, mujoco.MjModel] = {}
         models, states, controls, counts = [], [], [], []
         warmth = self._warmth(trial, starts.rows, steps)
-        for row, state, warm in zip(starts.rows, starts.states, warmth, strict=True):
+        late_s = trial.reported_late_s
+        later = starts.later(late_s / trial.period_s) if late_s else None
+        for i, (row, state, warm) in enumerate(zip(starts.rows, starts.states, warmth, strict=True)):
             key = gains[row].tobytes()
             if key not in of_gains:
                 of_gains[key] = self.model(trial, row=row)
             own = control[step[row] : step[row + rows - 1]]
-            true = self.true_state(trial.effects, state)
+            true = self.true_state(trial.effects, state, None if later is None else later[i], late_s)
             models.append(of_gains[key])
             states.append(self.full_state(replace(trial, first_state=true), of_gains[key], own, warm))
             controls.append(own)

@@ -1,8 +1,8 @@
 """One replay as data: a log, the effects to add, where it starts, and what the log commands."""
 
 import itertools
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,11 @@ class Rollout:
         for effect in overriding(self.effects, "change_period"):
             period = effect.change_period(period)
         return period
+
+    @cached_property
+    def reported_late_s(self) -> float:
+        """How late the log reports a part of the state, s; of several such effects the longest time."""
+        return max((effect.reported_late_s for effect in overriding(self.effects, "reported_late_s")), default=0.0)
 
     @cached_property
     def step_ratio(self) -> float:
@@ -81,3 +86,21 @@ class Starts:
     rows: Sequence[int]
     states: np.ndarray
     """(pieces, nq + nv), as reported."""
+    course: Callable[[Sequence[int], float], np.ndarray] | None = None
+    """By how much the reported states change in so many rows from some rows on, (rows, nq + nv); None: not known."""
+    stride: int = 1
+    """Rows of the log that ``course`` knows for each of the log whose pieces these are."""
+
+    def chosen(self, which: Sequence[int]) -> "Starts":
+        """Some of the pieces."""
+        return replace(self, rows=[self.rows[k] for k in which], states=self.states[list(which)])
+
+    def every(self, rows: int) -> "Starts":
+        """The same starts in a log of every ``rows``-th row."""
+        return replace(self, rows=[row // rows for row in self.rows], stride=self.stride * rows)
+
+    def later(self, rows: float) -> np.ndarray | None:
+        """The states that are reported so many rows later, (pieces, nq + nv); None where that is not known."""
+        if self.course is None:
+            return None
+        return self.states + self.course([row * self.stride for row in self.rows], rows * self.stride)

@@ -232,10 +232,14 @@ class RolloutModels:
         measured = motion_of(trial.log, self.robot, slice(1)) if trial.measured is None else trial.measured
         return self.true_state(trial.effects, measured.first_state)
 
-    def true_state(self, effects: Sequence[Effect], state: np.ndarray) -> np.ndarray:
-        """The true state (nq + nv,) behind one that was reported."""
+    def true_state(
+        self, effects: Sequence[Effect], state: np.ndarray, later: np.ndarray | None = None, later_s: float = 0.0
+    ) -> np.ndarray:
+        """The true state (nq + nv,) behind one that was reported, and behind what was reported ``later_s`` after it."""
         nq = self.bare.nq
-        start = Motion(state[None, :nq].copy(), state[None, nq:].copy())
+        states = np.stack([state] if later is None else [state, later])
+        time = None if later is None else np.array([0.0, later_s])
+        start = Motion(states[:, :nq].copy(), states[:, nq:].copy(), time=time)
         for effect in reversed(overriding(effects, "true_start")):
             start = effect.true_start(start, self.robot)
         return start.first_state

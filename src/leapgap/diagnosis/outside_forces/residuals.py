@@ -20,7 +20,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, TWIST_SLICE, VELOCITY_SLICE
 from leapgap.simulation.known_loads import with_loads
 from leapgap.simulation.replay import Replayer
-from leapgap.simulation.rollout import Rollout, Starts
+from leapgap.simulation.rollout import Rollout
 
 EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
 """Forces are computed at this interval, or at a longer one that needs no more inverse dynamics of all logs together."""
@@ -131,7 +131,7 @@ class ByReplay:
             log, length = of.log, max(1, of.log.info.rows(REPLAY_S))
             begins = list(range(0, len(log), length))
             starts, _ = smooth_starts(of.motion, begins, log, robot)
-            some = Starts(begins[:-1], starts.states[:-1])
+            some = starts.chosen(range(len(begins) - 1))
             (motions,) = replayer.replay_pieces([Rollout(log, measured=of.motion)], [some], length + 1)
             qpos, qvel = np.split(starts.states, [robot.model.nq], axis=1)
             ends = np.array([motion.qvel[-1] for motion in motions])
