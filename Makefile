@@ -40,7 +40,7 @@ VIEWER := rerun-notebook
 # The environment of the demo, which needs no more than the instrument; the full one where that is there already.
 DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 
-.PHONY: demo run full data test lint docs renderer blind hostile robots
+.PHONY: demo run full data test test-all lint docs renderer blind hostile robots
 
 .venv/ready: pyproject.toml constraints.txt
 	$(ENVIRONMENT)
@@ -93,8 +93,13 @@ $(GRIDS): grid_%: run
 data: .venv/ready
 	@python -m stages.fetch
 
-test: export OMP_NUM_THREADS := 1  # two workers share two cores
+# All tests but the long ones, which take ten seconds and more each: whole pipelines, diagnoses, pages of the docs.
+# `make test-all` runs those too, as continuous integration does.
+test test-all: export OMP_NUM_THREADS := 1  # two workers share two cores
 test: .venv/ready renderer
+	pytest -n 2 --dist loadfile -m "not long"
+
+test-all: .venv/ready renderer
 	pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_pipeline.py tests  # the longest file first
 
 # The site: guide and API reference, in site/index.html; opens from the file, without a network.

@@ -55,6 +55,7 @@ def test_a_number_below_zero_is_refused(capsys: pytest.CaptureFixture[str], tmp_
     assert not (tmp_path / "demo").exists()
 
 
+@pytest.mark.long
 def test_the_demo_names_what_it_hides(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out = tmp_path / "demo"
     assert cli.main(["demo", "--number", "3", "--out", str(out), "--no-browser"]) == 0

@@ -101,3 +101,12 @@ def test_the_demo_runs_in_the_full_environment_where_there_is_one(tmp_path: Path
     done = make(tmp_path, "demo", "NUMBER=5", **environment)
     assert "demo: demo --number 5 --out data/demo --no-browser" in done.stdout, done.stdout + done.stderr
     assert not (tmp_path / ".venv/demo_ready").exists()
+
+
+def test_continuous_integration_runs_the_long_tests_too() -> None:
+    """``make test`` leaves them out."""
+    rules = (ROOT / "Makefile").read_text(encoding="utf-8")
+    everything = rules[rules.index("\ntest-all: .venv/ready") :].splitlines()[2]
+    assert "pytest" in everything
+    assert "-m" not in everything.split()
+    assert "make test-all" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")

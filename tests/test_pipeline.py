@@ -14,7 +14,7 @@ from leapgap.atomic_io import read_json
 from tests.code import ROOT
 from tests.project import DVC, SAID, Project, ran
 
-pytestmark = pytest.mark.pipeline
+pytestmark = [pytest.mark.pipeline, pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

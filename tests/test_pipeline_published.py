@@ -10,7 +10,7 @@ import pytest
 from leapgap.atomic_io import read_json
 from tests.project import Project, ran
 
-pytestmark = pytest.mark.pipeline
+pytestmark = [pytest.mark.pipeline, pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

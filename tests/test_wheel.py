@@ -20,6 +20,8 @@ from packaging.utils import canonicalize_name
 from tests import plain_arm
 from tests.code import ROOT
 
+pytestmark = pytest.mark.long
+
 HEAVY = {
     "casadi",
     "daqp",

@@ -19,6 +19,8 @@ from tests.diagnosis.test_best_simulator import KINDS, worn
 from tests.diagnosis.test_joint_fit import noisy_logs
 from tests.diagnosis.two_link_arm import torque_driven_arm
 
+pytestmark = pytest.mark.long
+
 HIDDEN = {
     ("joint_damping", "all"): 0.2,
     ("joint_friction", "L_shoulder"): 0.1,

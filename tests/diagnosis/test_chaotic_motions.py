@@ -68,6 +68,7 @@ SETTINGS = Settings(
 )
 
 
+@pytest.mark.long
 def test_a_right_answer_is_judged_over_the_time_it_can_be_foretold(arms: Robot) -> None:
     """The model brakes the tail, the robot does not: with the friction taken away the whole log is chaotic."""
     report = diagnose([swing(seed, friction=0.0) for seed in range(3)], arms, SETTINGS).report

@@ -59,6 +59,7 @@ def diagnose_effects(robot: Robot, jumps_with):
     return run
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -79,6 +80,7 @@ def test_diagnosis_names_the_effect_we_injected(diagnose_effects, name: str, val
     assert name in report.sentence
 
 
+@pytest.mark.long
 def test_diagnosis_of_the_nominal_robot_is_none(diagnose_effects) -> None:
     report = diagnose_effects().report
     assert report.next_experiment is None
@@ -87,6 +89,7 @@ def test_diagnosis_of_the_nominal_robot_is_none(diagnose_effects) -> None:
     assert report.closure_of_answer is None
 
 
+@pytest.mark.long
 def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robot, jumps_with) -> None:
     jumps = jumps_with(effects.effect("torque_gain", scale=0.7))
     settings = dataclasses.replace(FEW, effects=["sample_period"])
@@ -94,6 +97,7 @@ def test_an_effect_struck_from_the_hypotheses_is_not_claimed_in_full(robot: Robo
     assert report.closure_of_answer is None or report.closure_of_answer.value < 0.6
 
 
+@pytest.mark.long
 def test_report_holds_the_contract_and_repeats(diagnose_effects, robot: Robot, reference: Log) -> None:
     found = diagnose_effects(DAMPED)
     text = json.dumps(found.report.to_json(), allow_nan=False)
@@ -181,6 +185,7 @@ def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: 
     assert not any(place.channel == "base_angvel_y" for place in report.where)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("found", "rivals", "parameter"),
     [
@@ -205,12 +210,14 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
     assert first.parameters[parameter].value == pytest.approx(found.values[parameter], abs=0.15 * abs(departure))
 
 
+@pytest.mark.long
 def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, jumps_with) -> None:
     jumps = jumps_with(DAMPED)
     settings = dataclasses.replace(FEW, effects=["joint_damping"], most_pieces=3, folds=2)
     assert judge(jumps, robot, settings).report.gap_corrected < 0.5
 
 
+@pytest.mark.long
 def test_a_single_weak_joint_is_found(robot: Robot, reference: Log) -> None:
     weak = effects.effect("torque_gain", location="RR_calf", scale=0.7)
     report = diagnosed_of(hardware(robot, reference, weak, noise=SensorNoise(), jumps=4), robot)
@@ -259,6 +266,7 @@ def test_logs_shorter_than_a_piece_are_refused(robot: Robot) -> None:
         diagnose([standing(robot, 80), standing(robot, 80)], robot, FEW)
 
 
+@pytest.mark.long
 def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: Robot, reference: Log) -> None:
     """A loop that loses a tenth of its pace in the middle of a jump, as an effect and as a check finds it."""
     profile = (1.0, 1.0, 1.25, 1.0, 1.0)

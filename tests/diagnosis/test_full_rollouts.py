@@ -35,6 +35,7 @@ def conclude_on_slow_clock(robot: Robot, reference: Log, *further: Effect) -> Co
     return conclude_from(FullRollouts(heldout_gap, plan).search(first, hypotheses, 0.05))
 
 
+@pytest.mark.long
 def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: Log) -> None:
     conclusion = conclude_on_slow_clock(robot, reference, effects.effect("com_offset", x_m=0.03, z_m=0.03))
     assert (conclusion.verdict, conclusion.answer) == ("named", (("sample_period",), ("com_offset",)))
@@ -44,6 +45,7 @@ def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: 
     assert conclusion.steps[-1].heldout.sum() < 0.2 * conclusion.steps[0].heldout.sum()
 
 
+@pytest.mark.long
 def test_nothing_is_added_to_a_clock_that_explains_all(robot: Robot, reference: Log) -> None:
     conclusion = conclude_on_slow_clock(robot, reference)
     assert conclusion.answer == (("sample_period",),)

@@ -51,6 +51,7 @@ CASES: list[tuple[str, str, dict[str, Callable], str, float]] = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "location", "plain", "parameter", "true"), CASES)
 def test_a_named_effect_is_found_with_its_number(
     tmp_path: Path, name: str, location: str, plain: dict, parameter: str, true: float

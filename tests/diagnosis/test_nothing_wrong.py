@@ -113,6 +113,7 @@ def report_of(
     return diagnose(logs, a1, settings, threads=1).report
 
 
+@pytest.mark.long
 def test_a_gap_that_steps_and_integrator_open_is_nobodys_fault(plans: list[Log], a1: Robot) -> None:
     """The gap is five noise floors and more, of a slip that the length of a step decides; no cause is needed."""
     report = report_of(plans, a1)
@@ -122,6 +123,7 @@ def test_a_gap_that_steps_and_integrator_open_is_nobodys_fault(plans: list[Log],
     assert "integrator alone" in report.sentence or "steps of a quarter of the length alone" in report.sentence
 
 
+@pytest.mark.long
 def test_a_stiffer_floor_of_another_simulation_is_no_cause(plans: list[Log], a1: Robot) -> None:
     """Feet on a pyramid of friction sink in less, which looks like a floor a millimetre lower, and a gap besides."""
 
@@ -132,6 +134,7 @@ def test_a_stiffer_floor_of_another_simulation_is_no_cause(plans: list[Log], a1:
     assert (report.verdict, report.answer) == ("none", ()), report.sentence
 
 
+@pytest.mark.long
 def test_a_small_bias_is_still_named_beside_them(plans: list[Log], a1: Robot) -> None:
     """An angle that is 0.02 rad off at one knee is told from all that simulations differ by."""
     report = report_of(plans, a1, bias={"FL_calf": 0.02})
@@ -140,6 +143,7 @@ def test_a_small_bias_is_still_named_beside_them(plans: list[Log], a1: Robot) ->
     assert report.causes[0].parameters["bias_rad"].value == pytest.approx(0.02, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_bias_of_all_knees_is_no_lower_floor(plans: list[Log], a1: Robot) -> None:
     """Knees that are 0.02 rad off lower all feet alike. Where a foot lands is not linear in an angle."""
     settings = replace(SETTINGS, effects=["encoder_bias", "ground_height"])
@@ -150,6 +154,7 @@ def test_a_bias_of_all_knees_is_no_lower_floor(plans: list[Log], a1: Robot) -> N
     assert report.causes[0].parameters["bias_rad"].value == pytest.approx(-0.022, rel=0.15)
 
 
+@pytest.mark.long
 def test_a_slow_cause_beside_a_fast_one_is_told_by_whole_logs(plans: list[Log], a1: Robot) -> None:
     """A slippery floor gains a hundredth of what friction at the thighs does in short pieces."""
     thighs, feet = ("FR_thigh", "FL_thigh", "RR_thigh", "RL_thigh"), ("FR", "FL", "RR", "RL")

@@ -109,6 +109,7 @@ def test_an_uneven_clock_is_told_by_the_checks_only_where_times_are_wrong(acrobo
     assert all(check.passed for check in run_checks(logs, acrobot, {}))
 
 
+@pytest.mark.long
 def test_logs_of_different_rates_are_diagnosed_together(acrobot: Robot) -> None:
     logs = [swing(seed, even(rate, 3.0), 0.08, kp=20.0, kd=0.3) for seed, rate in enumerate((500, 200, 1000, 500))]
     found = diagnose(logs, acrobot, SETTINGS)
@@ -116,6 +117,7 @@ def test_logs_of_different_rates_are_diagnosed_together(acrobot: Robot) -> None:
     assert found.report.causes[0].parameters["torque_nm"].value == pytest.approx(0.08, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_torque_driven_pendulum_is_judged_over_the_time_it_can_be_foretold(acrobot: Robot) -> None:
     """Without a PD the pendulum's whole motion is chaotic; within the horizon its friction is found."""
     logs = [swing(seed, even(500, 8.0), 0.08) for seed in range(4)]
@@ -141,6 +143,7 @@ def test_missing_velocities_do_not_start_replays_at_rest(acrobot: Robot) -> None
     assert any("joint_vel" in line and "fit" in line for line in found.report.not_judged)
 
 
+@pytest.mark.long
 def test_friction_is_found_without_velocities(acrobot: Robot) -> None:
     logs = [without_velocities(swing(seed, even(500, 3.0), 0.08, kp=20.0, kd=0.3)) for seed in range(4)]
     found = diagnose(logs, acrobot, SETTINGS)

@@ -86,6 +86,7 @@ def test_a_force_is_dropped_only_where_the_answer_moves_through_its_moment_as_th
     assert unexplained([*pushes, *swings], given, replayer, []) == (*pushes, *swings)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("damping", [0.1, 0.4])
 def test_an_arm_that_nothing_pushes_has_no_force_from_outside(arm: Robot, damping: float) -> None:
     false = [k for k in range(0, 40, 4) if find([arm_swing(k + i, [], damping) for i in range(4)], arm).forces]
@@ -103,6 +104,7 @@ def test_what_every_log_shows_at_one_moment_of_a_motion_is_no_push(
     assert all(one.log == "swing_2" for one in found)
 
 
+@pytest.mark.long
 def test_pushes_are_blamed_on_no_parameter(arm: Robot, tmp_path: Path) -> None:
     logs = [arm_swing(k, list(PUSHES)) for k in range(4)]
     whole = diagnose_logs(logs, arm, SETTINGS)
@@ -122,6 +124,7 @@ def test_pushes_are_blamed_on_no_parameter(arm: Robot, tmp_path: Path) -> None:
     assert "Nothing about the robot: without the forces from outside" in page
 
 
+@pytest.mark.long
 def test_damping_is_found_beside_pushes(arm: Robot) -> None:
     logs = [arm_swing(k, list(PUSHES), 0.4) for k in range(4)]
     report = diagnose(logs, arm, SETTINGS).report

@@ -56,6 +56,7 @@ def of_a_late_writer(name: str, seed: int) -> Log:
     return Log(name, columns, LogInfo("arm", STEP_S, "plain MuJoCo"))
 
 
+@pytest.mark.long
 def test_the_clock_is_named_first_and_the_hidden_cause_with_its_value(tmp_path) -> None:
     logs = [of_a_late_writer(f"late_{seed}", seed) for seed in range(4)]
     kinds = ["joint_damping", "joint_friction", "torque_gain", "command_delay", "sample_period"]

@@ -24,6 +24,7 @@ def damped_logs(robot: Robot, reference: Log) -> list[Log]:
     return hardware(robot, reference, effects.effect("joint_damping", damping=0.4), noise=SensorNoise(), jumps=3)
 
 
+@pytest.mark.long
 def test_no_whole_jump_is_replayed_twice_with_the_same_effects(
     robot: Robot, damped_logs: list[Log], monkeypatch: pytest.MonkeyPatch
 ) -> None:

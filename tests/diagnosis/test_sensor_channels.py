@@ -176,6 +176,7 @@ SETTINGS = Settings(
 )
 
 
+@pytest.mark.long
 def test_walks_with_sensors_have_no_gap(go2: Robot) -> None:
     report = diagnose([noisy(walk(gait), k) for k, gait in enumerate(GAITS)], go2, SETTINGS).report
     assert {"imu_acc_x", "foot_force/RR"} <= set(report.headline.sizes)
@@ -183,6 +184,7 @@ def test_walks_with_sensors_have_no_gap(go2: Robot) -> None:
     assert not any(line.startswith(("imu_acc", "foot_force", "the IMU")) for line in report.not_judged)
 
 
+@pytest.mark.long
 def test_a_payload_is_found_with_sensors(go2: Robot) -> None:
     report = diagnose([noisy(walk(gait, loaded), k) for k, gait in enumerate(GAITS)], go2, SETTINGS).report
     assert report.answer == (("payload",),), report.sentence

@@ -229,6 +229,7 @@ def report_of(logs: Sequence[Log], robot: Robot) -> ReportContent:
     return diagnose(logs, robot, SETTINGS).report
 
 
+@pytest.mark.long
 def test_walks_of_the_nominal_robot_have_no_gap(go2: Robot) -> None:
     report = report_of(walks(), go2)
     assert report.verdict == "none", report.sentence
@@ -237,6 +238,7 @@ def test_walks_of_the_nominal_robot_have_no_gap(go2: Robot) -> None:
     assert not any(line.startswith(("base_pos", "base_linvel")) for line in report.not_judged)
 
 
+@pytest.mark.long
 def test_friction_of_one_joint_group_is_found_in_walks(go2: Robot) -> None:
     def rub(model: mujoco.MjModel) -> None:
         for leg in ("FL", "FR", "RL", "RR"):
@@ -248,6 +250,7 @@ def test_friction_of_one_joint_group_is_found_in_walks(go2: Robot) -> None:
     assert report.causes[0].parameters["torque_nm"].value == pytest.approx(0.6, rel=0.15)
 
 
+@pytest.mark.long
 def test_friction_of_one_joint_is_found_in_walks(go2: Robot) -> None:
     def rub(model: mujoco.MjModel) -> None:
         model.dof_frictionloss[model.joint("FR_thigh_joint").dofadr] += 0.8
@@ -258,6 +261,7 @@ def test_friction_of_one_joint_is_found_in_walks(go2: Robot) -> None:
     assert report.causes[0].parameters["torque_nm"].value == pytest.approx(0.8, rel=0.15)
 
 
+@pytest.mark.long
 def test_a_payload_on_the_trunk_is_found_in_walks(go2: Robot) -> None:
     def load(model: mujoco.MjModel) -> None:
         base = model.body("base").id
@@ -270,6 +274,7 @@ def test_a_payload_on_the_trunk_is_found_in_walks(go2: Robot) -> None:
     assert report.causes[0].parameters["mass_kg"].value == pytest.approx(2.0, rel=0.15)
 
 
+@pytest.mark.long
 def test_late_commands_are_found_in_walks(go2: Robot) -> None:
     report = report_of(walks(delay_s=0.008), go2)
     assert report.answer == (("command_delay",),), report.sentence

@@ -13,6 +13,7 @@ TEXTS = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path 
 RUNNING = [page for page, text in TEXTS.items() if any(not block.not_run for block in blocks(page, text))]
 
 
+@pytest.mark.long
 @pytest.mark.pipeline
 @pytest.mark.parametrize("page", RUNNING)
 def test_blocks_of_a_page_run(page: str, folder: Path) -> None:

@@ -42,6 +42,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAST)
 def test_a_killed_stage_leaves_no_worker_and_no_half_output(name: str, inputs: Path, tmp_path: Path) -> None:
     call = BY_NAME[name]
@@ -66,6 +67,7 @@ def test_workers_that_are_still_starting_end_with_their_parent(after_s: float, i
         running.kill_all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "after_s"), [("collect", 0.2), ("collect", 2.0), ("train", 0.2), ("train", 2.0)])
 def test_ctrl_c_ends_a_stage_and_its_workers_with_one_line(
     name: str, after_s: float, inputs: Path, tmp_path: Path
@@ -215,6 +217,7 @@ def test_a_folder_that_nobody_may_write_to_is_a_message(raw: Path, tmp_path: Pat
     tmp_path.chmod(0o700)
 
 
+@pytest.mark.long
 def test_a_reader_that_has_enough_ends_a_stage_without_a_traceback(raw: Path, tmp_path: Path) -> None:
     running = subprocess.Popen(
         command(BY_NAME["collect"], tmp_path, tmp_path / "out"),

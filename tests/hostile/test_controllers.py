@@ -31,6 +31,7 @@ def mpc(jump: tuple[Robot, Reference]) -> JumpMpc:
     return JumpMpc(reference, robot, PhaseGains(), RigidBodyModel(A1_BODY), MpcConfig())
 
 
+@pytest.mark.long
 def test_hostile_ticks(jump: tuple[Robot, Reference]) -> None:
     """The same as in ``make hostile``, fewer of them."""
     tally = hostile_ticks(100_000, 1, *jump)

@@ -14,6 +14,7 @@ def results() -> list[Result]:
     return run_cases(cases()[::SHARE], 1)
 
 
+@pytest.mark.long
 def test_no_corrupted_log_is_a_traceback_a_hang_or_too_much_memory(results: list[Result]) -> None:
     counts = figures(results)
     assert counts["traceback"] == counts["hang"] == counts["memory"] == 0, report(results)

@@ -73,6 +73,7 @@ def test_the_version_of_a_stage(tmp_path: Path) -> None:
     assert (result.returncode, result.stdout) == (0, f"leapgap {leapgap.__version__}\n")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "question"),
     [
@@ -149,6 +150,7 @@ def test_a_stage_finds_the_projects_robot_from_any_folder(tmp_path: Path) -> Non
     assert (tmp_path / "jumps" / ".leapgap.json").is_file()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -71,6 +71,7 @@ STAGES = {
 """For each stage that writes a folder: its key, and an argument with which it would begin to work."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", STAGES)
 def test_every_stage_refuses_a_folder_of_the_users(name: str, mine: Path, logs: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
@@ -160,6 +161,7 @@ def test_what_is_no_folder_is_refused(tmp_path: Path, make: Callable[[Path], obj
     assert out.is_symlink() or not out.is_dir()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", ["/proc", "/proc/self", "/proc/self/out", "/", "/dev/null", "/dev/null/out"])
 def test_folders_of_the_system_are_refused(place: str) -> None:
     for name, key, argument in (("chunk", "chunk.out", ""), ("train", "train.out", "train.folds=2")):

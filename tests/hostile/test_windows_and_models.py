@@ -222,6 +222,7 @@ def test_a_model_whose_arrays_do_not_fit_together_is_not_loaded(
         store.load(tmp_path, "kernel")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_training_that_diverges_is_a_message(
     processes: int,

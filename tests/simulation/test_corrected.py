@@ -115,6 +115,7 @@ def test_the_model_file_moves_as_the_corrected_replay(tmp_path: Path, name: str,
     assert (moved > 1e-6) == (name not in NOT_IN_A_MODEL)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["go2", "ur5e"])
 def test_motors_of_the_makers_are_corrected_where_they_stand(tmp_path: Path, kind: str) -> None:
     """Motors and servos keep their controls; the last joint gets a lag and a limit of voltage, then a gain too."""
@@ -125,6 +126,7 @@ def test_motors_of_the_makers_are_corrected_where_they_stand(tmp_path: Path, kin
         assert check_motion(tmp_path / folder, kind, robot, log, tuple(chosen)) > 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["go2", "spot", "ur5e"])
 def test_a_robot_of_others_holds_all_effects_at_once(tmp_path: Path, kind: str) -> None:
     robot, log = robot_and_log(kind)

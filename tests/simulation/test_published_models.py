@@ -80,6 +80,7 @@ def test_replay_of_a_ur5es_own_servos_is_the_plain_simulation() -> None:
     assert replay_error(plain, path) < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", BIPEDS)
 def test_replay_of_a_published_biped_on_its_floor_is_the_plain_simulation(name: str) -> None:
     path, servo = biped(name), "h1" not in name

@@ -75,6 +75,7 @@ def test_no_logs_is_a_stated_result(tmp_path: Path) -> None:
         assert "no logs" in result.stdout
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [

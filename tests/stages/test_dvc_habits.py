@@ -74,6 +74,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Small:
     return Small(tmp_path_factory.mktemp("small"))
 
 
+@pytest.mark.long
 def test_experiments_one_by_one_and_from_a_queue_stand_in_one_table(small: Small) -> None:
     small.run(DVC, "exp", "run", "-n", "double", "-S", "score.gain=2.0")
     small.run("git", "checkout", "-q", ".")

@@ -19,6 +19,7 @@ SMALL = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.pipeline
 def test_a_robot_practises_and_its_controller_compiles(tmp_path: Path) -> None:
     out = tmp_path / "controller"

@@ -75,6 +75,7 @@ def diagnoses(arm: Path, folder: Path, *arguments: str, **more: Any) -> str:
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_job_that_fails_is_shown_and_the_next_run_makes_only_what_is_missing(arm: Path, tmp_path: Path) -> None:
     logs = [
         f"diagnose.logs={arm / 'logs'},{tmp_path / 'later'}",
@@ -109,6 +110,7 @@ def test_the_folder_of_somebody_else_is_refused_and_kept(tmp_path: Path) -> None
     assert (tmp_path / "mine/table.csv").read_text() == "mine\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("content", ["garbage", "{}", '{"overrides": [3]}', '{"overrides": [], "figures": 3}'])
 def test_a_damaged_result_of_a_job_is_one_message(tmp_path: Path, content: str) -> None:
     arguments = ("stages.collect", "-m", "collect.jumps=0", f"hydra.sweep.dir={tmp_path / 'sweep'}")

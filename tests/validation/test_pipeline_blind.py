@@ -24,6 +24,8 @@ from stages.params import compose_params
 from tests.code import ROOT, closure
 from tests.test_pipeline_files import stages
 
+pytestmark = pytest.mark.long
+
 FAST: dict[str, Any] = {
     "best": False,  # as in every withheld diagnosis: answers are judged
     "effects": ["joint_damping"],

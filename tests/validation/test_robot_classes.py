@@ -333,6 +333,7 @@ def stage(name: str, *arguments: object) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_a_class_goes_from_its_file_to_scores_of_its_own(
     folder: Path, shares: dict[str, dict[str, list[float]]]
 ) -> None:

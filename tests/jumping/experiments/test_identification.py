@@ -23,6 +23,7 @@ def test_motions_are_compared_every_20_ms_at_any_rate(robot: Robot, rate_hz: int
     assert len(difference(qpos, log, robot)) == (3 + len(robot.joints)) * instants
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("softness_s", [0.02, 0.03])
 def test_the_softness_of_the_feet_is_told_from_the_joints(robot: Robot, reference: Log, softness_s: float) -> None:
     true = {"joint_damping": 0.6, "armature": 0.01, "foot_compliance": softness_s}

@@ -27,6 +27,7 @@ def outcome(bench: Bench, task: JumpTask) -> TrialOutcome:
     return attempt_task(task, method, bench.level, (), world, np.random.default_rng(0))
 
 
+@pytest.mark.long
 def test_it_lands_where_a_jump_does_whose_stance_was_seen(bench: Bench) -> None:
     """Five centimetres under the front feet move the landing by more than ten where a plan takes them for level."""
     seen, late = (outcome(bench, replace(BLOCK, stance_is_seen=is_seen)) for is_seen in (True, False))

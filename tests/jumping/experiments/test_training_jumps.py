@@ -58,6 +58,7 @@ def start(bench: Bench) -> AimingMethod:
     return AimingMethod(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
 
 
+@pytest.mark.long
 def test_practice_finds_the_law_and_plans_with_what_was_identified(quick: Bench) -> None:
     learned = run_practice(quick, start(quick), CONFIG)
     assert len(learned.samples) == 18

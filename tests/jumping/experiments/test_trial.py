@@ -92,6 +92,7 @@ def test_an_aimed_jump_stands_measures_its_stance_and_plans(bench: Bench) -> Non
     assert abs(found.landings[0].error_cm) < 8  # a plan for level ground falls 20 cm short from here
 
 
+@pytest.mark.long
 def test_a_goal_without_a_plan_becomes_a_nearer_one_and_says_so(bench: Bench) -> None:
     planner = JumpPlanner(planar_robot(bench.robot))
     method = AimingMethod(bench.robot, bench.references, planner=planner, goal_offset=np.array([0.0, 0.9, 0.0]))

@@ -40,6 +40,7 @@ def harmed(ticks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return ticks
 
 
+@pytest.mark.long
 def test_any_bits_get_finite_commands_within_the_motors(jump: RecordedJump, guarded: Path) -> None:
     rng, truth = np.random.default_rng(3), np.frombuffer(raw(jump.estimates)).reshape(len(jump.estimates), -1)
     for _ in range(JUMPS):

@@ -64,6 +64,7 @@ def test_by_default_nothing_but_the_models_is_written(by_csv: Path) -> None:
     assert len((by_csv / "models/curves.csv").read_text().splitlines()) == 1 + 3 * len(curves(by_csv))
 
 
+@pytest.mark.long
 def test_tensorboard_reads_the_curve_of_every_training(
     windows: Windows, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -133,6 +133,7 @@ def train(folder: Path, windows: Windows, out: Path, *overrides: str, dvc: bool 
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dvc", [False, True])
 def test_its_settings_are_typed_as_those_of_every_model(folder, windows: Windows, tmp_path: Path, dvc: bool) -> None:
     done = train(folder, windows, tmp_path, "train.slowing.time_constant_s=0.25", dvc=dvc)
@@ -147,6 +148,7 @@ def test_its_settings_are_typed_as_those_of_every_model(folder, windows: Windows
     assert read_json(tmp_path / "models" / "all" / "slowing.json")["settings"] == {"time_constant_s": 0.5}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dvc", [False, True])
 @pytest.mark.parametrize(
     ("override", "message"),

@@ -234,6 +234,7 @@ def test_metrics_predictions_and_refusals(windows: Windows, tmp_path):
             evaluation.errors_on_other_jumps(other, tmp_path / "models")
 
 
+@pytest.mark.long
 def test_splits_side_by_side_give_the_same_bytes(windows: Windows, tmp_path):
     small = config(models=["playback", "kernel", "networks", "blend"])
     for name, processes in (("one", 1), ("two", 2)):

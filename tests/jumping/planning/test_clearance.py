@@ -54,6 +54,7 @@ def test_a_plan_that_is_clear_of_the_box_stays_as_it_is(robot: Robot) -> None:
     np.testing.assert_allclose(clear.trajectory.q, free.trajectory.q, atol=1e-6)
 
 
+@pytest.mark.long
 def test_feet_do_not_sweep_through_the_box(robot: Robot) -> None:
     found = [effects.effect("joint_damping", damping=1.5487), effects.effect("armature", inertia=0.0045)]
     problem = Problem(BOX, robot=planar_robot_with(robot, found), limits=CLEAR, aim=Aim(0.004, -0.022, 0.066))
