@@ -86,7 +86,7 @@ class Settings:
     sizes: dict[str, float] = field(default_factory=dict)
     """Channel or quantity (``joint_pos``) → size by which its errors are divided in the headline gap, rad, m and per s.
     A channel without one is divided by a tenth of its spread in the logs; jumps have sizes of their own."""
-    model_error: float = 0.03
+    model_error: float = 0.05
     """Relative error of a departure from nominal because the simulation differs from the robot."""
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
