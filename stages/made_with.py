@@ -9,14 +9,14 @@ Examples:
     python -m stages.made_with metrics/blind.json
 """
 
-import hashlib
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import read_json, write_json
+from leapgap.atomic_io import read_json, sha256, write_json
+from leapgap.content_hash import digest
 from leapgap.errors import InputError, did_you_mean
 from stages.common import refuse
 from stages.help import answered_at_once
@@ -56,13 +56,9 @@ CODE: dict[str, tuple[str, ...]] = {
 
 
 def fingerprint(root: Path, paths: Sequence[str]) -> str:
-    """SHA-256 over names and contents of the code in ``paths``, in the order of the names."""
+    """SHA-256 over names and contents of the code in ``paths``."""
     files = {file for path in paths for file in [root / path, *(root / path).rglob("*")] if file.suffix in KINDS}
-    total = hashlib.sha256()
-    for file in sorted(file for file in files if file.is_file()):
-        total.update(f"{file.relative_to(root)}\0".encode())
-        total.update(hashlib.sha256(file.read_bytes()).digest())
-    return total.hexdigest()
+    return digest({str(file.relative_to(root)): sha256(file) for file in files if file.is_file()})
 
 
 def noted(root: Path) -> dict[str, dict[str, Any]]:

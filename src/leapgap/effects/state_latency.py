@@ -27,7 +27,7 @@ class StateLatency(Effect):
 
     @property
     def reported_late_s(self) -> float:
-        """The delay."""
+        """All of the delay: pose and velocity of the base are reported late together."""
         return self.delay_s
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:

@@ -19,9 +19,13 @@ TOOTH_DAMPING = 2.0
 
 
 @dataclass(frozen=True)
-class MotorTorque:
-    """What motors with joint PD give, as the model has them when this is made."""
+class Motors:
+    """The motors of a location with their joint PD, as the model has them when this is made."""
 
+    actuators: np.ndarray
+    dofs: np.ndarray
+    qpos: np.ndarray
+    """Indices of the motors and of their joints in the model, (motors,) each."""
     gain: np.ndarray
     """(motors,), N·m per unit of control."""
     bias: np.ndarray
@@ -30,17 +34,23 @@ class MotorTorque:
     """(motors, 2) least and largest torque, N·m."""
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, actuators: np.ndarray) -> "MotorTorque":
-        """Copies of the model's numbers."""
+    def of(cls, model: mujoco.MjModel, robot: Robot, location: str) -> "Motors":
+        """The motors of a location with copies of the model's numbers."""
+        at = robot.joints_at(location)
+        actuators = robot.joint_actuators[at]
         return cls(
+            actuators,
+            robot.joint_dofs[at],
+            robot.joint_qpos[at],
             model.actuator_gainprm[actuators, 0].copy(),
             model.actuator_biasprm[actuators, :3].copy(),
             model.actuator_forcerange[actuators].copy(),
         )
 
-    def __call__(self, control: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Torques, N·m, at joint angles, rad, and velocities, rad/s, (motors,) each."""
-        torque = self.gain * control + self.bias[:, 1] * q + self.bias[:, 2] * v
+    def torque(self, data: mujoco.MjData) -> np.ndarray:
+        """Torques that the motors give in the present state, (motors,), N·m."""
+        q, v = data.qpos[self.qpos], data.qvel[self.dofs]
+        torque = self.gain * data.ctrl[self.actuators] + self.bias[:, 1] * q + self.bias[:, 2] * v
         return np.clip(torque, self.limit[:, 0], self.limit[:, 1])
 
 
@@ -58,24 +68,21 @@ class Backlash(OffTableEffect):
 
     def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
         """Drive a rotor, integrated here, with the motor's torque, and the link with the torque of the teeth."""
-        at = robot.joints_at(self.location)
-        actuators, dofs, qpos = robot.joint_actuators[at], robot.joint_dofs[at], robot.joint_qpos[at]
-        inertia = model.dof_armature[dofs].copy()
-        motor = MotorTorque.of(model, actuators)
-        model.actuator_gainprm[actuators], model.actuator_biasprm[actuators] = 0.0, 0.0
+        motors = Motors.of(model, robot, self.location)
+        dofs, inertia = motors.dofs, model.dof_armature[motors.dofs].copy()
+        model.actuator_gainprm[motors.actuators], model.actuator_biasprm[motors.actuators] = 0.0, 0.0
         model.dof_armature[dofs] = 0.0
         mujoco.mj_setConst(model, mujoco.MjData(model))
         rotor: dict[str, np.ndarray] = {}
 
         def mesh(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-            q, v = data.qpos[qpos], data.qvel[dofs]
+            q, v = data.qpos[motors.qpos], data.qvel[dofs]
             if not rotor:
                 rotor["q"], rotor["v"] = q.copy(), v.copy()
-            motor_torque = motor(data.ctrl[actuators], q, v)
             twist = rotor["q"] - q
             beyond = twist - np.clip(twist, -self.play_rad / 2, self.play_rad / 2)
             teeth = np.where(beyond != 0, TOOTH_STIFFNESS * beyond + TOOTH_DAMPING * (rotor["v"] - v), 0.0)
-            rotor["v"] = rotor["v"] + model.opt.timestep * (motor_torque - teeth) / inertia
+            rotor["v"] = rotor["v"] + model.opt.timestep * (motors.torque(data) - teeth) / inertia
             rotor["q"] = rotor["q"] + model.opt.timestep * rotor["v"]
             data.qfrc_applied[dofs] += teeth
 
@@ -116,13 +123,10 @@ class DeadBand(OffTableEffect):
 
     def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
         """Take the band away from what the motors of the location give."""
-        at = robot.joints_at(self.location)
-        actuators, dofs, qpos = robot.joint_actuators[at], robot.joint_dofs[at], robot.joint_qpos[at]
-        motor = MotorTorque.of(model, actuators)
+        motors = Motors.of(model, robot, self.location)
 
         def take(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-            given = motor(data.ctrl[actuators], data.qpos[qpos], data.qvel[dofs])
-            data.qfrc_applied[dofs] -= np.clip(given, -self.torque_nm, self.torque_nm)
+            data.qfrc_applied[motors.dofs] -= np.clip(motors.torque(data), -self.torque_nm, self.torque_nm)
 
         return take
 
