@@ -68,6 +68,11 @@ class DecisionThresholds:
     most_worsened: float = 0.02
     """A further cause that widens the headline gap on held-out logs by a larger share is rejected, whatever it gains in
     short replays."""
+    least_shrunk: float = 0.05
+    """A held robot neither lands nor falls: what short replays say must show in whole logs. A further cause must shrink
+    the gap that the causes before it leave by this share, and no answer may surely widen the nominal robot's."""
+    least_sure: float = 0.9
+    """A rival that is better on whole logs of a held robot in so many resamples may be as likely as the answer."""
     none_below: float = 1.15
     """Largest median of χ² over its expectation at which noise explains short replays of the nominal robot."""
     none_gap: float = 2.7
@@ -81,6 +86,37 @@ def best_set_shares(result: SearchResult, draws: np.ndarray) -> np.ndarray:
     logs = draws.shape[1]  # not every log need have a piece
     of_logs = np.stack([np.bincount(result.log_of_piece, fit.heldout, minlength=logs) for fit in result.rivals])
     return np.bincount(of_logs[:, draws].sum(axis=2).argmin(axis=0), minlength=len(of_logs)) / len(draws)
+
+
+def shares_of_sets(result: SearchResult, gap: HeldOutGap, thresholds: DecisionThresholds) -> np.ndarray:
+    """How often each rival is best in the resamples, (rivals,).
+
+    By short pieces; where whole logs of a held robot surely prefer another rival, both have half a say.
+    """
+    if not result.rivals:
+        return np.zeros(0)
+    by_pieces = best_set_shares(result, gap.draws)
+    if not gap.is_of_held_robot:
+        return by_pieces
+    (own,), others = gap.squares([result.selected]), gap.squares(result.rivals)
+    least = gap.closure_value(own) + thresholds.most_worsened
+    better = [
+        gap.share_better(squares, own) >= thresholds.least_sure and gap.closure_value(squares) > least
+        for squares in others
+    ]
+    if not any(better):
+        return by_pieces
+    possible = np.array(better) | np.array([fit is result.selected for fit in result.rivals])
+    left = np.where(possible[:, None], others, np.inf)[:, gap.draws].sum(axis=2)
+    return (by_pieces + np.bincount(left.argmin(axis=0), minlength=len(left)) / len(gap.draws)) / 2
+
+
+def surely_widens(candidate: Candidate, gap: HeldOutGap, thresholds: DecisionThresholds) -> bool:
+    """Whether a candidate widens the nominal robot's gap on held-out logs, beyond doubt."""
+    if not candidate.hypotheses or not gap.has_gap:
+        return False
+    (squares,) = gap.squares([candidate])
+    return gap.closure(squares).high < -thresholds.most_worsened
 
 
 def answer_of(result: SearchResult, shares: np.ndarray, thresholds: DecisionThresholds) -> Answer:
@@ -115,15 +151,19 @@ def explained_share(result: SearchResult, thresholds: DecisionThresholds) -> flo
 
 
 def drop_contradicted_causes(
-    result: SearchResult, closes: Sequence[float], thresholds: DecisionThresholds
+    result: SearchResult, closes: Sequence[float], thresholds: DecisionThresholds, held: Sequence[float] | None = None
 ) -> SearchResult:
     """The search result without further causes that full rollouts contradict.
 
-    ``closes`` are the shares of the headline gap that the first one, two, … causes close. In short replays an error in
-    the model of the first cause can look like a further cause.
+    ``closes`` are the shares of the headline gap that the first one, two, … causes close, and ``held`` is what they
+    leave of it on a held robot. In short replays an error in the model of the first cause can look like another one.
     """
-    worse = (k for k in range(1, len(closes)) if closes[k] < closes[k - 1] - thresholds.most_worsened)
-    return replace(result, selected=result.before(next(worse, len(closes))))
+
+    def contradicted(k: int) -> bool:
+        worse = closes[k] < closes[k - 1] - thresholds.most_worsened
+        return worse or (held is not None and held[k] > (1 - thresholds.least_shrunk) * held[k - 1])
+
+    return replace(result, selected=result.before(next(filter(contradicted, range(1, len(closes))), len(closes))))
 
 
 def verdict_of(
@@ -235,14 +275,17 @@ def judge(
     Where a confirmed cause does not explain enough, the search goes on in these replays.
     """
     heldout_gap.replays(result.steps)
-    closed = [heldout_gap.closure_value(squares) for squares in heldout_gap.squares(result.steps)]
-    result = drop_contradicted_causes(result, closed, thresholds)
-    shares = best_set_shares(result, heldout_gap.draws) if result.rivals else np.zeros(0)
+    steps = heldout_gap.figures(result.steps)
+    left = [figures.gap for figures in steps] if heldout_gap.is_of_held_robot else None
+    result = drop_contradicted_causes(result, [figures.closure.value for figures in steps], thresholds, left)
     heldout_gap.squares([*result.steps, *result.alternatives])
+    shares = shares_of_sets(result, heldout_gap, thresholds)
     gap = heldout_gap.gap(heldout_gap.before) / heldout_gap.gap(heldout_gap.floor)
     # The nominal step's own error may hide what a small effect closes.
     closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure)
     conclusion = decide(result, shares, gap, closes, thresholds)
+    if heldout_gap.is_of_held_robot and surely_widens(result.selected, heldout_gap, thresholds):
+        conclusion = Conclusion("unknown", ())
     if conclusion.verdict == "unknown" and is_first_cause_confirmed(result):
         causes = FullRollouts(heldout_gap, full, progress).search(result.before(1), hypotheses, thresholds.rival_share)
         conclusion = conclude_from(causes)

@@ -168,6 +168,11 @@ class HeldOutGap:
         )
 
     @property
+    def is_of_held_robot(self) -> bool:
+        """Whether the logs are of a robot without a free base: it neither lands nor falls."""
+        return not self.judged.robot.has_free_base
+
+    @property
     def before(self) -> np.ndarray:
         """Sums of squares, (logs,), of the simulation as it was given: nominal robot, claimed clock."""
         return self.nominal if self.claimed is None else self.claimed.nominal

@@ -26,6 +26,8 @@ CONVERGED = 0.5
 """The last fit has converged when the logarithm of its likelihood rises by less than this."""
 REPLACED = 2
 """So many sets with one other effect in the place of two are fitted."""
+EXCHANGED = 2
+"""So many times at most is an effect exchanged for a likelier one."""
 FLAT, AFAR = 0.95, 12
 """A number of which logs leave a larger share of its spread near nominal is tried at so many values over its range."""
 KNOWN = 0.5
@@ -202,7 +204,7 @@ class SearchInParts(JointSearch):
         every = self.fit_in_parts(hypotheses, near)
         fit = self.reduced(part(every, self.without_idle(every, self.losses_without, IDLE)))
         fit = self.with_one_for_two(every, self.without_small(fit, none_gap), found)
-        return self.ordered(fit, self.rivals(every, fit))
+        return self.ordered(*self.with_exchanges(fit, hypotheses, none_gap))
 
     def fit_in_parts(self, hypotheses: Sequence[Hypothesis], near: FullRolloutFit) -> FullRolloutFit:
         """The fit of all effects, with one number for the whole robot where its parts need none of their own."""
@@ -213,9 +215,7 @@ class SearchInParts(JointSearch):
             fit = self.joint.fit(kept, numbers, self.joint.plan.steps)
         if (far := self.from_afar(fit)) is not None:
             fit = self.joint.fit(fit.hypotheses, far, self.joint.plan.steps)
-        effects = fit.typical_effects(self.joint.heldout_gap.names)
-        lasting = [k for k, one in enumerate(effects) if not one.is_undone_by(effects, fit.hypotheses[k].robot)]
-        if len(lasting) < len(effects):
+        if len(lasting := self.lasting(fit)) < len(fit.hypotheses):
             own = part(fit, lasting)
             fit = self.joint.fit(own.hypotheses, own.numbers, self.joint.plan.steps)
         self.joint.progress(f"all effects, {in_words(fit)}: closes {self.joint.closes(fit):.2f}")
@@ -284,28 +284,59 @@ class SearchInParts(JointSearch):
         simpler = min(fits, key=lambda one: one.loss, default=fit)
         return simpler if simpler.loss < fit.loss + self.joint.plan.least_gain else fit
 
-    def rivals(self, every: FullRolloutFit, fit: FullRolloutFit) -> dict[str, str]:
-        """Effect of a fit → another effect that is as likely in its place, or closes as much of held-out logs' gap.
+    def with_exchanges(
+        self, fit: FullRolloutFit, hypotheses: Sequence[Hypothesis], none_gap: float
+    ) -> tuple[FullRolloutFit, dict[str, str]]:
+        """The fit with another effect in the place of one while that is likelier, and the rivals of those that stay.
 
-        ``every`` is the fit of all effects; by its curvature, one effect is tried in the place of each.
+        A fit of all effects lies where several share what one does, so that its curvature shows the last ones taken
+        away as needed. A rival is as likely in the place of an effect, or closes as much of held-out logs' gap.
         """
-        of = {name: [k for k, n in enumerate(every.names) if n == name] for name in every.names}
-        kept = [every.hypotheses.index(h) for h in fit.hypotheses]
-        loss, cost, found = self.joint.loss_at(fit), cost_of_others(every, kept), dict[str, str]()
-        for name in dict.fromkeys(fit.names):
-            rest = [k for k in kept if every.names[k] != name]
-            sets = {other: [*rest, *places] for other, places in of.items() if other not in fit.names}
-            costs = {other: cost_of_others(every, some) for other, some in sets.items()}
-            other = min(costs, key=lambda one: costs[one], default=None)
-            if other is None or costs[other] - cost > PROMISING * self.joint.plan.least_gain:
-                continue
-            start = part(every, sets[other])
-            again = self.joint.fit(start.hypotheses, start.numbers, self.joint.plan.steps)
-            closes = self.joint.closes(again)
-            self.joint.progress(f"{other} for {name}: loss {again.loss:.0f}, was {loss:.0f}, closes {closes:.2f}")
-            if (
-                again.loss < loss + self.joint.plan.least_gain
-                or closes > self.joint.closes(fit) - self.joint.plan.most_lost
-            ):
-                found[name] = other
-        return found
+        plan, exchanged = self.joint.plan, list[FullRolloutFit]()
+        while True:
+            others = {name: self.with_other(fit, name, hypotheses) for name in dict.fromkeys(fit.names)}
+            loss, closes = self.joint.loss_at(fit), self.joint.closes(fit)
+            tried = {name: again for name, again in others.items() if again is not None}
+            best = min(tried.values(), key=lambda one: one.loss, default=fit)
+            if best.loss > loss - plan.least_gain or len(exchanged) == EXCHANGED:
+                break
+            exchanged.append(fit)
+            fit = self.without_small(best, none_gap)
+        equal = {
+            name: again
+            for name, again in tried.items()
+            if again.loss < loss + plan.least_gain or self.joint.closes(again) > closes - plan.most_lost
+        }
+        return fit, {name: again.names[-1] for name, again in equal.items()}
+
+    def with_other(self, fit: FullRolloutFit, name: str, hypotheses: Sequence[Hypothesis]) -> FullRolloutFit | None:
+        """The fit with the most promising other effect in the place of one, everywhere or where that one acts.
+
+        None where none is promising, by derivatives where the one is absent.
+        """
+        rest = [k for k, own in enumerate(fit.names) if own != name]
+        of = [k for k, own in enumerate(fit.names) if own == name]
+        places = {"all", *(fit.hypotheses[k].location for k in of)}
+        others = [h for h in hypotheses if h.name not in fit.names and h.location in places and h.per_log is None]
+        stays = part(fit, rest)
+        wide = (*stays.hypotheses, *(fit.hypotheses[k] for k in of), *others)
+        absent = [h.nominal for h in wide[len(rest) :]]
+        near = self.joint.fit(wide, np.concatenate([stays.numbers, *absent]), 1)
+        kept, first = list(range(len(rest))), len(rest) + len(of)
+        costs = {k: cost_of_others(near, [*kept, k]) for k in range(first, len(wide))}
+        other = min(costs, key=lambda k: costs[k], default=None)
+        own = cost_of_others(near, list(range(first)))
+        if other is None or costs[other] - own > PROMISING * self.joint.plan.least_gain:
+            return None
+        start = part(near, [*kept, other])
+        again = self.joint.fit(start.hypotheses, start.numbers, self.joint.plan.steps)
+        if len(self.lasting(again)) < len(again.hypotheses):
+            return None
+        closes = self.joint.closes(again)
+        self.joint.progress(f"{wide[other].label} for {name}: loss {again.loss:.0f}, closes {closes:.2f}")
+        return again
+
+    def lasting(self, fit: FullRolloutFit) -> list[int]:
+        """Indices of the effects of a fit that the others do not undo."""
+        effects = fit.typical_effects(self.joint.heldout_gap.names)
+        return [k for k, one in enumerate(effects) if not one.is_undone_by(effects, fit.hypotheses[k].robot)]
