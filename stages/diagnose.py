@@ -12,7 +12,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from leapgap.atomic_io import write_json, write_text
-from leapgap.diagnosis.diagnose import Settings
+from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.output_folder import whole_folder
 from leapgap.reports.diagnosis import RECORDING, PageSettings, Report, diagnose_folder

@@ -19,7 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 from leapgap.atomic_io import sha256, write_text
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import file_digests
-from leapgap.diagnosis.diagnose import Settings as Diagnosing
+from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.output_folder import claim_folder

@@ -19,7 +19,7 @@ from leapgap import effects
 from leapgap.atomic_io import read_json, write_json
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import file_digests
-from leapgap.diagnosis.diagnose import Settings as Diagnosing
+from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets

@@ -14,7 +14,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from leapgap.atomic_io import write_json
-from leapgap.diagnosis.diagnose import Settings
+from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.logs.importers.base import LogFormat

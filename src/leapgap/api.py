@@ -9,8 +9,8 @@ from typing import Any
 from leapgap.atomic_io import sha256
 from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.checks.base import CheckResult
-from leapgap.diagnosis.diagnose import Settings
 from leapgap.diagnosis.provenance import Provenance
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs import log as log_file

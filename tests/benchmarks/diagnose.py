@@ -15,7 +15,8 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from leapgap.atomic_io import write_json
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
+from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion

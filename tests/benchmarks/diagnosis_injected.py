@@ -23,11 +23,12 @@ from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.checks import clock_of, run_checks
 from leapgap.diagnosis.closure import closure, resamples
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.gap import candidate_squares
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot

@@ -26,12 +26,13 @@ from leapgap import effects
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.closure import closure, resamples
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.gap import candidate_squares, headline_gap
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.sensitivities import concatenate_logs, on_logs
+from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.diagnose import Diagnosis, diagnose
+from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 

@@ -10,8 +10,8 @@ import pytest
 from leapgap.atomic_io import read_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.decision import DecisionThresholds
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
+from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
@@ -19,6 +19,7 @@ from leapgap.diagnosis.joint_likelihood import Numbers, bounded_minimum
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
 from leapgap.diagnosis.log_errors import LogErrors
 from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot

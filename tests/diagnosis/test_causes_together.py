@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFitSettings, Trial
 from leapgap.diagnosis.joint_likelihood import Numbers
 from leapgap.diagnosis.joint_search import SearchInParts
 from leapgap.diagnosis.joint_sets import at_parts, merge_alike
+from leapgap.diagnosis.settings import Settings
 from leapgap.robot.model import Robot
 from tests.diagnosis.test_best_simulator import KINDS, worn
 from tests.diagnosis.test_joint_fit import noisy_logs

@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 

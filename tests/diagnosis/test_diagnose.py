@@ -8,11 +8,12 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.diagnosis.checks import clocks as local
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.next_experiment import by_experience
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.errors import InputError
 from leapgap.jumping.task import ContactSchedule, Target, jump_info, target_of

@@ -12,7 +12,7 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
-from leapgap.diagnosis.joint_search import search_jointly
+from leapgap.diagnosis.joint_search import SearchInParts, search_jointly
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.log_errors import LogErrors, updated
 from leapgap.diagnosis.short_rollouts import ShortRollouts
@@ -73,6 +73,22 @@ def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, Hel
     assert gap.closure_value(fit.heldout) > 0.9
     closes = [gap.closure_value(squares) for squares in gap.squares([cause.fit for cause in causes])]
     assert closes == sorted(closes)
+
+
+def test_a_wrong_effect_is_exchanged_for_the_right_one(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
+    """A fit with a torque gain where the joints have friction: the gain goes, and friction comes with its number."""
+    robot, gap, short = arm
+    hypotheses = list_hypotheses(KINDS, robot, None)
+    every = {h.name: h for h in hypotheses if h.location == "all"}
+    wrong = tuple(every[name] for name in ("joint_damping", "torque_gain", "armature"))
+    search = SearchInParts(JointFit(gap, short, (), in_parts=True))
+    start = search.joint.fit(wrong, np.concatenate([h.nominal for h in wrong]), 3)
+    fit, rivals = search.with_exchanges(start, hypotheses, none_gap=2.7)
+    found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
+    assert found == pytest.approx({"joint_damping": 0.25, "joint_friction": 0.3, "armature": 0.02}, rel=0.1)
+    assert rivals == {}
+    again, rivals = search.with_exchanges(fit, hypotheses, none_gap=2.7)
+    assert again is fit and rivals == {}
 
 
 def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:

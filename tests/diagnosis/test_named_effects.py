@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.report import ReportContent
+from leapgap.diagnosis.settings import Settings
 from tests.effects import moving_arm as arm
 
 BESIDE = ["joint_damping", "joint_friction", "torque_gain"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.experiment_forecast import Forecaster
 from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
 from leapgap.diagnosis.experiments.base import Experiment, Repetition
@@ -24,6 +24,7 @@ from leapgap.diagnosis.next_experiment import sharpen
 from leapgap.diagnosis.outside_forces.inverse_dynamics import inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.residuals import instants_of, without_loads
 from leapgap.diagnosis.rival_fits import Rival
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.armature import Armature
 from leapgap.effects.base import Effect
 from leapgap.effects.joint_damping import JointDamping

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.checks import run_checks
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.gap import candidate_squares, headline_gap
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.outside_forces.episodes import (
     Episode,
@@ -26,6 +26,7 @@ from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals, stops
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.joint_damping import JointDamping
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log

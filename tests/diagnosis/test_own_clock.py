@@ -8,9 +8,10 @@ import pytest
 
 from leapgap.diagnosis.candidates import Fit, SearchResult
 from leapgap.diagnosis.decision import Conclusion, Judgement
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.own_clock import with_clock_first
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects import known
 from leapgap.effects.sample_period import SamplePeriod
 from leapgap.logs.log import Log, LogInfo

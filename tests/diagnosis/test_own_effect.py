@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect, parameter
 from leapgap.errors import InputError
 from leapgap.jumping.task import ContactSchedule, Target, jump_info

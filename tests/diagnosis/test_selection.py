@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -6,18 +7,12 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.candidates import Fit, SearchResult
 from leapgap.diagnosis.closure import Interval
-from leapgap.diagnosis.decision import (
-    DecisionThresholds,
-    answer_of,
-    best_set_shares,
-    decide_partly,
-    drop_contradicted_causes,
-    probability,
-    verdict_of,
-)
+from leapgap.diagnosis.decision import decide_partly, drop_contradicted_causes, verdict_of
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.gauss_newton import broyden, covariance
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.rival_sets import answer_of, best_set_shares, probability, shares_of_sets
 from leapgap.diagnosis.selection import MOST_SURPRISE, LinearGuess, Search, SearchSettings
 from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs, on_logs
 from leapgap.diagnosis.short_rollouts import ShortRollouts
@@ -91,6 +86,49 @@ def test_a_further_cause_that_worsens_whole_jumps_is_not_believed() -> None:
     assert cut.selected is one
     assert cut.rivals == (one,)
     assert drop_contradicted_causes(search_result(), [], DecisionThresholds()).selected.hypotheses == ()
+
+
+def test_a_further_cause_of_a_held_robot_has_to_shrink_what_is_left() -> None:
+    """The second cause gains in short pieces and leaves the gap of whole logs as it was."""
+    one, pair = fit(("armature",), [20.0] * 4), fit(("armature", "encoder_bias"), [1.0] * 4)
+    search = SearchResult(fit((), [100.0] * 4), pair, ((one,), (pair,)), np.arange(4), 360, ())
+    closes, doubts = [0.9, 0.903], DecisionThresholds()
+    assert drop_contradicted_causes(search, closes, doubts).selected is pair
+    assert drop_contradicted_causes(search, closes, doubts, held=[0.10, 0.097]).selected is one
+    assert drop_contradicted_causes(search, closes, doubts, held=[0.10, 0.09]).selected is pair
+
+
+class KnownGap:
+    """The gap of whole logs where what each candidate leaves is known, (logs,); 16 of the nominal robot's."""
+
+    draws = DRAWS
+
+    def __init__(self, held: bool, left: dict[tuple[str, ...], list[float]]) -> None:
+        self.is_of_held_robot, self.left = held, left
+
+    def squares(self, fits: Sequence[Fit]) -> list[np.ndarray]:
+        return [np.array(self.left[one.names]) for one in fits]
+
+    def closure_value(self, squares: np.ndarray) -> float:
+        return float(1 - np.sqrt(squares.sum() / 64))
+
+    def share_better(self, squares: np.ndarray, others: np.ndarray) -> float:
+        return float((others[self.draws].sum(axis=1) > squares[self.draws].sum(axis=1)).mean())
+
+
+@pytest.mark.parametrize(
+    ("held", "left_by_gain", "rivals"),
+    [(True, [1.0, 1, 1, 1], ("torque_gain",)), (False, [1.0, 1, 1, 1], ()), (True, [5.0, 1, 5, 1], ())],
+)
+def test_whole_logs_of_a_held_robot_tell_a_rival(
+    held: bool, left_by_gain: list[float], rivals: tuple[str, ...]
+) -> None:
+    """Heavier links are likelier in short pieces; a gain leaves less in whole logs, for certain or not."""
+    search = search_result(fit(("leg_mass",), [1.0] * 4), fit(("torque_gain",), [9.0] * 4))
+    gap = KnownGap(held, {("leg_mass",): [4.0] * 4, ("torque_gain",): left_by_gain})
+    shares = shares_of_sets(search, gap, DecisionThresholds())
+    assert shares.sum() == pytest.approx(1)
+    assert answer_of(search, shares, DecisionThresholds()) == (("leg_mass", *rivals),)
 
 
 def test_causes_that_surely_close_some_of_the_gap_are_told_with_the_rest() -> None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.decision import Conclusion, DecisionThresholds, Judgement, OtherSimulationExplains
+from leapgap.diagnosis.decision import Conclusion, Judgement, OtherSimulationExplains
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.short_rollouts import ShortRollouts

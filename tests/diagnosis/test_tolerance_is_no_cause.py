@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
+from leapgap.diagnosis.settings import Settings
 from leapgap.robot.model import Robot
 from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
 from tests.plain_simulation import Pd, by_motors, simulate

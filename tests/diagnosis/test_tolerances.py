@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.hypotheses import list_hypotheses, places
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.sensitivities import Sensitivities, tolerance
+from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 from leapgap.logs.log import Log

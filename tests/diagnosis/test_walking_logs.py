@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.diagnose import Settings, diagnose
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.selection import SearchSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.state import States, motion_of

@@ -8,7 +8,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap import effects
-from leapgap.diagnosis.diagnose import Settings, chosen_kinds, diagnose
+from leapgap.diagnosis.diagnose import chosen_kinds, diagnose
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.model_field import ModelField, effect_class
 from leapgap.errors import InputError
 from leapgap.logs.log import Log

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from leapgap import api
-from leapgap.diagnosis.diagnose import Settings
+from leapgap.diagnosis.settings import Settings
 from leapgap.logs import stretches
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.reading import Readings, read_folder

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.diagnosis.diagnose import Settings
 from leapgap.diagnosis.joint_fit import JointFitSettings
+from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.experiments.tasks import JumpTask

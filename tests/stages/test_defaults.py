@@ -15,7 +15,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from leapgap.diagnosis.diagnose import Settings
+from leapgap.diagnosis.settings import Settings
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.registry import settings_by_section
 from leapgap.logs.importers import formats

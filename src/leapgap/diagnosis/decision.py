@@ -7,14 +7,20 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult, in_words
 from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit, FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit, part
 from leapgap.diagnosis.joint_search import search_jointly
+from leapgap.diagnosis.rival_sets import (
+    Answer,
+    answer_of,
+    probability,
+    shares_of_possible_sets,
+    shares_of_sets,
+)
 from leapgap.diagnosis.robust_least_squares import losses
-
-Answer = tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -44,103 +50,12 @@ class Conclusion:
     """What explains the logs without any cause; None: not needed."""
 
 
-@dataclass(frozen=True)
-class DecisionThresholds:
-    """Thresholds of the decision."""
-
-    rival_share: float = 0.05
-    """A rival that is best in this share of the resamples cannot be told apart."""
-    most_left: float = 1.3
-    """Largest mean over pieces of χ² over its expectation at which noise explains the rest of short replays.
-
-    Where it leaves more, it must close ``enough_closure`` of the headline gap on held-out logs, or
-    ``least_closure`` of it and explain ``least_explained`` of the log likelihood that noise does not.
-    """
-    least_explained: float = 0.8
-    enough_closure: float = 0.7
-    least_closure: float = 0.35
-    enough_jointly: float = 0.9
-    """Where the answer of a search one by one leaves more than noise and tolerances, all effects are fitted together.
-    They explain the whole gap where they close so much of it; 0: they are never fitted."""
-    partly_closure: float = 0.2
-    """Causes that are believed and explain too little are told as such (``partly``) where they close this share of the
-    headline gap on held-out logs, and surely some of it."""
-    most_worsened: float = 0.02
-    """A further cause that widens the headline gap on held-out logs by a larger share is rejected, whatever it gains in
-    short replays."""
-    least_shrunk: float = 0.05
-    """A held robot neither lands nor falls: what short replays say must show in whole logs. A further cause must shrink
-    the gap that the causes before it leave by this share, and no answer may surely widen the nominal robot's."""
-    least_sure: float = 0.9
-    """A rival that is better on whole logs of a held robot in so many resamples may be as likely as the answer."""
-    none_below: float = 1.15
-    """Largest median of χ² over its expectation at which noise explains short replays of the nominal robot."""
-    none_gap: float = 2.7
-    """Largest gap of full rollouts, in noise floors, that noise and tolerances of the model explain."""
-    none_gain: float = 40.0
-    """Causes that close little of a gap within noise are none where they gain less in short replays."""
-
-
-def best_set_shares(result: SearchResult, draws: np.ndarray) -> np.ndarray:
-    """Share of resamples (draws, logs) in which each rival has the smallest held-out loss, (rivals,)."""
-    logs = draws.shape[1]  # not every log need have a piece
-    of_logs = np.stack([np.bincount(result.log_of_piece, fit.heldout, minlength=logs) for fit in result.rivals])
-    return np.bincount(of_logs[:, draws].sum(axis=2).argmin(axis=0), minlength=len(of_logs)) / len(draws)
-
-
-def shares_of_sets(result: SearchResult, gap: HeldOutGap, thresholds: DecisionThresholds) -> np.ndarray:
-    """How often each rival is best in the resamples, (rivals,).
-
-    By short pieces; where whole logs of a held robot surely prefer another rival, both have half a say.
-    """
-    if not result.rivals:
-        return np.zeros(0)
-    by_pieces = best_set_shares(result, gap.draws)
-    if not gap.is_of_held_robot:
-        return by_pieces
-    (own,), others = gap.squares([result.selected]), gap.squares(result.rivals)
-    least = gap.closure_value(own) + thresholds.most_worsened
-    better = [
-        gap.share_better(squares, own) >= thresholds.least_sure and gap.closure_value(squares) > least
-        for squares in others
-    ]
-    if not any(better):
-        return by_pieces
-    possible = np.array(better) | np.array([fit is result.selected for fit in result.rivals])
-    left = np.where(possible[:, None], others, np.inf)[:, gap.draws].sum(axis=2)
-    return (by_pieces + np.bincount(left.argmin(axis=0), minlength=len(left)) / len(gap.draws)) / 2
-
-
 def surely_widens(candidate: Candidate, gap: HeldOutGap, thresholds: DecisionThresholds) -> bool:
     """Whether a candidate widens the nominal robot's gap on held-out logs, beyond doubt."""
     if not candidate.hypotheses or not gap.has_gap:
         return False
     (squares,) = gap.squares([candidate])
     return gap.closure(squares).high < -thresholds.most_worsened
-
-
-def answer_of(result: SearchResult, shares: np.ndarray, thresholds: DecisionThresholds) -> Answer:
-    """Each selected effect with the rivals that cannot be told apart from it.
-
-    ``shares`` (rivals,) is how often each rival is best, by ``best_set_shares``.
-    """
-    names = list(result.selected.names)
-    answer = []
-    for i, name in enumerate(names):
-        others = set(names[:i] + names[i + 1 :])
-        standing_in: dict[str, float] = {}
-        for fit, share in zip(result.rivals, shares, strict=True):
-            left = set(fit.names) - others
-            if others < set(fit.names) and len(left) == 1 and name not in fit.names:
-                (rival,) = left
-                standing_in[rival] = standing_in.get(rival, 0.0) + float(share)
-        answer.append((name, *sorted(r for r, share in standing_in.items() if share >= thresholds.rival_share)))
-    return tuple(answer)
-
-
-def probability(name: str, result: SearchResult, shares: np.ndarray) -> float:
-    """Share of the resamples in which an effect is part of the best set."""
-    return float(sum(share for fit, share in zip(result.rivals, shares, strict=True) if name in fit.names))
 
 
 def explained_share(result: SearchResult, thresholds: DecisionThresholds) -> float:
@@ -340,14 +255,6 @@ def with_small_cause(judgement: Judgement, fit: JointFit, thresholds: DecisionTh
         return None
     fit.progress(f"with a small cause, {in_words(found.selected)}: closes {gap.closure_value(after):.2f}")
     return found
-
-
-def shares_of_possible_sets(result: SearchResult, gap: HeldOutGap, most_lost: float) -> np.ndarray:
-    """``best_set_shares``, 0 for sets that close ``most_lost`` less of the gap of whole logs than the selected one."""
-    (own,), others = gap.squares([result.selected]), gap.squares(result.rivals)
-    least = gap.closure_value(own) - most_lost
-    possible = [gap.closure_value(squares) >= least for squares in others]
-    return best_set_shares(result, gap.draws) * possible
 
 
 def better_jointly(

@@ -17,13 +17,8 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import displaced
-from leapgap.diagnosis.decision import (
-    Conclusion,
-    DecisionThresholds,
-    Judgement,
-    OtherSimulationExplains,
-    explained_share,
-)
+from leapgap.diagnosis.decision import Conclusion, Judgement, OtherSimulationExplains, explained_share
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.diagnosis.sensitivities import concatenate_logs

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import in_words
-from leapgap.diagnosis.decision import DecisionThresholds, Judgement, OtherSimulationExplains, conclude_from
+from leapgap.diagnosis.decision import Judgement, OtherSimulationExplains, conclude_from
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.full_rollouts import FullRolloutCause, FullRolloutFit
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit

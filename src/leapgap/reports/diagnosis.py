@@ -8,9 +8,10 @@ from tempfile import TemporaryDirectory
 from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.blas import one_blas_thread
 from leapgap.diagnosis.departing_logs import check_motion, without_departing
-from leapgap.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
+from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.cutting import at_least_two

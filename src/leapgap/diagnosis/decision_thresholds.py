@@ -1,0 +1,40 @@
+"""Thresholds of the decision."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DecisionThresholds:
+    """Thresholds of the decision."""
+
+    rival_share: float = 0.05
+    """A rival that is best in this share of the resamples cannot be told apart."""
+    most_left: float = 1.3
+    """Largest mean over pieces of χ² over its expectation at which noise explains the rest of short replays.
+
+    Where it leaves more, it must close ``enough_closure`` of the headline gap on held-out logs, or
+    ``least_closure`` of it and explain ``least_explained`` of the log likelihood that noise does not.
+    """
+    least_explained: float = 0.8
+    enough_closure: float = 0.7
+    least_closure: float = 0.35
+    enough_jointly: float = 0.9
+    """Where the answer of a search one by one leaves more than noise and tolerances, all effects are fitted together.
+    They explain the whole gap where they close so much of it; 0: they are never fitted."""
+    partly_closure: float = 0.2
+    """Causes that are believed and explain too little are told as such (``partly``) where they close this share of the
+    headline gap on held-out logs, and surely some of it."""
+    most_worsened: float = 0.02
+    """A further cause that widens the headline gap on held-out logs by a larger share is rejected, whatever it gains in
+    short replays."""
+    least_shrunk: float = 0.05
+    """A held robot neither lands nor falls: what short replays say must show in whole logs. A further cause must shrink
+    the gap that the causes before it leave by this share, and no answer may surely widen the nominal robot's."""
+    least_sure: float = 0.9
+    """A rival that is better on whole logs of a held robot in so many resamples may be as likely as the answer."""
+    none_below: float = 1.15
+    """Largest median of χ² over its expectation at which noise explains short replays of the nominal robot."""
+    none_gap: float = 2.7
+    """Largest gap of full rollouts, in noise floors, that noise and tolerances of the model explain."""
+    none_gain: float = 40.0
+    """Causes that close little of a gap within noise are none where they gain less in short replays."""
