@@ -26,6 +26,8 @@ from tests.benchmarks.diagnose import tiny
 
 FACTOR = 1.5
 """Thresholds are changed by this factor, up and down."""
+MOST = 0.6
+"""A threshold between this and one is a share; a larger factor would make it impossible to reach."""
 SECTIONS = ("plan", "doubts", "whole", "joint", "outside")
 NO_THRESHOLDS = ("horizon_s", "every_s", "where_horizon_s")
 """Numbers of the settings that are lengths of replays."""
@@ -174,6 +176,11 @@ def watch(case: Case, settings: Settings) -> tuple[tuple[str, frozenset[str]], d
     return case.answer(watched), seen
 
 
+def changed(value: float, by: float) -> float:
+    """A threshold changed by a factor; of a share near one, what it lacks of one is changed instead."""
+    return 1 - (1 - value) / by if MOST <= value < 1 and by > 1 else value * by
+
+
 def flips(factors: Sequence[float], by: float) -> bool:
     """Whether a comparison ends otherwise with a threshold changed by a factor."""
     low, high = sorted((1.0, by))
@@ -209,14 +216,14 @@ def table(chosen: Sequence[Case], settings: Settings, begins: str = "") -> dict[
             for by in (FACTOR, 1 / FACTOR):
                 row = found[row_name(name, by)]
                 row["compared"] += name in seen
-                if not flips(seen.get(name, []), by):
+                if not flips(seen.get(name, []), changed(value, by) / value):
                     continue
                 row["closer"] += 1
-                after = case.answer(with_threshold(settings, name, value * by))
+                after = case.answer(with_threshold(settings, name, changed(value, by)))
                 if after != before:
                     row["other"].append(case.name)
                     row["better"] += better(case, before[1], after[1])
-                    print(f"  {name} {value * by:.3g}: {after[0]} {', '.join(sorted(after[1]))}", flush=True)
+                    print(f"  {name} {changed(value, by):.3g}: {after[0]} {', '.join(sorted(after[1]))}", flush=True)
     return found
 
 

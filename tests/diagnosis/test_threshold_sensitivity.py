@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.settings import Settings
-from tests.benchmarks.sensitivity import Case, Watched, better, flips, thresholds, with_threshold
+from tests.benchmarks.sensitivity import Case, Watched, better, changed, flips, thresholds, with_threshold
 
 
 @pytest.mark.parametrize(
@@ -36,6 +36,12 @@ def test_arrays_are_compared_value_by_value() -> None:
     seen: dict[str, list[float]] = {}
     assert (np.array([1.0, 3.0]) >= Watched.of("one", seen, 2.0)).tolist() == [False, True]
     assert seen["one"] == [0.5, 1.5]
+
+
+def test_shares_stay_shares() -> None:
+    assert changed(20.0, 1.5) == 30 and changed(0.35, 1.5) == pytest.approx(0.525)
+    assert changed(0.9, 1.5) == pytest.approx(1 - 0.1 / 1.5)
+    assert changed(0.9, 1 / 1.5) == pytest.approx(0.6)
 
 
 def test_every_threshold_of_the_settings_can_be_changed() -> None:
