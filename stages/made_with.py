@@ -39,6 +39,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/published/blind.json": (*library(*INSTRUMENT, "validation"), "conf/size/blind.yaml"),
     "metrics/diagnosis.json": (*library(*INSTRUMENT), "tests/benchmarks/diagnosis_injected.py"),
     "metrics/real/robots.json": (*library(*INSTRUMENT), "conf/robots", "stages/robots.py"),
+    "metrics/sensitivity.json": (*library(*INSTRUMENT), "tests/benchmarks/sensitivity.py"),
     "metrics/hostile.json": (*library("logs", "robot", "jumping/control"), "tests/hostile"),
     "metrics/landing_full.json": (*library(*JUMPING), "conf/land", "conf/size/full.yaml"),
     "metrics/learning_full.json": (*library(*JUMPING), "conf/train", "conf/size/full.yaml"),

@@ -59,5 +59,15 @@ def test_masses_that_are_off_within_tolerance_move_no_rotor(robot: Robot, withou
 
 def test_each_place_has_a_tolerance_of_its_own(robot: Robot) -> None:
     effects = tolerance_effects(robot, {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}, ["joint_damping"])
-    assert [(one.name, one.location) for one in effects] == [("leg_mass", joint) for joint in robot.joints]
-    assert all(one.values["scale"] == pytest.approx(HEAVIER) for one in effects)
+    assert [(one.name, one.location) for one in effects] == [
+        (name, joint) for name in ("leg_mass", "joint_damping") for joint in robot.joints
+    ]
+    assert all(one.values["scale"] == pytest.approx(HEAVIER) for one in effects if one.name == "leg_mass")
+
+
+def test_an_effect_that_stands_in_place_of_the_models_number_has_no_tolerance_on_top() -> None:
+    """A foot has one friction: a second effect of it would undo the first."""
+    a1, tolerances = Robot.load(), {"foot_friction.mu": 0.02, "armature.inertia": 0.05}
+    beside = tolerance_effects(a1, tolerances, ["foot_friction", "armature"])
+    assert {one.name for one in beside} == {"armature"}
+    assert {one.name for one in tolerance_effects(a1, tolerances, [])} == {"foot_friction", "armature"}

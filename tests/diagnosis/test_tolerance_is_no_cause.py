@@ -37,3 +37,27 @@ def test_damping_of_forty_tolerances_is_a_cause_and_no_tolerance(tmp_path: Path,
     assert (report.verdict, report.answer) == ("named", (("joint_damping",),))
     assert report.causes[0].location == "L_elbow"
     assert report.causes[0].parameters["damping"].value == pytest.approx(0.4, rel=0.02)
+
+
+def test_what_each_joint_is_off_by_is_no_further_cause(tmp_path: Path) -> None:
+    """Both joints have 0.05 kg·m² more than the model's 0.1, the elbow 0.093 in place of 0.1 besides: within tolerance.
+
+    One number for both joints leaves the elbow 1.4 tolerances off, which looks like a motor of more torque there.
+    """
+    path, rng, logs = tmp_path / "arm.xml", np.random.default_rng(0), []
+    path.write_text(two_link_arm(TORQUE_MOTOR).replace('damping="0.1"', 'damping="0.1" armature="0.1"'))
+
+    def more_armature(model: mujoco.MjModel) -> None:
+        model.dof_armature[:] = [0.15, 0.143]
+
+    for number, pd in enumerate(MOTIONS):
+        log = simulate(path, by_motors, pd, rows=1500, change=more_armature).log
+        size = {"joint_pos": 1e-4, "joint_vel": 2.5e-3}
+        columns = {
+            name: values + size.get(name.split("/")[0], 0.0) * rng.standard_normal(len(values))
+            for name, values in log.columns.items()
+        }
+        logs.append(replace(log, name=f"motion_{number}", columns=columns))
+    report = diagnose(logs, Robot.load(path), Settings()).report
+    assert (report.verdict, report.answer) == ("named", (("armature",),))
+    assert report.causes[0].parameters["inertia"].value == pytest.approx(0.047, rel=0.1)

@@ -81,15 +81,17 @@ class Sensitivities:
     ) -> "Sensitivities":
         """Roll out every effect of the hypotheses, and every effect with a tolerance, once at every single place.
 
-        All of them act on top of ``around``, whose effects are not tried again. Tolerances are shares of the model's
-        own numbers at each place (``Settings.tolerances``).
+        All of them act on top of ``around``, whose effects are not tried again, but have their tolerances: one number
+        for all joints leaves what each of them is off by. Tolerances are shares of the model's own numbers at each
+        place (``Settings.tolerances``).
         """
         robot, kinds = evidence.state.robot, {**effects.known(), **{h.name: h.kind for h in hypotheses}}
         present = {h.name for h, _ in around}
         names = {h.name: h for h in hypotheses if h.name not in present}
         for name in tolerances:
             effect = name.partition(".")[0]
-            if effect not in present and effect not in names and usable(kinds[effect], robot):
+            acts_again = effect not in present or adds_up(kinds[effect])
+            if effect not in names and acts_again and usable(kinds[effect], robot):
                 names[effect] = Hypothesis(kinds[effect], robot)
         members = {(name, at): of for name, h in names.items() for at, of in places(h.kind, robot).items()}
         keys = tuple(
@@ -132,8 +134,8 @@ class Sensitivities:
 
     @property
     def names(self) -> frozenset[str]:
-        """Names of the effects that have columns."""
-        return frozenset(key.effect for key in self.keys)
+        """Names of the effects that have columns and do not act already."""
+        return frozenset(key.effect for key in self.keys) - {h.name for h, _ in self.departures.around}
 
     def with_nuisances(self, columns: np.ndarray) -> Products:
         """Inner products of columns (pieces, values, columns) and the nuisances."""
@@ -164,6 +166,11 @@ class Sensitivities:
             for i, key in enumerate(self.keys)
             if (key.effect, key.number) == (hypothesis.name, number) and key.place in places
         ]
+
+
+def adds_up(kind: type[Effect]) -> bool:
+    """Whether a further effect of a kind acts on top of another: none of its numbers stands in place of the model's."""
+    return all(declared.nominal is not None for declared in kind.declarations().values())
 
 
 def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, share: float) -> float:
