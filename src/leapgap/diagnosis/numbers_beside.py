@@ -13,7 +13,7 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.hypotheses import places, usable
 from leapgap.diagnosis.log_errors import LogErrors, normal_equations
-from leapgap.diagnosis.sensitivities import adds_up, tolerance
+from leapgap.diagnosis.sensitivities import keeps_tolerance, tolerance
 from leapgap.effects.base import Effect
 from leapgap.robot.model import Robot
 
@@ -112,14 +112,14 @@ class NumbersBeside:
 def tolerance_effects(robot: Robot, tolerances: Mapping[str, float], without: Sequence[str]) -> list[Effect]:
     """One effect for each tolerance (``Settings.tolerances``) and single place, off by one standard deviation.
 
-    Effects ``without`` are left out where a further one of their kind would not act on top of them.
+    Effects ``without`` are left out, but for those that keep their tolerance (``keeps_tolerance``).
     """
     kinds, found = effects.known(), []
     for name, share in tolerances.items():
         effect, _, parameter = name.partition(".")
         if effect not in kinds or not usable(kinds[effect], robot):
             continue
-        if effect in without and not adds_up(kinds[effect]):
+        if effect in without and not keeps_tolerance(kinds[effect], robot):
             continue
         kind: Callable[..., Effect] = kinds[effect]
         for place in places(kinds[effect], robot)["all"]:

@@ -81,17 +81,16 @@ class Sensitivities:
     ) -> "Sensitivities":
         """Roll out every effect of the hypotheses, and every effect with a tolerance, once at every single place.
 
-        All of them act on top of ``around``, whose effects are not tried again, but have their tolerances: one number
-        for all joints leaves what each of them is off by. Tolerances are shares of the model's own numbers at each
-        place (``Settings.tolerances``).
+        All of them act on top of ``around``, whose effects are not tried again. Tolerances are shares of the model's own
+        numbers at each place (``Settings.tolerances``).
         """
         robot, kinds = evidence.state.robot, {**effects.known(), **{h.name: h.kind for h in hypotheses}}
         present = {h.name for h, _ in around}
         names = {h.name: h for h in hypotheses if h.name not in present}
         for name in tolerances:
             effect = name.partition(".")[0]
-            acts_again = effect not in present or adds_up(kinds[effect])
-            if effect not in names and acts_again and usable(kinds[effect], robot):
+            acts = effect not in present or keeps_tolerance(kinds[effect], robot)
+            if effect not in names and acts and usable(kinds[effect], robot):
                 names[effect] = Hypothesis(kinds[effect], robot)
         members = {(name, at): of for name, h in names.items() for at, of in places(h.kind, robot).items()}
         keys = tuple(
@@ -168,9 +167,13 @@ class Sensitivities:
         ]
 
 
-def adds_up(kind: type[Effect]) -> bool:
-    """Whether a further effect of a kind acts on top of another: none of its numbers stands in place of the model's."""
-    return all(declared.nominal is not None for declared in kind.declarations().values())
+def keeps_tolerance(kind: type[Effect], robot: Robot) -> bool:
+    """Whether what each place is off by stays in question where an effect of that kind acts.
+
+    One number for all joints leaves what each of them is off by. It does so where none of the effect's numbers stands in
+    place of the model's, and on held robots alone: in short pieces of jumps it would hide what acts slowly.
+    """
+    return not robot.has_free_base and all(own.nominal is not None for own in kind.declarations().values())
 
 
 def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, share: float) -> float:
