@@ -81,8 +81,8 @@ class Sensitivities:
     ) -> "Sensitivities":
         """Roll out every effect of the hypotheses, and every effect with a tolerance, once at every single place.
 
-        All of them act on top of ``around``, whose effects are not tried again. Tolerances are shares of the model's own
-        numbers at each place (``Settings.tolerances``).
+        All of them act on top of ``around``, whose effects are not tried again. Tolerances are shares of the model's
+        own numbers at each place (``Settings.tolerances``).
         """
         robot, kinds = evidence.state.robot, {**effects.known(), **{h.name: h.kind for h in hypotheses}}
         present = {h.name for h, _ in around}
@@ -170,8 +170,8 @@ class Sensitivities:
 def keeps_tolerance(kind: type[Effect], robot: Robot) -> bool:
     """Whether what each place is off by stays in question where an effect of that kind acts.
 
-    One number for all joints leaves what each of them is off by. It does so where none of the effect's numbers stands in
-    place of the model's, and on held robots alone: in short pieces of jumps it would hide what acts slowly.
+    One number for all joints leaves what each of them is off by. It does so where none of the effect's numbers stands
+    in place of the model's, and on held robots alone: in short pieces of jumps it would hide what acts slowly.
     """
     return not robot.has_free_base and all(own.nominal is not None for own in kind.declarations().values())
 
