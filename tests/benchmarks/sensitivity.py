@@ -26,9 +26,8 @@ from tests.benchmarks.diagnose import tiny
 
 FACTOR = 1.5
 """Thresholds are changed by this factor, up and down."""
-MOST = 0.6
+SHARES_FROM = 0.6
 """A threshold between this and one is a share; a larger factor would make it impossible to reach."""
-SECTIONS = ("plan", "doubts", "whole", "joint", "outside")
 NO_THRESHOLDS = ("horizon_s", "every_s", "where_horizon_s")
 """Numbers of the settings that are lengths of replays."""
 
@@ -56,7 +55,7 @@ class Watched(np.float64):
         return found
 
     def plain(self) -> float:
-        """The number alone."""
+        """The number without what it keeps, for operations that nothing is to be noted of."""
         return float(np.float64(self))
 
     def linear(self, offset: float, slope: float) -> "Watched":
@@ -121,7 +120,7 @@ def thresholds(settings: Settings) -> Iterator[tuple[str, float]]:
     """Names and values of the thresholds: numbers of the settings with a fraction, but for lengths of replays."""
     for field in fields(settings):
         value = getattr(settings, field.name)
-        if is_dataclass(value) and field.name in SECTIONS:
+        if is_dataclass(value):
             own = ((f"{field.name}.{one.name}", getattr(value, one.name)) for one in fields(value))
             yield from ((name, number) for name, number in own if isinstance(number, float))
         elif isinstance(value, float) and field.name not in NO_THRESHOLDS:
@@ -178,7 +177,7 @@ def watch(case: Case, settings: Settings) -> tuple[tuple[str, frozenset[str]], d
 
 def changed(value: float, by: float) -> float:
     """A threshold changed by a factor; of a share near one, what it lacks of one is changed instead."""
-    return 1 - (1 - value) / by if MOST <= value < 1 and by > 1 else value * by
+    return 1 - (1 - value) / by if SHARES_FROM <= value < 1 and by > 1 else value * by
 
 
 def flips(factors: Sequence[float], by: float) -> bool:

@@ -34,14 +34,14 @@ def worn(model: mujoco.MjModel) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def noisy_logs(path: Path, change, motions=MOTIONS, rows: int = 900, **more) -> list[Log]:
-    """A log of each motion, with sensor noise."""
+def noisy_logs(path: Path, change, motions=MOTIONS, rows: int = 900, noise: float = 2e-4, **more) -> list[Log]:
+    """A log of each motion, with sensor noise of ``noise`` rad and 25 times as many rad/s."""
     rng, found = np.random.default_rng(3), []
     for number, pd in enumerate(motions):
         log = simulate(path, by_motors, pd, rows=rows, change=change, **more).log
-        noise = {"joint_pos": 2e-4, "joint_vel": 5e-3}
+        sizes = {"joint_pos": noise, "joint_vel": 25 * noise}
         columns = {
-            name: values + noise.get(name.split("/")[0], 0.0) * rng.standard_normal(rows)
+            name: values + sizes.get(name.split("/")[0], 0.0) * rng.standard_normal(rows)
             for name, values in log.columns.items()
         }
         found.append(replace(log, name=f"motion_{number}", columns=columns))

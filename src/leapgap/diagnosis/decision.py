@@ -190,9 +190,10 @@ def judge(
     Where a confirmed cause does not explain enough, the search goes on in these replays.
     """
     heldout_gap.replays(result.steps)
-    steps = heldout_gap.figures(result.steps)
-    left = [figures.gap for figures in steps] if heldout_gap.is_of_held_robot else None
-    result = drop_contradicted_causes(result, [figures.closure.value for figures in steps], thresholds, left)
+    steps = heldout_gap.squares(result.steps)
+    left = [heldout_gap.gap(squares) for squares in steps] if heldout_gap.is_of_held_robot else None
+    closed = [heldout_gap.closure_value(squares) for squares in steps]
+    result = drop_contradicted_causes(result, closed, thresholds, left)
     heldout_gap.squares([*result.steps, *result.alternatives])
     shares = shares_of_sets(result, heldout_gap, thresholds)
     gap = heldout_gap.gap(heldout_gap.before) / heldout_gap.gap(heldout_gap.floor)

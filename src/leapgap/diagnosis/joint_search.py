@@ -292,16 +292,15 @@ class SearchInParts(JointSearch):
         A fit of all effects lies where several share what one does, so that its curvature shows the last ones taken
         away as needed. A rival is as likely in the place of an effect, or closes as much of held-out logs' gap.
         """
-        plan, exchanged = self.joint.plan, list[FullRolloutFit]()
+        plan, exchanged = self.joint.plan, 0
         while True:
             others = {name: self.with_other(fit, name, hypotheses) for name in dict.fromkeys(fit.names)}
             loss, closes = self.joint.loss_at(fit), self.joint.closes(fit)
             tried = {name: again for name, again in others.items() if again is not None}
             best = min(tried.values(), key=lambda one: one.loss, default=fit)
-            if best.loss > loss - plan.least_gain or len(exchanged) == EXCHANGED:
+            if best.loss > loss - plan.least_gain or exchanged == EXCHANGED:
                 break
-            exchanged.append(fit)
-            fit = self.without_small(best, none_gap)
+            fit, exchanged = self.without_small(best, none_gap), exchanged + 1
         equal = {
             name: again
             for name, again in tried.items()
