@@ -188,9 +188,11 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_two_logs_are_diagnosed_by_command_in_an_empty_environment(python: Path, arm: Path) -> None:
     command = python.with_name("leapgap")
     said = run(command, "diagnose", "logs", "arm.xml", "--out", "out", "--quiet", cwd=arm)
-    assert said.startswith("named: viscous friction of the gears (joint_damping at elbow: damping 0.4")
+    assert said.startswith("named: viscous friction of the gears (joint_damping at elbow: damping ")
     report = json.loads((arm / "out" / "report.json").read_text(encoding="utf-8"))
     assert report["answer"] == [["joint_damping"]]
+    damping = report["causes"][0]["parameters"]["damping"]["value"]
+    assert damping == pytest.approx(plain_arm.TRUE - plain_arm.BELIEVED, rel=0.02)
     assert (arm / "out" / "report.html").is_file()
     assert not (arm / "out" / "diagnosis.rrd").exists()  # recordings come with an extra
     assert run(command, "--version", cwd=arm) == f"leapgap {project()['version']}\n"

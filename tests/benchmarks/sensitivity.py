@@ -153,15 +153,15 @@ class Case:
         return found.verdict, frozenset(names[0] for names in found.content.answer)
 
 
-def cases(logs: Path, truth: Path, robot: Path, only: str) -> list[Case]:
-    """The cases of the half ``tuning`` whose name begins with ``only``."""
+def cases(logs: Path, truth: Path, robot: Path, only: str, halves: Sequence[str]) -> list[Case]:
+    """The cases of some halves whose name begins with ``only``."""
     found = []
-    for path in sorted(truth.glob(f"{only}*.json")):
-        sealed, folder = read_json(path), logs / path.stem
-        if sealed["half"] == "tuning":
+    for folder in sorted(path for path in logs.glob(f"{only}*") if path.is_dir()):
+        sealed = read_json(truth / f"{folder.name}.json")
+        if sealed["half"] in halves:
             own = folder / "robot.xml"
             true = frozenset(one["name"] for one in sealed["effects"])
-            found.append(Case(path.stem, folder, own if own.exists() else robot, true))
+            found.append(Case(folder.name, folder, own if own.exists() else robot, true))
     return found
 
 
@@ -234,11 +234,14 @@ def main() -> None:
     parser.add_argument("--robot", type=Path, default=Robot.load().path)
     parser.add_argument("--only", default="", help="beginning of the names of the cases")
     parser.add_argument("--most", type=int, default=None, help="number of cases")
-    parser.add_argument("--tiny", action="store_true", help="one case and few thresholds, to see that it runs")
+    parser.add_argument("--tiny", action="store_true", help="one case of any half, few thresholds, to see that it runs")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     settings = replace(Settings(), best=False)
-    found = cases(chosen.logs, chosen.truth, chosen.robot, chosen.only)[: 1 if chosen.tiny else chosen.most]
+    halves = ("tuning", "reported") if chosen.tiny else ("tuning",)
+    found = cases(chosen.logs, chosen.truth, chosen.robot, chosen.only, halves)[: 1 if chosen.tiny else chosen.most]
+    if not found:
+        raise InputError(chosen.logs, "no case of the half tuning", "withheld cases", "run make blind first")
     rows = table(found, tiny(settings), "doubts.none") if chosen.tiny else table(found, settings)
     if chosen.json:
         write_json(chosen.json, {"cases": [case.name for case in found], "thresholds": rows})

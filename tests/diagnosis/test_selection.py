@@ -7,7 +7,13 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.candidates import Fit, SearchResult
 from leapgap.diagnosis.closure import Interval
-from leapgap.diagnosis.decision import decide_partly, drop_contradicted_causes, verdict_of
+from leapgap.diagnosis.decision import (
+    Conclusion,
+    decide_partly,
+    drop_contradicted_causes,
+    verdict_of,
+    without_what_widens,
+)
 from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.gauss_newton import broyden, covariance
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
@@ -101,7 +107,7 @@ def test_a_further_cause_of_a_held_robot_has_to_shrink_what_is_left() -> None:
 class KnownGap:
     """The gap of whole logs where what each candidate leaves is known, (logs,); 16 of the nominal robot's."""
 
-    draws = DRAWS
+    draws, has_gap = DRAWS, True
 
     def __init__(self, held: bool, left: dict[tuple[str, ...], list[float]]) -> None:
         self.is_of_held_robot, self.left = held, left
@@ -111,6 +117,10 @@ class KnownGap:
 
     def closure_value(self, squares: np.ndarray) -> float:
         return float(1 - np.sqrt(squares.sum() / 64))
+
+    def closure(self, squares: np.ndarray) -> Interval:
+        value = self.closure_value(squares)
+        return Interval(value, value - 0.01, value + 0.01)
 
     def share_better(self, squares: np.ndarray, others: np.ndarray) -> float:
         return float((others[self.draws].sum(axis=1) > squares[self.draws].sum(axis=1)).mean())
@@ -129,6 +139,22 @@ def test_whole_logs_of_a_held_robot_tell_a_rival(
     shares = shares_of_sets(search, gap, DecisionThresholds())
     assert shares.sum() == pytest.approx(1)
     assert answer_of(search, shares, DecisionThresholds()) == (("leg_mass", *rivals),)
+
+
+@pytest.mark.parametrize(
+    ("held", "left", "verdict"), [(True, 25.0, "unknown"), (False, 25.0, "named"), (True, 9.0, "named")]
+)
+def test_an_answer_that_widens_the_gap_of_a_held_robot_is_not_told(held: bool, left: float, verdict: str) -> None:
+    told = fit(("payload",), [1.0] * 4)
+    gap = KnownGap(held, {("payload",): [left] * 4, (): [16.0] * 4})
+    named = Conclusion("named", (("payload",),), (told,), (1.0,))
+    assert without_what_widens(named, gap, DecisionThresholds()).verdict == verdict
+
+
+def test_a_robot_with_nothing_wrong_stays_so_whatever_was_fitted() -> None:
+    """Nothing is told of it, so nothing that is told can widen its gap."""
+    gap = KnownGap(True, {("payload",): [25.0] * 4})
+    assert without_what_widens(Conclusion("none", ()), gap, DecisionThresholds()).verdict == "none"
 
 
 def test_causes_that_surely_close_some_of_the_gap_are_told_with_the_rest() -> None:

@@ -50,6 +50,13 @@ class Conclusion:
     """What explains the logs without any cause; None: not needed."""
 
 
+def without_what_widens(conclusion: Conclusion, gap: HeldOutGap, thresholds: DecisionThresholds) -> Conclusion:
+    """The conclusion, or ``unknown`` where its answer surely widens the gap of a held robot's whole logs."""
+    if gap.is_of_held_robot and conclusion.steps and surely_widens(conclusion.steps[-1], gap, thresholds):
+        return Conclusion("unknown", ())
+    return conclusion
+
+
 def surely_widens(candidate: Candidate, gap: HeldOutGap, thresholds: DecisionThresholds) -> bool:
     """Whether a candidate widens the nominal robot's gap on held-out logs, beyond doubt."""
     if not candidate.hypotheses or not gap.has_gap:
@@ -200,8 +207,7 @@ def judge(
     # The nominal step's own error may hide what a small effect closes.
     closes = heldout_gap.best_closure(result.selected, thresholds.enough_closure)
     conclusion = decide(result, shares, gap, closes, thresholds)
-    if heldout_gap.is_of_held_robot and surely_widens(result.selected, heldout_gap, thresholds):
-        conclusion = Conclusion("unknown", ())
+    conclusion = without_what_widens(conclusion, heldout_gap, thresholds)
     if conclusion.verdict == "unknown" and is_first_cause_confirmed(result):
         causes = FullRollouts(heldout_gap, full, progress).search(result.before(1), hypotheses, thresholds.rival_share)
         conclusion = conclude_from(causes)
