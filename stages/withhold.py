@@ -75,13 +75,13 @@ def withhold_all(config: DictConfig) -> None:
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
     references = references_of(settings, robot) if cases else []
     classes = {name: read_class(name, settings, section) for name in section.robots}
+    published = jump_log.read_logs(Path(settings.published)) if settings.published else []
     with whole_folder(truth_out, STAGE) as truths, whole_folder(logs_out, STAGE) as logs:
         job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)
         seals = dict(executor.map(job, list(names.items())))
         for name, own in classes.items():
             make = partial(make_class_case, name, own, self_contained(own.robot), logs, truths)
             seals |= executor.map(make, [(f"{name}_{i:03d}", case) for i, case in enumerate(own.cases)])
-        published = jump_log.read_logs(Path(settings.published)) if settings.published else []
         if len(published) > 1:
             truth = write_case(published_case(published, len(published)), logs / PUBLISHED, truths / PUBLISHED)
             seals[PUBLISHED] = write_truth(truth, truths, PUBLISHED)

@@ -331,7 +331,9 @@ def effect_rows(robot: Any) -> list[tuple[str, ...]]:
         places = {"none": "the robot"}.get(kind.places, kind.places)
         what = effects.describe(kind) + ("" if kind.by_default else " (looked for if named)")
         if robot is not None and missing is None:
-            of_robot = {p.name: (f"{p.nominal:g}", f"{p.lower:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)}
+            of_robot = {
+                p.name: (f"{p.nominal:g}", f"{p.lower + 0.0:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)
+            }
         else:
             of_robot = {}
         for name, about in kind.declarations().items():

@@ -43,7 +43,7 @@ NAMED_ONLY = {
     "joint_play": (("play_rad", "rad", 0, 0.003, 0.01, 0.05),),
     "link_com": (("outward_m", "m", 0, 0.005, 0.02641, 0.04),),
     "link_inertia": (("scale", "1", 1, 1.2, 1.5, 3),),
-    "link_payload": (("mass_kg", "kg", 0, 0.1, 0.3039, 1.0),),
+    "link_payload": (("mass_kg", "kg", 0, 0.1, 0.3039, 1.0), ("moment_kg_m", "kg·m", 0, 0.01, 0.03039, 0.1)),
     "load_friction": (("share", "1", 0, 0.03, 0.1, 0.3),),
     "loop_delay": (("delay_s", "s", 0, 0.001, 0.003, 0.008),),
     "numerics": (("step_ratio", "1", 1, 0.5, 0.25, 0.1),),

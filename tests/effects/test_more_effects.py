@@ -1,6 +1,7 @@
 """Effects that are looked for when they are named: each moves an arm as plain MuJoCo with one number changed does."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -55,6 +56,22 @@ def tilt_mount(model: mujoco.MjModel) -> None:
 
 def roll_mount(model: mujoco.MjModel) -> None:
     model.opt.gravity = 9.81 * np.array([0, np.sin(0.1), -np.cos(0.1)])
+
+
+@pytest.mark.parametrize("mass", [0.4, 0.1, -0.2])
+def test_a_payload_lies_where_its_moment_says(mass: float, robot_arm: Robot, log: Log, tmp_path: Path) -> None:
+    """A point of the lower link 0.3 m from its joint, added to the model file of plain MuJoCo.
+
+    Where the payload is negative, it is the robot's own file that has the point.
+    """
+    geom = f"""<geom size="1e-4" pos="0.3 0 0" mass="{abs(mass)}" contype="0" conaffinity="0"/></body></body></body>"""
+    heavier = arm.MJCF.replace("</body></body></body>", geom)
+    with_point, without = arm.simulate(SENT, mjcf=heavier)[0], arm.simulate(SENT)[0]
+    robot, plain = (robot_arm, with_point) if mass > 0 else (arm.load(tmp_path, heavier), without)
+    centre = 0.125 if mass > 0 else (0.6 * 0.125 - mass * 0.3) / (0.6 - mass)
+    payload = effects.effect("link_payload", "elbow", mass_kg=mass, moment_kg_m=mass * (0.3 - centre))
+    assert np.abs(with_point - without).max() > 1e-3
+    assert np.abs(replay(robot, log, payload) - plain).max() < 1e-7
 
 
 CHANGES: list[tuple[str, str, dict[str, float], Callable[[mujoco.MjModel], None]]] = [

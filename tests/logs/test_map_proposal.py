@@ -61,10 +61,16 @@ def test_words_of_names() -> None:
         "target_qd": "cmd_vel",
         "tau_con": "cmd_tau",
         "motor_cmd kp": "cmd_kp",
+        "A1_actual_deg": "joint_pos",
+        "A1_actual_deg_s": "joint_vel",
+        "A1_target_rad": "cmd_pos",
+        "A1_Nm": "tau",
+        "motor 3 rpm": "joint_vel",
     }.items():
         assert quantity_by_words(words(name))[0] == quantity, name  # type: ignore[index]
     assert quantity_by_words(words("tau_fric")) is None
     assert quantity_by_words(words("temperature")) is None
+    assert quantity_by_words(words("A1_actual")) is None
 
 
 def test_joints_in_names_by_name_by_number_and_by_other_words() -> None:
@@ -99,6 +105,15 @@ def test_units_signs_and_order_are_found_by_physics(arm: Robot, tmp_path: Path) 
     assert "#   velocities of shoulder, elbow have the opposite sign of their positions; they are turned round" in text
     assert "#   gains of the joint PD: state constants.cmd_kp/*, constants.cmd_kd/*" in text
     assert "cmd_kp/*" not in options["constants"]  # never filled in without a word
+
+
+def test_without_positions_the_unit_of_velocities_is_missing(arm: Robot, tmp_path: Path) -> None:
+    truth = motion(300)
+    columns = {"t": truth["time"], "dq0": truth["dq"][:, 0] / DEGREE, "dq1": truth["dq"][:, 1] / DEGREE}
+    options, text = propose(write_table(tmp_path / "a.csv", columns), arm)
+    assert "units" not in options
+    missing = text.partition("Missing, nothing is assumed:")[2]
+    assert "the unit of velocities: it shows beside positions, else state units.joint_vel/*" in missing
 
 
 def test_a_joint_that_counts_backwards_is_found_by_its_limits(arm: Robot, tmp_path: Path) -> None:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.short_rollouts import smooth_starts
+from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -24,6 +25,8 @@ class RestartedReplayer:
 
     replayer: Replayer
     horizon_s: float
+    smoothed: dict[int, tuple[Log, tuple[Starts, np.ndarray]]] = field(default_factory=dict, repr=False, compare=False)
+    """Starts of each log that was replayed, by its ``id``; the log is kept so that the number stays its own."""
 
     @property
     def largest_step_s(self) -> float:
@@ -36,7 +39,7 @@ class RestartedReplayer:
 
     def with_robot(self, robot: Robot) -> "RestartedReplayer":
         """The same for another description of the robot."""
-        return replace(self, replayer=self.replayer.with_robot(robot))
+        return RestartedReplayer(self.replayer.with_robot(robot), self.horizon_s)
 
     def motions(self, trials: Sequence[Rollout], noise: Sequence[StartNoise | None] | None = None) -> list[Motion]:
         """Motion of every trial over all rows of its log, made of pieces; equal at any number of threads.
@@ -49,8 +52,11 @@ class RestartedReplayer:
     def starts(self, trial: Rollout) -> tuple[Starts, np.ndarray]:
         """Smoothed starts of the pieces of a log, and the share of the sensor noise that remains in each."""
         log, robot = trial.log, self.replayer.robot
-        measured = motion_of(log, robot) if trial.measured is None else trial.measured
-        return smooth_starts(measured, restarts(len(log), log.info.rows(self.horizon_s)), log, robot)
+        if id(log) not in self.smoothed:
+            measured = motion_of(log, robot) if trial.measured is None else trial.measured
+            found = smooth_starts(measured, restarts(len(log), log.info.rows(self.horizon_s)), log, robot)
+            self.smoothed[id(log)] = log, found
+        return self.smoothed[id(log)][1]
 
     def _motion(self, trial: Rollout, noise: StartNoise | None) -> Motion:
         log, rows = trial.log, trial.log.info.rows(self.horizon_s)

@@ -1,7 +1,9 @@
 """Base class of effects: what the nominal robot leaves out, with location, parameters and change of the simulation."""
 
+import threading
 from abc import ABC
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cache
@@ -318,5 +320,33 @@ def mean_of(own: np.ndarray) -> float:
 
 
 def recompute_constants(model: mujoco.MjModel) -> None:
-    """Recompute constants that MuJoCo derives from masses, armatures and shapes."""
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    """Recompute constants that MuJoCo derives from masses, armatures and shapes; see ``constants_at_end``."""
+    if model is _later.model:
+        _later.asked = True
+    else:
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+class _Later(threading.local):
+    """The model whose constants are recomputed at the end of a block in this thread, and whether an effect asked."""
+
+    model: mujoco.MjModel | None = None
+    asked: bool = False
+
+
+_later = _Later()
+
+
+@contextmanager
+def constants_at_end(model: mujoco.MjModel) -> Iterator[None]:
+    """Let the effects that act in this block ask for a model's constants, and recompute them once, at its end.
+
+    With many effects that change masses, constants would else take longer than the simulation of a short motion.
+    """
+    _later.model, _later.asked = model, False
+    try:
+        yield
+    finally:
+        _later.model = None
+    if _later.asked:
+        recompute_constants(model)

@@ -4,43 +4,60 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import mujoco
-import numpy as np
 
 from leapgap.effects.base import Effect, Parameter, parameter, recompute_constants
-from leapgap.effects.links import links_at
+from leapgap.effects.links import add_mass, along, links_at, square_to
 from leapgap.robot.model import Robot
 
 LARGEST_LOSS = 0.9
 """Share of a link's mass that may be taken away; a moving body needs a positive mass."""
 LARGEST, MODERATE = (3.0, 0.5), (0.3, 0.02)
 """Limit of the search and noticeable value: the larger of a share of the link's mass and of the robot's."""
+FARTHEST_M, MODERATE_M = 0.3, 0.1
+"""Limit of the search for the distance of a heavy payload, and a noticeable one."""
+LIGHT = 0.1
+"""A payload below this share of its link's mass adds less inertia than a point at moment / mass, and none at zero mass:
+there a moment is a centre of mass that is elsewhere."""
 
 
 @dataclass(frozen=True)
 class LinkPayload(Effect):
-    """A point mass at the centre of mass of the links that the located joints move; negative where they are lighter."""
+    """A point mass at the links that the located joints move; negative where they are lighter.
+
+    It lies beyond the link's centre of mass, away from the joint, by ``moment_kg_m`` / ``mass_kg``. Gravity and inertia
+    answer to the two numbers almost linearly, also where the mass is small, which they do not to a distance.
+    """
 
     name = "link_payload"
     by_default = False
+    in_joint_fit = True
     places = "joints"
 
     mass_kg: float = parameter(0.0, "kg", -inf, inf, 0.2)
+    moment_kg_m: float = parameter(0.0, "kg·m", -inf, inf, 0.02)
 
     @classmethod
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """From links that weigh a tenth of the model's upwards."""
-        (declared,) = super().parameters(robot, location)
+        mass, moment = super().parameters(robot, location)
         own = robot.model.body_mass[links_at(robot, location)]
         whole = float(robot.model.body_mass[robot.bodies].sum())
         upper, moderate = (max(a * float(own.max()), b * whole) for a, b in (LARGEST, MODERATE))
         scale = float(own.mean())
-        return (replace(declared, lower=-LARGEST_LOSS * float(own.min()), upper=upper, moderate=moderate, scale=scale),)
+        far = FARTHEST_M * upper
+        return (
+            replace(mass, lower=-LARGEST_LOSS * float(own.min()), upper=upper, moderate=moderate, scale=scale),
+            replace(moment, lower=-far, upper=far, moderate=MODERATE_M * moderate),
+        )
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the mass of each link, of which a tenth always stays."""
         if self.is_nominal:
             return
-        links = links_at(robot, self.location)
-        own = model.body_mass[links]
-        model.body_mass[links] = np.maximum(own + self.mass_kg, (1 - LARGEST_LOSS) * own)
+        for link in links_at(robot, self.location):
+            own = float(model.body_mass[link])
+            mass = max(self.mass_kg, -LARGEST_LOSS * own)
+            inertia = self.moment_kg_m**2 * mass / max(mass**2, (LIGHT * own) ** 2)
+            outward = along(robot, int(link))
+            add_mass(model, int(link), mass, self.moment_kg_m * outward, inertia * square_to(outward))
         recompute_constants(model)

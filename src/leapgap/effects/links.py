@@ -7,6 +7,8 @@ from leapgap.robot.model import Robot
 
 LEAST_ARM_M = 1e-4
 """A centre of mass nearer to its joint's axis than this has no direction away from it."""
+LEAST_INERTIA = 0.1
+"""Share of a link's smallest inertia that always stays."""
 
 
 def links_at(robot: Robot, location: str) -> np.ndarray:
@@ -42,6 +44,39 @@ def outward(robot: Robot, body: int) -> np.ndarray:
     square: np.ndarray = np.eye(3)[int(np.abs(axis).argmin())]
     square = square - (square @ axis) * axis
     return np.asarray(square / np.linalg.norm(square))
+
+
+def along(robot: Robot, body: int) -> np.ndarray:
+    """Unit vector from a link's joint through its centre of mass, (3,), in the link's axes; else the joint's axis."""
+    joint = joint_of_link(robot, body)
+    away: np.ndarray = robot.model.body_ipos[body] - robot.model.jnt_pos[joint]
+    length = float(np.linalg.norm(away))
+    return away / length if length >= LEAST_ARM_M else np.asarray(robot.model.jnt_axis[joint])
+
+
+def add_mass(model: mujoco.MjModel, body: int, mass: float, moment: np.ndarray, inertia: np.ndarray) -> None:
+    """Add mass to a body: kg, its first moment, kg·m, (3,), and its inertia, kg·m², (3, 3), about the body's centre.
+
+    Axes are those of the body. The smallest inertia about an axis stays at least a tenth of the body's own.
+    """
+    whole = float(model.body_mass[body]) + mass
+    model.body_mass[body] = whole
+    if not (moment.any() or inertia.any()):
+        return
+    shift, axes = moment / whole, np.empty(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+    turn = axes.reshape(3, 3)
+    about_centre = turn @ np.diag(model.body_inertia[body]) @ turn.T + inertia - whole * square_to(shift)
+    values, vectors = np.linalg.eigh(about_centre)
+    vectors[:, 0] *= np.sign(np.linalg.det(vectors))
+    model.body_inertia[body] = np.maximum(values, LEAST_INERTIA * model.body_inertia[body].min())
+    mujoco.mju_mat2Quat(model.body_iquat[body], np.ascontiguousarray(vectors).ravel())
+    move_centre(model, body, shift)
+
+
+def square_to(away: np.ndarray) -> np.ndarray:
+    """Inertia of one kilogram at a place (3,), m, seen from the origin, m², (3, 3)."""
+    return np.asarray(away @ away * np.eye(3) - np.outer(away, away))
 
 
 def move_centre(model: mujoco.MjModel, body: int, by: np.ndarray) -> None:

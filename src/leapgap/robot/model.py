@@ -300,8 +300,15 @@ class Robot:
         return self.topology.feet_of_pair(pair)
 
     def joints_at(self, location: str) -> np.ndarray:
-        """Indices, among the joints, of a location: all, front, rear, a joint group, a limb or a joint."""
-        return indices(self.topology.joints_at(location), self.joints)
+        """Indices, among the joints, of a location: all, front, rear, a joint group, a limb or a joint; read-only."""
+        if location not in self._joints_at:
+            self._joints_at[location] = indices(self.topology.joints_at(location), self.joints)
+            self._joints_at[location].flags.writeable = False
+        return self._joints_at[location]
+
+    @cached_property
+    def _joints_at(self) -> dict[str, np.ndarray]:
+        return {}
 
     def feet_at(self, location: str) -> np.ndarray:
         """Indices, among the feet, of a location: all, front, rear, a limb or a foot."""
@@ -323,8 +330,6 @@ class Robot:
         terrains have equal sizes and can be rolled out in one batch.
         """
         spec = self.spec()
-        if len(spec.meshes):
-            spec.discard_visual()  # what only shows makes a model thousands of times larger
         slots = len(boxes) if slots is None else slots
         contype, conaffinity = collision_bits(spec)
         for i in range(slots):
@@ -341,7 +346,23 @@ class Robot:
             else:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
+        if len(spec.meshes):
+            discard_untouchable(spec)
         return spec
+
+
+def discard_untouchable(spec: mujoco.MjSpec) -> None:
+    """Take away the meshes that nothing can touch, and what only shows: they make a model thousands of times larger.
+
+    An arm above no floor often has meshes that would collide with a floor alone.
+    """
+    paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+    bits = [(int(geom.contype), int(geom.conaffinity)) for geom in spec.geoms]
+    for geom, (contype, conaffinity) in zip(spec.geoms, bits, strict=True):
+        touches = any(contype & other[1] or conaffinity & other[0] for other in bits)
+        if not touches and geom.name not in paired and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+            geom.contype = geom.conaffinity = 0
+    spec.discard_visual()
 
 
 def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import recompute_constants
-from leapgap.effects.links import links_at
+from leapgap.effects.links import add_mass, links_at, square_to
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -30,22 +30,8 @@ def put_loads(model: mujoco.MjModel, log: Log, robot: Robot) -> None:
 
 def add_point_mass(model: mujoco.MjModel, body: int, mass: float, at: np.ndarray) -> None:
     """Add a point mass, kg, at a place in the axes of a body, m, (3,)."""
-    own = float(model.body_mass[body])
     away = at - model.body_ipos[body]
-    model.body_mass[body] = own + mass
-    if mass == 0 or not away.any():
-        return
-    axes = np.empty(9)
-    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
-    turn, reduced = axes.reshape(3, 3), own * mass / (own + mass)
-    further = reduced * (away @ away * np.eye(3) - np.outer(away, away))
-    inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T + further
-    values, vectors = np.linalg.eigh(inertia)
-    vectors[:, 0] *= np.sign(np.linalg.det(vectors))
-    model.body_inertia[body] = values
-    mujoco.mju_mat2Quat(model.body_iquat[body], np.ascontiguousarray(vectors).ravel())
-    model.body_ipos[body] += away * mass / (own + mass)
-    model.body_sameframe[body] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
+    add_mass(model, body, mass, mass * away, mass * square_to(away))
 
 
 def with_loads(model: mujoco.MjModel, log: Log, robot: Robot) -> mujoco.MjModel:

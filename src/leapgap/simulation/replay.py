@@ -22,6 +22,7 @@ from leapgap.robot.model_sensors import sensor_addresses
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.rollout import Rollout, Starts, joint_gains
 from leapgap.simulation.rollout_models import RolloutModels
+from leapgap.simulation.trial_log import without_warnings
 
 FINER = 0.255
 """Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
@@ -147,7 +148,8 @@ class Replayer(RolloutModels):
                 found |= {i: [] for i in chosen}
                 continue
             data = self._own_data(trials[chosen[0]])
-            out, read = mujoco.rollout.rollout(models, data, np.stack(states), batch_controls(controls))
+            with without_warnings():
+                out, read = mujoco.rollout.rollout(models, data, np.stack(states), batch_controls(controls))
             readings = [self._readings(*one) for one in zip(models, read, counts, strict=True)]
             pieces = zip(states, counts, out, readings, strict=True)
             for i in chosen:
@@ -225,9 +227,9 @@ class Replayer(RolloutModels):
             control = batch_controls(
                 [c[step[start] : step[end]] for c, step in zip(controls, steps_before, strict=True)]
             )
-            out, read = mujoco.rollout.rollout(
-                models, data, np.stack([h[-1][-1] for h in history]), control, persistent_pool=True
-            )
+            first = np.stack([h[-1][-1] for h in history])
+            with without_warnings():
+                out, read = mujoco.rollout.rollout(models, data, first, control, persistent_pool=True)
             for i, of_trial in enumerate(out):
                 history[i].append(of_trial[np.cumsum(counts[i][start:end]) - 1])
                 own = self._readings(models[i], read[i], counts[i][start:end])

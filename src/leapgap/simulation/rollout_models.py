@@ -8,7 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, Load, overriding
+from leapgap.effects.base import Commands, Effect, Load, constants_at_end, overriding
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
@@ -101,9 +101,10 @@ class RolloutModels:
         actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
         model.opt.timestep = trial.period_s / self.substeps(log)
         self.drive(trial).put_into(model, self.robot)
-        for effect in overriding(trial.effects, "change_model"):
-            effect.change_model(model, self.robot)
-        put_loads(model, log, self.robot)
+        with constants_at_end(model):
+            for effect in overriding(trial.effects, "change_model"):
+                effect.change_model(model, self.robot)
+            put_loads(model, log, self.robot)
         return model
 
     def _compiled(self, trial: Rollout) -> mujoco.MjModel:
@@ -253,6 +254,8 @@ class RolloutModels:
         ``warmth`` is by how much the resistance of each joint's motor has risen, (joints,); None: not at all.
         """
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
+        if not model.na:
+            return np.concatenate([[0.0], self.whole_state(trial, model, state, control)])
         activation = np.zeros(model.na)
         motors = [
             *enumerate(self.robot.joint_actuators.tolist()),
@@ -270,9 +273,8 @@ class RolloutModels:
                     model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
                 )
                 activation[dc_motors.state_of_current(model, actuator)] = np.clip(asked / (1 + warm), *limits)
-        if model.na:
-            bristles, deflection = dc_motors.bristles_in_motion(model, state[self.bare.nq :])
-            activation[bristles] = deflection
+        bristles, deflection = dc_motors.bristles_in_motion(model, state[self.bare.nq :])
+        activation[bristles] = deflection
         return np.concatenate([[0.0], self.whole_state(trial, model, state, control), activation])
 
     def _warmth(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> Sequence[np.ndarray | None]:

@@ -83,7 +83,7 @@ class ByInverseDynamics:
     @staticmethod
     def of(states: Sequence[States], robot: Robot) -> "ByInverseDynamics":
         """Torques that the motions of some logs need."""
-        model, every_s = without_constraints(robot.model), spacing(states, robot)
+        model, every_s = without_constraints(robot.on_terrain(())), spacing(states, robot)
         motions = [without_loads(instants_of(of, robot, every_s), of.log, robot) for of in states]
         return ByInverseDynamics(ModelErrors.of(model, motions), tuple(stops(of.qpos, robot) for of in motions))
 

@@ -87,6 +87,8 @@ def judge_velocities(evidence: Evidence, proposal: Proposal) -> None:
         )
         return
     if evidence.time is None or "joint_pos" not in evidence.values:
+        lacking = "a time" if evidence.time is None else "positions"
+        proposal.say(MISSING, f"the unit of velocities: it shows beside {lacking}, else state units.joint_vel/*")
         return
     joints = evidence.robot.joints
     found = rates(*some_rows(evidence, "joint_pos", "joint_vel"))

@@ -2,12 +2,14 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 POSITION = {"q", "pos", "position", "positions", "angle", "angles", "ang", "qpos", "theta", "joint_pos", "p"}
 VELOCITY = {"dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "omega", "qvel", "rate", "dtheta", "v"}
 TORQUE = {"tau", "torque", "torques", "trq", "effort", "u", "moment"}
+ANGLE_UNITS, TORQUE_UNITS = {"deg", "degree", "degrees", "rad", "radian", "radians"}, {"nm"}
+PER_SECOND, SPEED_UNITS = {"s", "sec", "second", "per"}, {"dps", "rpm", "degs", "rads"}
 STIFFNESS, DAMPING = {"kp", "stiffness", "pgain"}, {"kd", "damping", "dgain"}
 TIME = {"time", "t", "stamp", "timestamp", "clock", "ts", "times"}
 COMMAND = {
@@ -72,7 +74,19 @@ def words(name: str) -> list[str]:
     return [word.lower() for word in WORD.findall(name)]
 
 
-def quantity_by_words(found: Iterable[str]) -> tuple[str, int] | None:
+def kind_by_unit(found: Sequence[str]) -> str | None:
+    """What has the unit that stands in a name, as in ``A1_actual_deg``: positions, velocities or torques."""
+    for word, after in zip(found, [*found[1:], ""], strict=True):
+        if word in SPEED_UNITS or (word in ANGLE_UNITS and after in PER_SECOND):
+            return "vel"
+        if word in ANGLE_UNITS:
+            return "pos"
+        if word in TORQUE_UNITS:
+            return "tau"
+    return None
+
+
+def quantity_by_words(found: Sequence[str]) -> tuple[str, int] | None:
     """The quantity of a joint that some words speak of, and how plainly; None where they speak of something else."""
     said = set(found)
     if said & OTHER:
@@ -82,7 +96,8 @@ def quantity_by_words(found: Iterable[str]) -> tuple[str, int] | None:
         if said & known:
             return f"cmd_{kind}", preference
     said_kind = next(
-        (kind for kind, known in (("tau", TORQUE), ("vel", VELOCITY), ("pos", POSITION)) if said & known), None
+        (kind for kind, known in (("tau", TORQUE), ("vel", VELOCITY), ("pos", POSITION)) if said & known),
+        kind_by_unit(found),
     )
     if said & COMMAND:
         return f"cmd_{said_kind or 'pos'}", preference - (said_kind is None)
