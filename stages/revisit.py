@@ -15,7 +15,6 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap import effects
 from leapgap.atomic_io import read_json, write_json
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import file_digests
@@ -137,8 +136,7 @@ def at_most(number: int, cases: list[Seen]) -> list[Seen]:
 
 def without(settings: Diagnosing, effect: str) -> Diagnosing:
     """The diagnosis's settings without one hypothesis."""
-    names = settings.effects or list(effects.by_default())
-    return replace(settings, effects=[name for name in names if name != effect])
+    return replace(settings, without=[*settings.without, effect])
 
 
 def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:

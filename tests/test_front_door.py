@@ -224,6 +224,14 @@ def test_the_command_from_a_csv_to_a_report(folder: Path, tmp_path: Path, capsys
     assert len(list(replays.glob("*.parquet"))) == 4
 
 
+def test_an_effect_that_is_left_out_is_not_looked_for(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = ("--effects", "joint_damping,joint_friction")
+    assert run("diagnose", folder / "logs", folder / "arm.xml", *both, "--without", "joint_damping", "--quiet") == 0
+    said = capsys.readouterr().out
+    assert "joint_friction" in said and "joint_damping" not in said
+    assert not said.startswith("named")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -231,6 +239,7 @@ def test_the_command_from_a_csv_to_a_report(folder: Path, tmp_path: Path, capsys
         (("diagnose", "{folder}", "{folder}/arm.xml"), "found no *.parquet; expected one log or more"),
         (("diagnose", "{folder}/logs", "{folder}/none.xml"), "found no such file; expected a MuJoCo model"),
         (("diagnose", "{folder}/logs", "{folder}/arm.xml", "--effects", "rust"), "found rust; expected names among"),
+        (("diagnose", "{folder}/logs", "{folder}/arm.xml", "--without", "rust"), "found rust; expected names among"),
         (("replay", "{folder}/logs", "{folder}/arm.xml", "--out", "x", "--effect", "rust:a=1"), "found rust"),
         (("replay", "{folder}/logs", "{folder}/arm.xml", "--out", "x", "--effect", "payload:kg"), "without a value"),
         (("import", "{folder}/tables", "{folder}/arm.xml", "--format", "bags", "--out", "x"), "one of csv"),
@@ -244,6 +253,15 @@ def test_bad_input_is_one_message_and_exit_code_2(
     said = capsys.readouterr().err
     assert message in said
     assert len(said.splitlines()) == 1
+
+
+def test_an_unknown_option_is_said_beside_the_usage_of_its_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run("diagnose", "logs", "--robot", "arm.xml")
+    said = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert said.startswith("usage: leapgap diagnose") and "logs robot" in said
+    assert "unrecognized arguments: --robot; did you mean robot?" in said
 
 
 def test_a_misspelt_setting_is_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,7 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         open_closed_streams()
         InterruptGuard(lambda: f"leapgap: stopped by Ctrl-C; {what_is_kept()}").install()
         tolerate_terminal()
-    chosen = parser().parse_args(arguments)
+    chosen, unknown = parser().parse_known_args(arguments)
+    if unknown:  # said by the command, whose usage names what it takes
+        chosen.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
         chosen.run(chosen)
         sys.stdout.flush()
@@ -64,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
 
     def command(name: str, run: Any, says: str) -> argparse.ArgumentParser:
         added = commands.add_parser(name, help=says, description=says, epilog=UNITS)
-        added.set_defaults(run=run)
+        added.set_defaults(run=run, parser=added)
         return added
 
     diagnose = command("diagnose", run_diagnose, "diagnose logs against a MuJoCo model and write a report")
@@ -72,6 +74,7 @@ def parser() -> argparse.ArgumentParser:
     diagnose.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
     diagnose.add_argument("--out", type=Path, metavar="DIR", help="folder for report and corrected robot; none: print")
     diagnose.add_argument("--effects", metavar="A,B", help="look for these effects only (see: leapgap effects)")
+    diagnose.add_argument("--without", metavar="A,B", help="do not look for these effects")
     diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings that differ, as JSON")
     diagnose.add_argument(
         "--viewer",
@@ -179,8 +182,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the usage, the message and the nearest known word; end with exit code 2."""
         words = [word for group in re.findall(r"choose from ([^)]*)", message) for word in re.findall(r"[\w-]+", group)]
-        below = [one for action in self._actions if isinstance(action.choices, dict) for one in action.choices.values()]
-        words += [option for one in (self, *below) for option in one._option_string_actions]
+        words += [*self._option_string_actions, *(action.dest for action in self._actions if not action.option_strings)]
         unknown = re.search(r"(?:invalid choice: '|unrecognized arguments: )([^' ]+)", message)
         nearest = did_you_mean(unknown[1], words) if unknown else None
         super().error(f"{message}; {nearest}" if nearest else message)
@@ -211,8 +213,9 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
 
         viewer_folder()  # what is missing is said before the work begins
     settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
-    if chosen.effects:
-        settings = replaced(settings, effects=[name.strip() for name in chosen.effects.split(",")])
+    for key in ("effects", "without"):
+        if getattr(chosen, key):
+            settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
     tell = (lambda _: None) if chosen.quiet else (lambda line: print(printable(line), flush=True))
     report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=tell, threads=chosen.threads)
     print(printable(report))

@@ -258,25 +258,30 @@ def best_simulator(
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:
     """The effects to look for, a user's own classes among them; a name that is none is an ``InputError``."""
     kinds = effects.registry(own)
-    unknown = [name for name in settings.effects if name not in kinds]
-    if unknown:
-        expected = f"names among {', '.join(kinds)}"
-        raise InputError("diagnose.settings.effects", ", ".join(unknown), expected, "correct the name")
+    for key, named in (("effects", settings.effects), ("without", settings.without)):
+        unknown = [name for name in named if name not in kinds]
+        if unknown:
+            expected = f"names among {', '.join(kinds)}"
+            raise InputError(f"diagnose.settings.{key}", ", ".join(unknown), expected, "correct the name")
     names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
-    return [kinds[name] for name in dict.fromkeys(names)]
+    found = [kinds[name] for name in dict.fromkeys(names) if name not in settings.without]
+    if not found:
+        raise InputError("diagnose.settings.without", "every effect", "some that are looked for", "leave out fewer")
+    return found
 
 
 def kinds_beside_clock(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
     """The effects to look for in logs by their own clock, which is no hypothesis then; others show beside a clock."""
     further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
-    return [kind for kind in (*kinds, *further) if not kind.differs_per_log]
+    return [kind for kind in (*kinds, *further) if not kind.differs_per_log and kind.name not in settings.without]
 
 
 def further_kinds(kinds: Sequence[type[Effect]], robot: Robot, settings: Settings) -> list[type[Effect]]:
     """The effects that a fit of all together looks for beside those of the search one by one."""
     if settings.effects or robot.has_free_base:
         return []
-    return [kind for kind in effects.known().values() if kind.in_joint_fit and kind not in kinds]
+    further = [kind for kind in effects.known().values() if kind.in_joint_fit and kind not in kinds]
+    return [kind for kind in further if kind.name not in settings.without]
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:

@@ -34,6 +34,8 @@ class Settings:
 
     effects: list[str] = field(default_factory=list)
     """Names of the hypotheses; empty: the known effects that are looked for by default (``Effect.by_default``)."""
+    without: list[str] = field(default_factory=list)
+    """Names of effects that are not looked for; the others are, as if these were unknown."""
     model_fields: list[ModelField] = field(default_factory=list)
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
     folds: int = 4
