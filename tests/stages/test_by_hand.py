@@ -50,6 +50,14 @@ def logs(tmp_path: Path, robot: Robot) -> Path:
     return tmp_path / "logs"
 
 
+def test_an_environment_without_the_pipeline_is_told_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['hydra'] = None\n", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    assert_refused(stage("land"), "found no hydra-core", "make .venv/ready", "leapgap[pipeline]")
+
+
 def test_import_of_foreign_logs(tmp_path: Path, robot: Robot) -> None:
     write_published(tmp_path / "raw" / "3", robot)
     out = tmp_path / "jumps"

@@ -6,7 +6,7 @@
 
 /* What is measured at one tick. World x forward, z up; SI units; what was not measured is NAN. */
 typedef struct {
-    double time_s;
+    double time_s;                   /* of any clock; the jump begins at the first tick after jump_reset */
     double base_position[3];         /* origin of the base in the world, m */
     double base_quaternion[4];       /* base to world, w x y z */
     double base_velocity[3];         /* of that origin, in the world, m/s */
