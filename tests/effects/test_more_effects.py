@@ -74,6 +74,19 @@ def test_a_payload_lies_where_its_moment_says(mass: float, robot_arm: Robot, log
     assert np.abs(replay(robot, log, payload) - plain).max() < 1e-7
 
 
+@pytest.mark.parametrize("mass", [-0.54, -0.2, -0.01, 0.01, 0.3, 1.8])
+@pytest.mark.parametrize("moment", [-0.5, -0.05, 0.05, 0.5])
+def test_a_link_with_any_payload_is_one_that_a_model_file_can_have(
+    mass: float, moment: float, robot_arm: Robot
+) -> None:
+    """MuJoCo compiles no body whose inertias break A + B >= C."""
+    model = mujoco.MjModel.from_xml_string(arm.MJCF)
+    effects.effect("link_payload", "elbow", mass_kg=mass, moment_kg_m=moment).change_model(model, robot_arm)
+    inertia = " ".join(f"{one:.5g}" for one in model.body("lower").inertia)
+    body = f"""<inertial pos="0 0 0" mass="{model.body("lower").mass[0]}" diaginertia="{inertia}"/><joint/>"""
+    mujoco.MjModel.from_xml_string(f"<mujoco><worldbody><body>{body}</body></worldbody></mujoco>")
+
+
 CHANGES: list[tuple[str, str, dict[str, float], Callable[[mujoco.MjModel], None]]] = [
     ("quadratic_damping", "shoulder", {"coefficient": 0.2}, damp),
     ("quadratic_damping", "shoulder", {"coefficient": -0.03}, undamp),

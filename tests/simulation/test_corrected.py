@@ -284,3 +284,18 @@ def test_a_model_that_mujoco_cannot_save_is_said_to_be_missing(tmp_path: Path) -
     assert not (tmp_path / "corrected" / "robot.xml").exists()
     with pytest.raises(InputError, match="no such file"):
         read_corrected(tmp_path / "corrected")
+
+
+def test_a_correction_that_makes_no_body_is_said_and_loses_nothing_else(tmp_path: Path, robot: Robot) -> None:
+    """A user's own effect may leave inertias that break A + B >= C, which MuJoCo simulates but does not compile."""
+
+    class Flattened(Effect):
+        name = "flattened"
+
+        def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+            model.body_inertia[robot.base_body] = 1.0, 0.1, 0.1
+
+    write_corrected(tmp_path / "corrected", robot, (Flattened(),))
+    assert "does not compile" in (tmp_path / "corrected" / "README.md").read_text()
+    assert not (tmp_path / "corrected" / "robot.xml").exists()
+    assert (tmp_path / "corrected" / "parameters.json").exists()

@@ -9,6 +9,8 @@ LEAST_ARM_M = 1e-4
 """A centre of mass nearer to its joint's axis than this has no direction away from it."""
 LEAST_INERTIA = 0.1
 """Share of a link's smallest inertia that always stays."""
+MARGIN = 1e-3
+"""By how much the inertias of a body are within what bodies can have, so that a file with rounded numbers is, too."""
 
 
 def links_at(robot: Robot, location: str) -> np.ndarray:
@@ -57,7 +59,8 @@ def along(robot: Robot, body: int) -> np.ndarray:
 def add_mass(model: mujoco.MjModel, body: int, mass: float, moment: np.ndarray, inertia: np.ndarray) -> None:
     """Add mass to a body: kg, its first moment, kg·m, (3,), and its inertia, kg·m², (3, 3), about the body's centre.
 
-    Axes are those of the body. The smallest inertia about an axis stays at least a tenth of the body's own.
+    Axes are those of the body. Where more is taken away than a body can lose, its smallest inertia stays a tenth of its own
+    and as large as the difference of the other two: no body, and no model file, has less.
     """
     whole = float(model.body_mass[body]) + mass
     model.body_mass[body] = whole
@@ -69,7 +72,10 @@ def add_mass(model: mujoco.MjModel, body: int, mass: float, moment: np.ndarray, 
     about_centre = turn @ np.diag(model.body_inertia[body]) @ turn.T + inertia - whole * square_to(shift)
     values, vectors = np.linalg.eigh(about_centre)
     vectors[:, 0] *= np.sign(np.linalg.det(vectors))
-    model.body_inertia[body] = np.maximum(values, LEAST_INERTIA * model.body_inertia[body].min())
+    values = np.maximum(values, LEAST_INERTIA * model.body_inertia[body].min())
+    if values[0] + values[1] < values[2]:
+        values[0] = (values[2] - values[1]) * (1 + MARGIN)
+    model.body_inertia[body] = values
     mujoco.mju_mat2Quat(model.body_iquat[body], np.ascontiguousarray(vectors).ravel())
     move_centre(model, body, shift)
 

@@ -22,10 +22,15 @@ DIGITS = 17
 def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
     """Write a specification that compiles as one MJCF, with copies of its assets beside it.
 
-    The file is read back: ``InputError`` where MuJoCo cannot save the model so that it is the same again.
+    The file is read back: ``InputError`` where MuJoCo cannot save the model so that it is the same again, or where the
+    specification does not compile.
     """
     spec.compiler.saveinertial = True  # what MuJoCo computed from shapes is not computed anew
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        found = f"a model that MuJoCo does not compile ({' '.join(str(error).split())})"
+        raise InputError(path.name, found, "bodies as they can be", "correct the effects or the model") from None
     with all_digits():
         root = ElementTree.fromstring(spec.to_xml())
     for kind, part, count, addresses in (
