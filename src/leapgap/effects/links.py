@@ -59,8 +59,8 @@ def along(robot: Robot, body: int) -> np.ndarray:
 def add_mass(model: mujoco.MjModel, body: int, mass: float, moment: np.ndarray, inertia: np.ndarray) -> None:
     """Add mass to a body: kg, its first moment, kg·m, (3,), and its inertia, kg·m², (3, 3), about the body's centre.
 
-    Axes are those of the body. Where more is taken away than a body can lose, its smallest inertia stays a tenth of its own
-    and as large as the difference of the other two: no body, and no model file, has less.
+    Axes are those of the body. Where more is taken away than a body can lose, its smallest inertia stays a tenth of its
+    own and as large as the difference of the other two: no body, and no model file, has less.
     """
     whole = float(model.body_mass[body]) + mass
     model.body_mass[body] = whole
