@@ -25,7 +25,8 @@ class LinkPayload(Effect):
     """A point mass at the links that the located joints move; negative where they are lighter.
 
     It lies beyond the link's centre of mass, away from the joint, by ``moment_kg_m`` / ``mass_kg``. Gravity and inertia
-    answer to the two numbers almost linearly, also where the mass is small, which they do not to a distance.
+    answer to the two numbers almost linearly, also where the mass is small, which they do not to a distance. Only what is
+    added is looked for: lighter links are scaled ones (``leg_mass``), and beside weaker motors they look nominal.
     """
 
     name = "link_payload"
@@ -38,7 +39,7 @@ class LinkPayload(Effect):
 
     @classmethod
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
-        """From links that weigh a tenth of the model's upwards."""
+        """From no mass upwards; the moment either way."""
         mass, moment = super().parameters(robot, location)
         own = robot.model.body_mass[links_at(robot, location)]
         whole = float(robot.model.body_mass[robot.bodies].sum())
@@ -46,7 +47,7 @@ class LinkPayload(Effect):
         scale = float(own.mean())
         far = FARTHEST_M * upper
         return (
-            replace(mass, lower=-LARGEST_LOSS * float(own.min()), upper=upper, moderate=moderate, scale=scale),
+            replace(mass, lower=0.0, lower_is_physical=True, upper=upper, moderate=moderate, scale=scale),
             replace(moment, lower=-far, upper=far, moderate=MODERATE_M * moderate),
         )
 
