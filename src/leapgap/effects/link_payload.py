@@ -25,13 +25,12 @@ class LinkPayload(Effect):
     """A point mass at the links that the located joints move; negative where they are lighter.
 
     It lies beyond the link's centre of mass, away from the joint, by ``moment_kg_m`` / ``mass_kg``. Gravity and inertia
-    answer to the two numbers almost linearly, also where the mass is small, which they do not to a distance. Only what is
-    added is looked for: lighter links are scaled ones (``leg_mass``), and beside weaker motors they look nominal.
+    answer to the two numbers almost linearly, also where the mass is small, which they do not to a distance. Only
+    what is added is looked for: lighter links are scaled ones (``leg_mass``).
     """
 
     name = "link_payload"
     by_default = False
-    in_joint_fit = True
     places = "joints"
 
     mass_kg: float = parameter(0.0, "kg", -inf, inf, 0.2)
