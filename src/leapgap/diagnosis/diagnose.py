@@ -225,11 +225,14 @@ def find_answer(
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
     near = result.selected if clock is None else None
-    joint = JointFit(heldout_gap, of_pieces, told, settings.joint, progress, clock is None, near, settings.tolerances)
+    further = further_kinds(kinds, judged.robot, settings) if clock is None else []
+    last = [kind.name for kind in further if kind.beside_joint_fit]
+    joint = JointFit(
+        heldout_gap, of_pieces, told, settings.joint, progress, clock is None, near, settings.tolerances, last
+    )
     if clock is None:
         least = settings.plan.least_gain
         judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)
-        further = further_kinds(kinds, judged.robot, settings)
         judgement = judge_slow_causes(judgement, joint, hypotheses, settings.doubts)
         hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
@@ -280,8 +283,8 @@ def further_kinds(kinds: Sequence[type[Effect]], robot: Robot, settings: Setting
     """The effects that a fit of all together looks for beside those of the search one by one."""
     if settings.effects or robot.has_free_base:
         return []
-    further = [kind for kind in effects.known().values() if kind.in_joint_fit and kind not in kinds]
-    return [kind for kind in further if kind.name not in settings.without]
+    known = [kind for kind in effects.known().values() if kind.in_joint_fit or kind.beside_joint_fit]
+    return [kind for kind in known if kind not in kinds and kind.name not in settings.without]
 
 
 def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:

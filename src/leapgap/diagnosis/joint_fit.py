@@ -104,6 +104,8 @@ class JointFit:
     """A robot near which the error of the simulation's step is taken; None: the step is not in doubt."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """``Settings.tolerances``, taken about that robot."""
+    last: Sequence[str] = ()
+    """Names of effects that are looked for beside the answer: each can do what several others do."""
     short_gap: HeldOutGap | None = None
     """The gap by short steps, where these explain the logs better."""
     usual: bool = False

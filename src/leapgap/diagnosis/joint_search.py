@@ -45,6 +45,8 @@ def search_jointly(
     numbers. ``none_gap`` is the largest gap, in noise floors, that noise and tolerances explain.
     """
     if joint.in_parts:
+        last = [h for h in hypotheses if h.name in joint.last]
+        hypotheses = [h for h in hypotheses if h not in last]
         every = at_parts(hypotheses, found.hypotheses if found else ())
         # From the nominal robot a fit may end at one that moves alike, with all torques, masses and friction smaller by
         # one factor: it starts where a search one by one has ended.
@@ -54,7 +56,7 @@ def search_jointly(
             told = joint.by_steps_of(near)
             joint = told or joint.by_usual_steps()
             near = near if told else joint.fit(every, start, joint.plan.first_steps, whole=False)
-        return SearchInParts(joint).search(hypotheses, near, found, none_gap), joint
+        return SearchInParts(joint, last).search(hypotheses, near, found, none_gap), joint
     return SearchBesideClock(joint).search(hypotheses), joint
 
 
@@ -197,6 +199,9 @@ class SearchBesideClock(JointSearch):
 class SearchInParts(JointSearch):
     """The search in logs that need no clock of their own."""
 
+    last: Sequence[Hypothesis] = ()
+    """Effects that are looked for beside the causes of this search: each can do what several do."""
+
     def search(
         self, hypotheses: Sequence[Hypothesis], near: FullRolloutFit, found: Candidate | None, none_gap: float
     ) -> list[FullRolloutCause]:
@@ -204,7 +209,10 @@ class SearchInParts(JointSearch):
         every = self.fit_in_parts(hypotheses, near)
         fit = self.reduced(part(every, self.without_idle(every, self.losses_without, IDLE)))
         fit = self.with_one_for_two(every, self.without_small(fit, none_gap), found)
-        return self.ordered(*self.with_exchanges(fit, hypotheses, none_gap))
+        fit, rivals = self.with_exchanges(fit, hypotheses, none_gap)
+        if (simpler := self.with_one_for_several(fit, none_gap)) is not None:
+            fit, rivals = self.with_exchanges(simpler, [*hypotheses, *self.last], none_gap)
+        return self.ordered(fit, rivals)
 
     def fit_in_parts(self, hypotheses: Sequence[Hypothesis], near: FullRolloutFit) -> FullRolloutFit:
         """The fit of all effects, with one number for the whole robot where its parts need none of their own."""
@@ -283,6 +291,21 @@ class SearchInParts(JointSearch):
         fits = [self.fit_part(every, some) for some in {tuple(some): some for some in tried}.values()]
         simpler = min(fits, key=lambda one: one.loss, default=fit)
         return simpler if simpler.loss < fit.loss + self.joint.plan.least_gain else fit
+
+    def with_one_for_several(self, fit: FullRolloutFit, none_gap: float) -> FullRolloutFit | None:
+        """The fit with an effect that is looked for last, which leaves no more causes and closes clearly more.
+
+        None where there is none. In the fit of all effects such a one would hide others, since it can do what they do.
+        """
+        parts, plan, closed = at_parts(self.last), self.joint.plan, self.joint.closes(fit)
+        if not parts or closed > 1 - plan.least_part:
+            return None
+        absent = [h.nominal for h in parts]
+        wide = self.joint.fit((*fit.hypotheses, *parts), np.concatenate([fit.numbers, *absent]), plan.all_steps)
+        again = self.reduced(part(wide, self.without_idle(wide, self.losses_without, IDLE)))
+        again = self.without_small(again, none_gap)
+        clearer = self.joint.closes(again) - closed >= plan.least_part
+        return again if clearer and len(again.hypotheses) <= len(fit.hypotheses) else None
 
     def with_exchanges(
         self, fit: FullRolloutFit, hypotheses: Sequence[Hypothesis], none_gap: float

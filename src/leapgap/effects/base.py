@@ -146,6 +146,8 @@ class Effect(ABC):
     """Whether it is looked for in logs that are judged by a clock of their own, though not by default."""
     in_joint_fit: ClassVar[bool] = False
     """Whether a fit of all effects together looks for it on a robot without a free base, though not by default."""
+    beside_joint_fit: ClassVar[bool] = False
+    """Whether it is looked for beside the answer of such a fit: it can do what several do, and would hide them."""
     has_rotors: ClassVar[bool] = False
     """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
     command_stage: ClassVar[CommandStage] = CommandStage.ARRIVAL

@@ -4,6 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 POSITION = {"q", "pos", "position", "positions", "angle", "angles", "ang", "qpos", "theta", "joint_pos", "p"}
 VELOCITY = {"dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "omega", "qvel", "rate", "dtheta", "v"}
@@ -76,7 +77,7 @@ def words(name: str) -> list[str]:
 
 def kind_by_unit(found: Sequence[str]) -> str | None:
     """What has the unit that stands in a name, as in ``A1_actual_deg``: positions, velocities or torques."""
-    for word, after in zip(found, [*found[1:], ""], strict=True):
+    for word, after in pairwise([*found, ""]):
         if word in SPEED_UNITS or (word in ANGLE_UNITS and after in PER_SECOND):
             return "vel"
         if word in ANGLE_UNITS:
