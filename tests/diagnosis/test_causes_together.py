@@ -1,8 +1,10 @@
 """Causes of one robot that act together at different joints, named from the fit of all effects; plain MuJoCo's logs."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -81,6 +83,27 @@ def test_an_effect_stays_where_a_search_found_it_if_that_is_no_part() -> None:
     leg = next(h for h in every if h.name == "joint_damping" and h.location == "FR")
     chosen = [(h.name, h.location) for h in at_parts(every, [leg])]
     assert chosen == [("joint_damping", "FR"), *(("joint_friction", group) for group in robot.joint_groups)]
+
+
+def test_a_tool_at_a_link_is_named_beside_friction_elsewhere(robot: Robot, tmp_path: Path) -> None:
+    """By default, with every effect: heavier links, their inertia and gains of motors together do nearly the same."""
+    spec = mujoco.MjSpec.from_file(str(robot.path))
+    tool = {"size": [0.005, 0, 0], "pos": [0.25, 0, 0], "mass": 0.3, "contype": 0, "conaffinity": 0}
+    spec.body("lower").add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, **tool)
+    spec.joint("L_shoulder").frictionloss = 0.3
+    spec.compile()
+    (tmp_path / "with_tool.xml").write_text(spec.to_xml())
+    logs = noisy_logs(tmp_path / "with_tool.xml", lambda model: None)
+    report = diagnose(logs, robot, Settings(noise_draws=1, bootstrap_draws=100, best=False), threads=2).report
+    assert report.verdict == "named"
+    found = {(cause.effect, cause.location): cause.parameters for cause in report.causes[: len(report.answer)]}
+    assert set(found) == {("link_payload", "L_elbow"), ("joint_friction", "L_shoulder")}
+    payload, beyond_com_m = found["link_payload", "L_elbow"], 0.125
+    assert payload["mass_kg"].value == pytest.approx(0.3, rel=0.05)
+    assert payload["moment_kg_m"].value == pytest.approx(
+        0.3 * 0.125, rel=0.05
+    )  # the link's centre of mass is at 0.125 m
+    assert found["joint_friction", "L_shoulder"]["torque_nm"].value == pytest.approx(0.3, rel=0.05)
 
 
 class FitsAtHand(SearchInParts):
