@@ -100,9 +100,7 @@ def test_a_tool_at_a_link_is_named_beside_friction_elsewhere(robot: Robot, tmp_p
     assert set(found) == {("link_payload", "L_elbow"), ("joint_friction", "L_shoulder")}
     payload, beyond_com_m = found["link_payload", "L_elbow"], 0.125
     assert payload["mass_kg"].value == pytest.approx(0.3, rel=0.05)
-    assert payload["moment_kg_m"].value == pytest.approx(
-        0.3 * 0.125, rel=0.05
-    )  # the link's centre of mass is at 0.125 m
+    assert payload["moment_kg_m"].value == pytest.approx(0.3 * beyond_com_m, rel=0.05)
     assert found["joint_friction", "L_shoulder"]["torque_nm"].value == pytest.approx(0.3, rel=0.05)
 
 
