@@ -279,8 +279,10 @@ def test_the_table_of_effects_reads_values_from_the_robot(folder: Path, capsys: 
     assert "needs a free base" in table  # foot_friction of an arm
     assert "needs constants of its motors" in table
     assert "-0.05 to 4" in table  # damping: down to none of the model's own
+    together = {line.split()[0] for line in table.splitlines() if line.endswith("named, or where several act)")}
+    assert together == {"friction_compensation", "link_inertia", "link_payload"}
     named = {line.split()[0] for line in table.splitlines() if line.endswith("(looked for if named)")}
-    assert named == {name for name, kind in lg.effects.known().items() if not kind.by_default}
+    assert named | together == {name for name, kind in lg.effects.known().items() if not kind.by_default}
 
 
 def test_every_command_has_help(capsys: pytest.CaptureFixture[str]) -> None:

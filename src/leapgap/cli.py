@@ -318,32 +318,12 @@ def import_line(log: Any) -> str:
 
 def run_effects(chosen: argparse.Namespace) -> None:
     """Print a line for each parameter of each effect."""
+    from leapgap.reports.effects_table import effect_rows
+
     rows = effect_rows(robot_of(chosen))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-
-
-def effect_rows(robot: Any) -> list[tuple[str, ...]]:
-    """Cells of the table of effects, its head first; with the nominal values and ranges of a robot, if there is one."""
-    from leapgap import effects
-
-    rows: list[tuple[str, ...]] = [("effect", "parameter", "unit", "nominal", "searched", "acts at", "what it is")]
-    for kind in effects.known().values():
-        missing = None if robot is None else kind.lacks(robot)
-        places = {"none": "the robot"}.get(kind.places, kind.places)
-        what = effects.describe(kind) + ("" if kind.by_default else " (looked for if named)")
-        if robot is not None and missing is None:
-            of_robot = {
-                p.name: (f"{p.nominal:g}", f"{p.lower + 0.0:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)
-            }
-        else:
-            of_robot = {}
-        for name, about in kind.declarations().items():
-            nominal = "the model's own" if about.nominal is None else f"{about.nominal:g}"
-            default = (nominal, f"needs {missing}" if missing else "see: leapgap effects ROBOT")
-            rows.append((kind.name, name, about.unit, *of_robot.get(name, default), places, what))
-    return rows
 
 
 def run_report(chosen: argparse.Namespace) -> None:

@@ -1,0 +1,33 @@
+"""The table of effects that ``leapgap effects`` prints."""
+
+from leapgap import effects
+from leapgap.effects.base import Effect
+from leapgap.robot.model import Robot
+
+
+def effect_rows(robot: Robot | None) -> list[tuple[str, ...]]:
+    """Cells of the table of effects, its head first; with the nominal values and ranges of a robot, if there is one."""
+    rows: list[tuple[str, ...]] = [("effect", "parameter", "unit", "nominal", "searched", "acts at", "what it is")]
+    for kind in effects.known().values():
+        missing = None if robot is None else kind.lacks(robot)
+        places = {"none": "the robot"}.get(kind.places, kind.places)
+        what = effects.describe(kind) + when_looked_for(kind, robot)
+        if robot is not None and missing is None:
+            of_robot = {
+                p.name: (f"{p.nominal:g}", f"{p.lower + 0.0:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)
+            }
+        else:
+            of_robot = {}
+        for name, about in kind.declarations().items():
+            nominal = "the model's own" if about.nominal is None else f"{about.nominal:g}"
+            default = (nominal, f"needs {missing}" if missing else "see: leapgap effects ROBOT")
+            rows.append((kind.name, name, about.unit, *of_robot.get(name, default), places, what))
+    return rows
+
+
+def when_looked_for(kind: type[Effect], robot: Robot | None) -> str:
+    """What stands behind an effect that a search one by one has only where it is named; nothing behind the others."""
+    if kind.by_default:
+        return ""
+    together = robot is not None and not robot.has_free_base and (kind.in_joint_fit or kind.beside_joint_fit)
+    return f" (looked for if named{', or where several act' if together else ''})"
