@@ -18,6 +18,7 @@ from typing import Any
 from leapgap.atomic_io import read_json, sha256, write_json
 from leapgap.content_hash import digest
 from leapgap.errors import InputError, did_you_mean
+from leapgap.import_closure import SourceTree
 from stages.common import refuse
 from stages.help import answered_at_once
 from stages.programs import program
@@ -25,8 +26,7 @@ from stages.programs import program
 NOTED = Path("metrics/made_with.json")
 KINDS = {".py", ".xml", ".yaml", ".c", ".h"}
 """Files of these kinds are code."""
-INSTRUMENT = ("diagnosis", "effects", "logs", "robot", "simulation")
-JUMPING = (*INSTRUMENT[1:], "jumping")
+DIAGNOSIS = "leapgap.diagnosis.diagnose"
 
 
 def library(*parts: str) -> tuple[str, ...]:
@@ -35,31 +35,39 @@ def library(*parts: str) -> tuple[str, ...]:
 
 
 CODE: dict[str, tuple[str, ...]] = {
-    "metrics/blind.json": (*library(*INSTRUMENT, "validation"), "conf/withhold", "conf/size/blind.yaml"),
-    "metrics/published/blind.json": (*library(*INSTRUMENT, "validation"), "conf/size/blind.yaml"),
-    "metrics/diagnosis.json": (*library(*INSTRUMENT), "tests/benchmarks/diagnosis_injected.py"),
-    "metrics/real/robots.json": (*library(*INSTRUMENT), "conf/robots", "stages/robots.py"),
-    "metrics/sensitivity.json": (*library(*INSTRUMENT), "tests/benchmarks/sensitivity.py"),
+    "metrics/blind.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),
+    "metrics/published/blind.json": (DIAGNOSIS, *library("validation"), "conf/size/blind.yaml"),
+    "metrics/diagnosis.json": (DIAGNOSIS, "tests/benchmarks/diagnosis_injected.py"),
+    "metrics/real/robots.json": (DIAGNOSIS, "leapgap.logs.reading", "conf/robots", "stages/robots.py"),
+    "metrics/sensitivity.json": (DIAGNOSIS, "tests/benchmarks/sensitivity.py"),
     "metrics/hostile.json": (*library("logs", "robot", "jumping/control"), "tests/hostile"),
-    "metrics/landing_full.json": (*library(*JUMPING), "conf/land", "conf/size/full.yaml"),
-    "metrics/learning_full.json": (*library(*JUMPING), "conf/train", "conf/size/full.yaml"),
-    "metrics/timing/diagnose.json": (*library(*INSTRUMENT), "tests/benchmarks/diagnose.py"),
-    "metrics/timing/sysid.json": (*library(*INSTRUMENT), "tests/benchmarks/sysid.py"),
-    "metrics/timing/replay.json": (*library(*INSTRUMENT[1:]), "tests/benchmarks/replay.py"),
+    "metrics/landing_full.json": ("stages.land", "conf/land", "conf/size/full.yaml"),
+    "metrics/learning_full.json": ("stages.train", "stages.evaluate", "conf/train", "conf/size/full.yaml"),
+    "metrics/timing/diagnose.json": (DIAGNOSIS, "tests/benchmarks/diagnose.py"),
+    "metrics/timing/sysid.json": (DIAGNOSIS, "tests/benchmarks/sysid.py"),
+    "metrics/timing/replay.json": ("leapgap.simulation.replay", "tests/benchmarks/replay.py"),
     "metrics/timing/optimize.json": (*library("jumping/planning", "robot"), "tests/benchmarks/optimize.py"),
     "metrics/timing/train.json": (*library("jumping/learning"), "tests/benchmarks/train.py"),
-    "metrics/timing/scale.json": (*library(*INSTRUMENT, "jumping/learning"), "tests/benchmarks/scale.py"),
+    "metrics/timing/scale.json": (DIAGNOSIS, *library("jumping/learning"), "tests/benchmarks/scale.py"),
     "metrics/timing/mpc_tick.json": (*library("jumping/control", "jumping/models"), "tests/benchmarks/mpc_tick.py"),
     "metrics/timing/exported_tick.json": (*library("jumping/control"), "tests/benchmarks/exported_tick.py"),
     "metrics/timing/goal_shift_tick.json": (*library("jumping/control"), "tests/benchmarks/goal_shift_tick.py"),
 }
-"""Code that each file of figures is of, from the project's root. What DVC makes has its own record, ``dvc.lock``."""
+"""Code that each file of figures is of: files and folders from the root, and modules with all that they import.
+What DVC makes has its own record, ``dvc.lock``."""
 
 
-def fingerprint(root: Path, paths: Sequence[str]) -> str:
-    """SHA-256 over names and contents of the code in ``paths``."""
-    files = {file for path in paths for file in [root / path, *(root / path).rglob("*")] if file.suffix in KINDS}
-    return digest({str(file.relative_to(root)): sha256(file) for file in files if file.is_file()})
+def files_of(root: Path, code: Sequence[str]) -> set[Path]:
+    """The files of code of some paths and modules."""
+    paths = [root / one for one in code if "/" in one]
+    found = {file for path in paths for file in [path, *path.rglob("*")] if file.suffix in KINDS and file.is_file()}
+    tree = SourceTree((root / "src/leapgap", root / "stages"))
+    return found.union(*(tree.files(one) for one in code if "/" not in one))
+
+
+def fingerprint(root: Path, code: Sequence[str]) -> str:
+    """SHA-256 over names and contents of code, as in ``CODE``."""
+    return digest({str(file.relative_to(root)): sha256(file) for file in files_of(root, code)})
 
 
 def noted(root: Path) -> dict[str, dict[str, Any]]:

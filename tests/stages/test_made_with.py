@@ -26,8 +26,15 @@ def test_every_file_of_figures_has_a_record() -> None:
 
 
 def test_the_code_of_every_file_of_figures_is_there() -> None:
-    for paths in made_with.CODE.values():
-        assert [path for path in paths if not (ROOT / path).exists()] == []
+    for code in made_with.CODE.values():
+        assert [path for path in code if "/" in path and not (ROOT / path).exists()] == []
+        assert made_with.files_of(ROOT, code)
+
+
+def test_code_of_a_module_is_all_that_it_imports() -> None:
+    files = {path.relative_to(ROOT).as_posix() for path in made_with.files_of(ROOT, [made_with.DIAGNOSIS])}
+    assert {"src/leapgap/effects/joint_friction.py", "src/leapgap/simulation/replay.py"} <= files
+    assert "src/leapgap/cli.py" not in files and "src/leapgap/logs/importers/csv.py" not in files
 
 
 def test_what_is_noted_is_of_files_that_are_known_and_there() -> None:
