@@ -312,6 +312,8 @@ def import_options(path: Path | None, stated: str | None) -> tuple[str, Any]:
 def import_line(log: Any) -> str:
     """What came of one log: its length, its clock, and what in it is computed."""
     notes = [f"{key}: {how}" for key, how in log.info.extra.get("derived", {}).items()]
+    follows = log.info.extra.get("follows", {}).items()
+    notes += [f"{joint} is not in the file: it follows {other}, to which the model ties it" for joint, other in follows]
     head = f"{log.name}: {len(log)} rows, {log.time[-1]:.3f} s, mean step {1e3 * log.info.sample_period_s:.4g} ms"
     return "; ".join([head, *notes])
 

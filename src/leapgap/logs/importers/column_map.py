@@ -12,6 +12,7 @@ from leapgap.logs.importers.tables import Table
 from leapgap.logs.importers.units import unit_factor
 from leapgap.logs.schema import COMMANDS, QUANTITIES, quantity_of
 from leapgap.robot.model import Robot
+from leapgap.robot.tied_joints import Tie, tied_joints
 
 ANY_JOINT = "*"
 
@@ -22,6 +23,7 @@ class ColumnMap:
 
     ``*`` in a key stands for every joint of the robot, and in the name of their column for what that joint is called
     there. An entry of one joint stands before one of ``*``. Values are (their values × unit × factor) + offset.
+    A joint without a motor that the table lacks, and that the model ties to another, follows that one.
     """
 
     columns: dict[str, Any] = field(default_factory=dict)
@@ -43,7 +45,8 @@ class ColumnMap:
 
 def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[str, np.ndarray]:
     """Columns of a log, as the map has them: time from 0, all else in SI. ``where`` names the map in messages."""
-    expand = Expansion(options, robot, where)
+    ties = tied(table, options, robot, where)
+    expand = Expansion(options, robot, where, frozenset(ties))
     constants = expand.numbers("constants", options.constants)
     check_ours([*expand.columns(), *constants], robot, where)
     theirs = {ours: one for ours, one in expand.columns().items() if ours not in constants}
@@ -64,7 +67,30 @@ def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[s
         columns[ours] = imported(columns, ours, f"{where}.offsets") + offset
     for ours, value in constants.items():
         columns[ours] = np.full(rows or 0, value)
-    return columns
+    return with_tied(columns, ties)
+
+
+def tied(table: Table, options: ColumnMap, robot: Robot, where: str) -> Mapping[str, Tie]:
+    """Joints that the table has no position of and that the model ties to one that it has."""
+    every = Expansion(options, robot, where).columns()
+    lacking = [
+        joint
+        for joint in robot.joints
+        if f"joint_pos/{joint}" not in table
+        and f"joint_pos/{joint}" not in options.columns
+        and not all(column in table for column in every.get(f"joint_pos/{joint}", {"": 1.0}))
+    ]
+    return tied_joints(robot, lacking)
+
+
+def with_tied(columns: dict[str, np.ndarray], ties: Mapping[str, Tie]) -> dict[str, np.ndarray]:
+    """The columns with positions and velocities of tied joints, as far as the joints that they follow have them."""
+    found = dict(columns)
+    for joint, tie in ties.items():
+        for quantity, follow in (("joint_pos", tie.position), ("joint_vel", tie.velocity)):
+            if f"{quantity}/{tie.of}" in columns:
+                found[f"{quantity}/{joint}"] = follow(columns[f"{quantity}/{tie.of}"])
+    return found
 
 
 def check_ours(columns: Iterable[str], robot: Robot, where: str) -> None:
@@ -106,12 +132,19 @@ class Expansion:
     options: ColumnMap
     robot: Robot
     where: str
+    without: frozenset[str] = frozenset()
+    """Joints that ``*`` does not stand for: they are not in the table."""
 
     def __post_init__(self) -> None:
         unknown = {*self.options.joint_names.values(), *self.options.joint_order} - set(self.robot.joints)
         if unknown:
             known = f"joints of the robot: {', '.join(self.robot.joints)}"
             raise InputError(f"{self.where}, joints", ", ".join(sorted(unknown)), known, "correct the names")
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that ``*`` stands for."""
+        return tuple(joint for joint in self.robot.joints if joint not in self.without)
 
     @property
     def order(self) -> tuple[str, ...]:
@@ -129,7 +162,7 @@ class Expansion:
         """The mapping with each key of ``*`` written out; a list gives each joint its own item."""
         written: dict[str, Any] = {}
         for key, value in sorted(mapping.items(), key=lambda one: ANY_JOINT not in one[0]):  # single joints stand last
-            for joint in self.robot.joints if ANY_JOINT in key else ("",):
+            for joint in self.joints if ANY_JOINT in key else ("",):
                 written[key.replace(ANY_JOINT, joint)] = self.item(key, value, joint)
         return written
 
@@ -160,7 +193,7 @@ class Expansion:
             if not isinstance(terms, Mapping) or not terms or not all(map(is_term, terms.items())):
                 expected = "the name of a column, or a mapping from names to factors"
                 raise InputError(f"{self.where}.columns, {key}", repr(value), expected, "correct it")
-            for joint in self.robot.joints if ANY_JOINT in key else ("",):
+            for joint in self.joints if ANY_JOINT in key else ("",):
                 name = self.their_name(joint) if joint else ANY_JOINT
                 written[key.replace(ANY_JOINT, joint)] = {
                     column.replace(ANY_JOINT, name): float(factor) for column, factor in terms.items()

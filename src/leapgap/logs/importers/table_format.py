@@ -13,7 +13,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, increasing_rows, mean_period
 from leapgap.logs.importers.base import LogFormat
-from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped
+from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.missing_velocities import add_velocities
@@ -98,6 +98,7 @@ class TableFormat(LogFormat):
         check_options(options, where)
         table = self.table(path, options, needed(options, robot, where))
         columns = mapped(table, options, robot, where)
+        follows = {joint: tie.of for joint, tie in tied(table, options, robot, where).items()}
         rows = len(next(iter(columns.values()), ()))
         if "time" not in columns:
             if options.period_s is None or not rows:
@@ -106,8 +107,11 @@ class TableFormat(LogFormat):
             columns["time"] = options.period_s * np.arange(rows)
         ordered = {key: columns[key] for key in sorted(columns, key=column_order(robot))}
         logs = [
-            finished_log(
-                cut_name, {key: values[kept] for key, values in ordered.items()}, path, robot, options, self.name
+            with_follows(
+                finished_log(
+                    cut_name, {key: values[kept] for key, values in ordered.items()}, path, robot, options, self.name
+                ),
+                follows,
             )
             for cut_name, kept in cuts(table, ordered["time"], name, options, where)
         ]
@@ -271,6 +275,13 @@ def finished_log(
     ordered = {key: log.columns[key] for key in sorted(log.columns, key=column_order(robot))}
     extra = {**log.info.extra, **({"derived": derived} if derived else {})}
     return Log(name, ordered, replace(log.info, extra=extra))
+
+
+def with_follows(log: Log, follows: Mapping[str, str]) -> Log:
+    """The log that says which joints were not measured, and which ones they follow by the model."""
+    if not follows:
+        return log
+    return replace(log, info=replace(log.info, extra={**log.info.extra, "follows": dict(follows)}))
 
 
 def of_jump(options: TableOptions, where: str) -> Mapping[str, Mapping[str, float]]:

@@ -7,6 +7,8 @@ import numpy as np
 from leapgap.logs.map_proposal.joint_units import some_rows
 from leapgap.logs.map_proposal.physics import CLEAR, Gains, correlations, fit_gains
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
+from leapgap.robot.model import Robot
+from leapgap.robot.stated_servos import servo_gains
 
 SAME_TORQUE = 0.3
 """Measured over sent torque may depart from 1 by this much: motors are weak, currents are poor torque sensors."""
@@ -56,16 +58,17 @@ def estimate_gains(evidence: Evidence, proposal: Proposal) -> None:
         )
         for i in range(len(evidence.robot.joints))
     ]
-    good = [one.explained > CLEAR and one.kp > 0 for one in fits]
+    driven = evidence.robot.driven
+    good = [one.explained > CLEAR and one.kp > 0 for one in fits] | ~driven
     if not all(good):
         weak = ", ".join(joint for joint, one in zip(evidence.robot.joints, good, strict=True) if not one)
         proposal.say(
             MISSING, f"gains of the joint PD: the measured torque does not tell them for {weak}; state cmd_kp, cmd_kd"
         )
         return
-    proposal.put("constants", "cmd_kp/*", [float(f"{one.kp:.3g}") for one in fits])
-    proposal.put("constants", "cmd_kd/*", [float(f"{max(0.0, one.kd):.3g}") for one in fits])
-    worst = min(one.explained for one in fits)
+    for name, values in (("cmd_kp", [one.kp for one in fits]), ("cmd_kd", [max(0.0, one.kd) for one in fits])):
+        proposal.put("constants", f"{name}/*", [float(f"{on * x:.3g}") for x, on in zip(values, driven, strict=True)])
+    worst = min(one.explained for one, on in zip(fits, driven, strict=True) if on)
     proposal.say(
         GUESSED, f"gains of the joint PD by least squares: they explain {worst:.0%} or more of the measured torque"
     )
@@ -96,8 +99,22 @@ def fill_commands(evidence: Evidence, proposal: Proposal) -> None:
     zero(("cmd_tau",), have | stated, proposal, "set points alone are sent, no feed-forward torque")
     zero(("cmd_vel",), have | stated, proposal, "the joint PD damps towards rest")
     lacking = [name for name in ("cmd_kp", "cmd_kd") if name not in have | stated]
+    if len(lacking) == 2 and take_gains_of_servos(evidence.robot, proposal):
+        return
     if lacking and not any("gains" in sentence for sentence in proposal.notes_of(MISSING)):
         proposal.say(MISSING, f"gains of the joint PD: state constants.{'/*, constants.'.join(lacking)}/*")
+
+
+def take_gains_of_servos(robot: Robot, proposal: Proposal) -> bool:
+    """Take the gains of the model file's position servos, if it has such; a person has to know that they are true."""
+    gains = servo_gains(robot)
+    if gains is None:
+        return False
+    for number, name in enumerate(("cmd_kp", "cmd_kd")):
+        proposal.put("constants", f"{name}/*", [gains.get(joint, (0.0, 0.0))[number] for joint in robot.joints])
+    proposal.notes = [one for one in proposal.notes if not (one[0] == MISSING and "gains" in one[1])]
+    proposal.say(GUESSED, "gains of the joint PD: those of the servos in the model file; the robot's may be others")
+    return True
 
 
 def zero(quantities: Iterable[str], have: set[str], proposal: Proposal, why: str) -> None:

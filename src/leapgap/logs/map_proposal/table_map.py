@@ -7,6 +7,7 @@ from leapgap.logs.map_proposal.joint_columns import choose, read_families
 from leapgap.logs.map_proposal.joint_units import judge_positions, judge_set_points, judge_velocities
 from leapgap.logs.map_proposal.names import families
 from leapgap.logs.map_proposal.proposal import Evidence, Proposal
+from leapgap.logs.map_proposal.tied_columns import with_tied
 from leapgap.logs.map_proposal.time_column import find_time
 from leapgap.robot.model import Robot
 
@@ -16,7 +17,7 @@ def propose(table: Table, robot: Robot) -> Proposal:
     proposal, evidence = Proposal(), Evidence(table, robot)
     columns = [column for column in table.columns if is_numeric(table, column)]
     find_time(columns, evidence, proposal)
-    chosen = choose(families(columns, robot.joints), robot)
+    chosen = choose(with_tied(families(columns, robot.joints), evidence, proposal), robot)
     read_families(chosen, evidence, proposal)
     judge_positions(evidence, proposal)
     judge_velocities(evidence, proposal)
