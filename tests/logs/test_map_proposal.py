@@ -123,6 +123,8 @@ def test_a_joint_that_counts_backwards_is_found_by_its_limits(arm: Robot, tmp_pa
     options, text = propose(write_table(tmp_path / "a.csv", columns), arm)
     assert options["factors"] == {"joint_pos/*": [1.0, -1.0], "joint_vel/*": [1.0, -1.0]}
     assert "sign of elbow turned round: only so they lie within their limits" in text
+    assert "where makers may have another (Unitree's begin with FR): 0 = shoulder, 1 = elbow\n" in text
+    assert "joint_vel is dq*, by its name; its joints are called the same" in text
 
 
 def test_gains_are_estimated_from_the_measured_torque(arm: Robot, tmp_path: Path) -> None:

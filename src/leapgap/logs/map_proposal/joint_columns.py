@@ -84,7 +84,7 @@ def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal)
 
 def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, proposal: Proposal) -> None:
     """Add the entries of one family, by ``*`` where the names of joints go with those of the others."""
-    joints = evidence.robot.joints
+    joints, known = evidence.robot.joints, evidence.their_joints == keys
     if evidence.their_joints is None:
         evidence.their_joints = keys
         renamed = {key: joint for key, joint in zip(keys, joints, strict=True) if key != joint}
@@ -97,7 +97,10 @@ def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, 
             proposal.put("columns", f"{quantity}/{joint}", one.members[key])
     evidence.values[quantity] = np.stack([evidence.table.numbers(one.members[key]) for key in keys], axis=1)
     if one.joints:
-        proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; the joints are named in it")
+        how = "the joints are named in it"
+    elif known:
+        how = "its joints are called the same"
     else:
         order = ", ".join(f"{key} = {joint}" for key, joint in zip(keys, joints, strict=True))
-        proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; joints in the order of the model: {order}")
+        how = f"joints in the order of the model, where makers may have another (Unitree's begin with FR): {order}"
+    proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; {how}")
