@@ -16,6 +16,7 @@ from leapgap.diagnosis.outside_forces.episodes import (
     Episode,
     Repeats,
     episodes_at,
+    in_most_logs,
     largest_of_each_moment,
     least_peak,
     swings,
@@ -277,6 +278,26 @@ def test_a_force_that_swings_back_is_no_push(after: float, swinging: bool) -> No
     one = Residual(time, force[:, None], np.zeros((100, 1)), np.ones(100, bool))
     assert swings(one, force, moment(0.395, 0.605, 0.21, 9.0)) is swinging
     assert swings(one, -force, moment(0.395, 0.605, -0.21, -9.0)) is swinging
+
+
+@pytest.mark.parametrize(
+    ("times", "dofs", "signs", "common"),
+    [
+        ((0.8, 0.8, 0.8, 0.8), (2, 2, 2, 2), (1, 1, 1, 1), [True] * 4),
+        ((0.8, 0.81, 0.79, 1.6), (2, 2, 2, 2), (1, 1, 1, 1), [True] * 3 + [False]),
+        ((0.8, 0.8, 0.5, 1.6), (2, 2, 2, 2), (1, 1, 1, 1), [False] * 4),  # two logs may be pushed at one time
+        ((0.8, 0.8, 0.8, 0.8), (0, 1, 2, 3), (1, 1, 1, 1), [False] * 4),
+        ((0.8, 0.8, 0.8, 0.8), (2, 2, 2, 2), (1, -1, 1, -1), [False] * 4),
+    ],
+)
+def test_what_most_logs_show_at_one_time_is_no_push(
+    times: tuple, dofs: tuple, signs: tuple, common: list[bool]
+) -> None:
+    found = [
+        replace(moment(time - 0.05, time + 0.05, sign * 4.0, 9.0, dof), log=log)
+        for log, (time, dof, sign) in enumerate(zip(times, dofs, signs, strict=True))
+    ]
+    assert [in_most_logs(one, found, 4) for one in found] == common
 
 
 def test_of_moments_at_one_time_the_one_that_stands_out_most_is_told() -> None:

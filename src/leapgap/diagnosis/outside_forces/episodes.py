@@ -36,6 +36,8 @@ SURE_SIZE = 20.0
 """A moment that stands out by more may be so much smaller beside the forces that the motions need."""
 LEAST_STRANGE_S = 1.0
 """Least time in states that no other log was near to that says how far off a model is there; else all states say it."""
+SAME_TIME_S = 0.05
+"""Centres of forces in several logs are at one time where they differ by less."""
 END_S = 0.1
 """No moment is told that begins sooner after the begin of a log."""
 COMPARED_ROWS = 4000
@@ -91,7 +93,9 @@ def episodes_of(residuals: Residuals, settings: OutsideForceSettings) -> list[Ep
         and is_inside(of_logs[one.log], one)
         and not swings(of_logs[one.log], alone[one.log][:, dof], one)
     ]
-    return sorted(largest_of_each_moment(found), key=lambda one: (one.log, one.time_s, one.dof))
+    kept = largest_of_each_moment(found)
+    alone_in_time = [one for one in kept if not in_most_logs(one, kept, len(of_logs))]
+    return sorted(alone_in_time, key=lambda one: (one.log, one.time_s, one.dof))
 
 
 def least_peak(episode: Episode, residuals: Residuals, settings: OutsideForceSettings) -> float:
@@ -107,6 +111,22 @@ def largest_of_each_moment(episodes: Sequence[Episode]) -> list[Episode]:
         if not any(one.log == other.log and overlap_s(one, other) > 0 for other in kept):
             kept.append(one)
     return kept
+
+
+def in_most_logs(episode: Episode, every: Sequence[Episode], logs: int) -> bool:
+    """Whether most of the other logs, two at least, have such a force at that time: then their common motion needs it.
+
+    Jumps to other targets, for one, are in other states at a time, so that no state of theirs is near.
+    """
+    others = {
+        one.log
+        for one in every
+        if one.log != episode.log
+        and one.dof == episode.dof
+        and one.impulse * episode.impulse > 0
+        and abs(one.time_s - episode.time_s) < SAME_TIME_S
+    }
+    return len(others) >= max(2, (logs - 1) / 2)
 
 
 def overlap_s(one: Episode, other: Episode) -> float:
