@@ -25,6 +25,8 @@ from leapgap.validation.real_robots import RealCase, is_here, outcome_of, publis
 from stages.common import CONF, output_folder, read_config, run_stage
 
 STAGE = "stages.robots"
+CHANGED = "models"
+"""Folder of the models that a case changes, before it is diagnosed."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ def robots(config: DictConfig) -> None:
     with whole_folder(out, STAGE) as folder:
         for name, case in cases.items():
             begin = time.perf_counter()
-            robot, logs = read_case(case, raw, *importer(case.import_logs), corrected=corrected_by(case, folder, name))
+            source, models = importer(case.import_logs), folder / CHANGED / name
+            robot, logs = read_case(case, raw, *source, models, corrected_by(case, folder, name))
             report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
             seconds = time.perf_counter() - begin
             pushes = published_pushes(raw / case.source, chosen.pushes.get(name, {}))

@@ -6,13 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.errors import InputError
+from leapgap.logs.importers import log_format
 from leapgap.validation.real_robots import (
     PublishedPush,
     RealCase,
@@ -21,10 +24,12 @@ from leapgap.validation.real_robots import (
     is_here,
     outcome_of,
     published_pushes,
+    read_case,
 )
 from stages.robots import corrected_by
 from tests.code import ROOT
 
+NO_PD = ("cmd_pos/hinge", "cmd_vel/hinge", "cmd_kp/hinge", "cmd_kd/hinge")
 FRICTION = {"joint_friction": {"torque_nm": [-0.1, 0.9]}}
 
 
@@ -91,9 +96,35 @@ def test_without_any_data_the_stage_says_so_and_writes_no_metrics(tmp_path: Path
     command += [f"robots.metrics={tmp_path / 'metrics.json'}", f"hydra.run.dir={tmp_path / 'run'}"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("left out") == 6
+    cases = OmegaConf.load(ROOT / "conf/robots/default.yaml").cases
+    assert done.stdout.count("left out") == len(cases) > 6
     assert not (tmp_path / "metrics.json").exists()
     assert not (tmp_path / "out").exists(), "reports of an earlier run would have been replaced by none"
+
+
+ARM = """
+<mujoco><worldbody><body name="link">
+  <joint name="hinge" type="hinge" axis="0 1 0" damping="0.6" frictionloss="0.2" armature="0.01"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/>
+</body></worldbody><actuator><motor joint="hinge" name="hinge" ctrlrange="-5 5"/></actuator></mujoco>"""
+
+
+def test_a_case_may_change_the_model_file_to_another_published_description(tmp_path: Path) -> None:
+    """What MuJoCo reads from the written file is the file's number and the change, and nothing else has moved."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    time = np.arange(200) * 0.005
+    table = np.column_stack([time, np.sin(time), np.cos(time), np.zeros_like(time)])
+    np.savetxt(tmp_path / "logs.csv", table, delimiter=",", header="t,q,v,u", comments="")
+    columns = {"time": "t", "joint_pos/hinge": "q", "joint_vel/hinge": "v", "cmd_tau/hinge": "u"}
+    layout = log_format("csv")
+    options = layout.Options(columns=columns, constants=dict.fromkeys(NO_PD, 0.0))
+    changes = [{"name": "joint_damping", "location": "all", "damping": 1.4}]
+    case = RealCase("arm", "logs.csv", "arm.xml", "damping of 2", {}, False, None, changes)
+    robot, (log,) = read_case(case, tmp_path, layout, options, tmp_path / "models")
+    assert len(log) == 200
+    told = mujoco.MjModel.from_xml_path(str(robot.path))
+    assert (told.dof_damping[0], told.dof_frictionloss[0], told.dof_armature[0]) == pytest.approx((2.0, 0.2, 0.01))
+    assert Path(tmp_path / "arm.xml").read_text() == ARM
 
 
 def pushes_of(folder: Path) -> list[PublishedPush]:

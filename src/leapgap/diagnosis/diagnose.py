@@ -30,9 +30,8 @@ from leapgap.diagnosis.own_clock import OwnClock, own_clock, with_clock_first
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.selection import find_causes
-from leapgap.diagnosis.sensitivities import FINE
 from leapgap.diagnosis.settings import Settings
-from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
 from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect

@@ -19,7 +19,7 @@ from leapgap.diagnosis.horizons import (
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.restarts import RestartedReplayer, replayer_at
-from leapgap.diagnosis.sensitivities import FINE
+from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.motion import Motion

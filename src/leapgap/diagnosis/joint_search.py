@@ -27,7 +27,10 @@ CONVERGED = 0.5
 REPLACED = 2
 """So many sets with one other effect in the place of two are fitted."""
 EXCHANGED = 2
-"""So many times at most is an effect exchanged for a likelier one."""
+"""So many times at most is an effect exchanged for a likelier one, or for one of fewer numbers."""
+NUMBER = 3.0
+"""What each number of an effect must gain in the logarithm of the likelihood beside an effect of fewer: half the
+logarithm of some 400 independent values (Schwarz's criterion)."""
 FLAT, AFAR = 0.95, 12
 """A number of which logs leave a larger share of its spread near nominal is tried at so many values over its range."""
 KNOWN = 0.5
@@ -312,16 +315,18 @@ class SearchInParts(JointSearch):
     ) -> tuple[FullRolloutFit, dict[str, str]]:
         """The fit with another effect in the place of one while that is likelier, and the rivals of those that stay.
 
-        A fit of all effects lies where several share what one does, so that its curvature shows the last ones taken
-        away as needed. A rival is as likely in the place of an effect, or closes as much of held-out logs' gap.
+        An effect of fewer numbers takes the place of one that gains too little by more of them. A fit of all effects
+        lies where several share what one does, so that its curvature shows the last ones taken away as needed. A rival
+        is as likely in the place of an effect, or closes as much of held-out logs' gap.
         """
         plan, exchanged = self.joint.plan, 0
         while True:
             others = {name: self.with_other(fit, name, hypotheses) for name in dict.fromkeys(fit.names)}
             loss, closes = self.joint.loss_at(fit), self.joint.closes(fit)
             tried = {name: again for name, again in others.items() if again is not None}
-            best = min(tried.values(), key=lambda one: one.loss, default=fit)
-            if best.loss > loss - plan.least_gain or exchanged == EXCHANGED:
+            best = min(tried.values(), key=with_numbers, default=fit)
+            fewer = len(best.numbers) < len(fit.numbers) and with_numbers(best) < loss + NUMBER * len(fit.numbers)
+            if exchanged == EXCHANGED or not (fewer or best.loss <= loss - plan.least_gain):
                 break
             fit, exchanged = self.without_small(best, none_gap), exchanged + 1
         equal = {
@@ -362,3 +367,8 @@ class SearchInParts(JointSearch):
         """Indices of the effects of a fit that the others do not undo."""
         effects = fit.typical_effects(self.joint.heldout_gap.names)
         return [k for k, one in enumerate(effects) if not one.is_undone_by(effects, fit.hypotheses[k].robot)]
+
+
+def with_numbers(fit: FullRolloutFit) -> float:
+    """Minus the logarithm of the likelihood, and what the numbers of a fit must gain."""
+    return fit.loss + NUMBER * len(fit.numbers)

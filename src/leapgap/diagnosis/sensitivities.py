@@ -12,13 +12,9 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.hypotheses import Hypothesis, places, usable
 from leapgap.diagnosis.robust_least_squares import Products
-from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.diagnosis.short_rollouts import FINE, ROUGH, ShortRollouts
 from leapgap.effects.base import Effect
 from leapgap.robot.model import Robot
-
-FINE, ROUGH = 0.255, 2.0
-"""Largest simulation steps as shares of the replayer's. Replays of short steps show the error of the nominal step. Long
-steps are accurate enough for derivatives of the effects that are searched, but not for those of nuisances."""
 
 
 @dataclass(frozen=True)

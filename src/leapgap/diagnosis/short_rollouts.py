@@ -32,6 +32,9 @@ RolloutRequest = tuple[int, Effects, Starts]
 
 SMOOTHED_S = 0.009
 """Starts are smoothed by a parabola through the rows up to this time before and after them."""
+FINE, ROUGH = 0.255, 2.0
+"""Largest simulation steps as shares of the replayer's. Replays of short steps show the error of the nominal step. Long
+steps are accurate enough for differences, but for those of nuisances in the search one by one."""
 LEAST_NOISE = {
     "base_pos": 1e-4,
     "base_turn": 1e-4,
@@ -283,13 +286,19 @@ class ShortRollouts:
         return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
 
     def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:
-        """Inverse Cholesky factors of each piece's error covariance, from noise of its start and of the log."""
+        """Inverse Cholesky factors of each piece's error covariance, from noise of its start and of the log.
+
+        What the noise of a start grows to is the difference of replays by long steps, whose error cancels.
+        """
+        rough = self
+        if all(own.log.is_even for own in self.pieces):
+            rough = self.with_steps(ROUGH * self.replayer.largest_step_s)
         trials = [
             (log, effects[log], starts)
-            for log, own in enumerate(self.pieces)
+            for log, own in enumerate(rough.pieces)
             for starts in (own.starts, *self._displace_starts(own))
         ]
-        errors = self.errors(trials)
+        errors = rough.errors(trials)
         for own in self.pieces:
             base = next(errors)
             fitted, measured = int(own.fitted_noise.any(axis=0).sum()), len(self.state.state_entries)

@@ -1,19 +1,21 @@
 """Logs of real robots with answers that others measured: diagnosed, and held against those answers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from leapgap import effects
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ReportContent, round_floats
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_foreign
 from leapgap.robot.model import Robot
+from leapgap.simulation.corrected import MODEL, write_corrected
 
 Expected = Mapping[str, Mapping[str, Sequence[float]]]
 """Effect → parameter → lowest and highest value that counts as right."""
@@ -45,6 +47,8 @@ class RealCase:
     after: str | None
     """Name of an earlier case, whose corrected robot takes the place of the model file: what has changed since? None:
     the model file."""
+    changes: list[dict[str, Any]] = field(default_factory=list)
+    """Effects that make another published description of the robot out of the model file; empty: the file as it is."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +74,17 @@ def is_here(case: RealCase, raw: Path) -> bool:
 
 
 def read_case(
-    case: RealCase, raw: Path, layout: LogFormat, options: Any, corrected: Path | None = None
+    case: RealCase, raw: Path, layout: LogFormat, options: Any, models: Path, corrected: Path | None = None
 ) -> tuple[Robot, list[Log]]:
     """The robot of a case and its logs, from the raw files, by the format and options of its import.
 
-    ``corrected`` is the model file of the robot as an earlier case corrected it, where the case asks for that.
+    ``corrected`` is the model file of the robot as an earlier case corrected it, where the case asks for that. A model
+    that the case changes is written to the folder ``models``.
     """
     robot = Robot.load(corrected or raw / case.robot, fix_base=case.fix_base or None)
+    if case.changes:
+        write_corrected(models, robot, effects.from_config(case.changes))
+        robot = Robot.load(models / MODEL)
     return robot, list(read_foreign(layout, raw / case.source, robot, options).logs)
 
 
