@@ -112,15 +112,19 @@ class FitsAtHand(SearchInParts):
 
 
 @pytest.mark.parametrize(
-    ("closure", "loss", "stays"),
+    ("closure", "loss", "held", "sure", "stays"),
     [
-        (0.87, 100.0, False),  # closes nearly as much, and is nearly as likely
-        (0.87, 160.0, True),  # short pieces tell the effect, though whole logs hardly do
-        (0.70, 100.0, True),  # whole logs tell it
+        (0.87, 100.0, False, 1.0, False),  # closes nearly as much, and is nearly as likely
+        (0.87, 160.0, False, 1.0, True),  # short pieces tell the effect, though whole logs hardly do
+        (0.70, 100.0, False, 1.0, True),  # whole logs tell it
+        (0.87, 115.0, True, 0.95, True),  # clearly likelier, and nearly all resamples of a held robot's logs say so
+        (0.87, 115.0, True, 0.80, False),  # not so surely
+        (0.87, 105.0, True, 0.95, False),  # not so clearly
+        (0.87, 115.0, False, 0.95, False),  # whole logs of jumps part ways at a landing
     ],
 )
 def test_a_cause_stays_where_whole_logs_or_short_pieces_tell_it(
-    robot: Robot, closure: float, loss: float, stays: bool
+    robot: Robot, closure: float, loss: float, held: bool, sure: float, stays: bool
 ) -> None:
     """The nominal robot has a loss of 480, the fit of both effects 80, closing 88 %."""
     both = tuple(h for h in list_hypotheses(["joint_damping", "armature"], robot, None) if h.location == "all")
@@ -136,6 +140,8 @@ def test_a_cause_stays_where_whole_logs_or_short_pieces_tell_it(
         closure_value=lambda heldout: heldout[0],
         gap=lambda heldout: 1.0,
         floor=None,
+        is_of_held_robot=held,
+        share_better=lambda own, other: sure,
     )
     joint = SimpleNamespace(
         plan=JointFitSettings(),

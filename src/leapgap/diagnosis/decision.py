@@ -274,7 +274,8 @@ def better_jointly(
     closes, sure = gap.closure_value(after), gap.share_better(after, before)
     gain = closes - gap.closure_value(before)
     simpler = fit.in_parts and len(causes) < len(judgement.conclusion.answer) and gain > -fit.plan.most_lost
-    if (gain < fit.plan.least_closure or sure < fit.plan.least_sure) and not simpler:
+    better = gain >= fit.plan.least_closure or (is_likelier(causes[-1].fit, judgement.selected, fit) and gain > 0)
+    if (not better or sure < fit.plan.least_sure) and not simpler:
         return judgement
     if fit.in_parts and (closes < thresholds.partly_closure or gap.closure(after).low <= 0):
         return judgement
@@ -282,6 +283,13 @@ def better_jointly(
     verdict = conclusion.verdict if fit.in_parts else "named"
     explained = closes_enough(causes[-1].fit, fit, thresholds)
     return replace(judgement, conclusion=replace(conclusion, verdict=verdict if explained else "partly"))
+
+
+def is_likelier(found: FullRolloutFit, before: Candidate, fit: JointFit) -> bool:
+    """Whether causes found together explain the logs of a held robot clearly likelier than those found one by one."""
+    if not fit.in_parts or not fit.judging.is_of_held_robot:
+        return False
+    return fit.loss_at(before) - found.loss >= fit.plan.least_likelier
 
 
 def is_explained(squares: np.ndarray, fit: JointFit, thresholds: DecisionThresholds) -> bool:

@@ -64,6 +64,10 @@ class JointFitSettings:
     """Without a clock, an effect stays where the gap of held-out logs closes less without it by this share."""
     least_share: float = 0.15
     """It stays as well where the logarithm of the likelihood falls without it by this share of its rise by all."""
+    least_likelier: float = 30.0
+    """On a held robot it stays as well where the logarithm of the likelihood falls without it by more, if held-out logs
+    are surely nearer with it; and what a fit of all effects has found takes the place of what a search one by one has,
+    where it is likelier by more and closes more."""
     clear_gain: float = 60.0
     """A further cause that gained so much in short pieces is tried on whole logs even where noise explains their rest.
     Errors in the simulation of the causes before it give gains of up to 50."""
@@ -310,8 +314,8 @@ class JointFit:
         loss = likelihood.loss(errors, departs)
         return FullRolloutFit(about.hypotheses, numbers, covariance, of_folds, loss, heldout)
 
-    def loss_at(self, fit: FullRolloutFit) -> float:
-        """Minus the logarithm of the likelihood at the numbers of a fit, by replays; each is made once."""
+    def loss_at(self, fit: Candidate) -> float:
+        """Minus the logarithm of the likelihood at the numbers of a candidate, by replays; each is made once."""
         key = (tuple(h.label for h in fit.hypotheses), fit.numbers.tobytes())
         if key not in self.losses:
             (errors,) = self.likelihood.errors(fit.hypotheses, [fit.numbers], True, list(self.likelihood.logs))

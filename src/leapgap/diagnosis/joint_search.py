@@ -274,9 +274,19 @@ class SearchInParts(JointSearch):
             by_noise = gap.gap(again.heldout) <= none_gap * gap.gap(gap.floor)
             share = (again.loss - fit.loss) / (self.joint.nominal_loss - fit.loss)
             self.joint.progress(f"without {fit.names[k]}: closes {lost:.2f} less, {share:.0%} of the likelihood's rise")
-            if lost < plan.least_part and share < plan.least_share and (lost <= left or by_noise):
+            small = lost < plan.least_part and share < plan.least_share and (lost <= left or by_noise)
+            if small and not self.surely_helps(fit, again):
                 return again
         return None
+
+    def surely_helps(self, fit: FullRolloutFit, without: FullRolloutFit) -> bool:
+        """Whether a cause of a held robot is clearly likelier than none, and held-out logs are surely nearer with it.
+
+        Whole logs of a robot with a free base part ways at a landing, so that small causes are told by no such logs.
+        """
+        gap, plan = self.joint.judging, self.joint.plan
+        likelier = gap.is_of_held_robot and without.loss - fit.loss >= plan.least_likelier
+        return likelier and gap.share_better(fit.heldout, without.heldout) >= plan.least_sure
 
     def with_one_for_two(self, every: FullRolloutFit, fit: FullRolloutFit, found: Candidate | None) -> FullRolloutFit:
         """The fit with one other effect in the place of two, where that is likelier by what a cause must gain.

@@ -16,6 +16,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log
+from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
 from leapgap.logs.stretches import choose_stretches
 from leapgap.output_folder import merged_folder
@@ -232,7 +233,8 @@ def diagnose_chosen(
     record: Callable[[Report, Path], None] | None = None,
 ) -> Report:
     """As ``diagnose_logs``, of logs that are chosen already; ``record`` writes a recording of the report."""
-    of_robot = [f"{robot.name}: {note}" for note in robot.notes]
+    robot, of_ranges = without_false_stops(chosen.logs, robot)
+    of_robot = [f"{robot.name}: {note}" for note in (*robot.notes, *of_ranges)]
     for note in of_robot:
         progress(note)
     aside = chosen.set_aside

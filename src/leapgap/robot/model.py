@@ -52,6 +52,8 @@ class Robot:
     fix_base: bool | None = None
     """True: a floating robot is held at the pose of its model file. False: a robot of a URDF floats. None: as the
     file has it."""
+    unstopped: tuple[str, ...] = ()
+    """Joints whose range in the file has no stops at its ends (``logs.reach``)."""
 
     @staticmethod
     def load(
@@ -111,7 +113,11 @@ class Robot:
 
     def published_spec(self) -> mujoco.MjSpec:
         """Specification of the model file with the actuators of its makers; a fresh one at each call."""
-        return read_spec(self.path, self.fix_base)[0]
+        spec = read_spec(self.path, self.fix_base)[0]
+        for joint in spec.joints:
+            if joint.name in self.unstopped:
+                joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        return spec
 
     def spec(self) -> mujoco.MjSpec:
         """Specification of the model, with one actuator at each joint; a fresh one at each call."""

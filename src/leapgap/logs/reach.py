@@ -1,0 +1,70 @@
+"""How far logged joints go beyond the ranges of a model: no real stop lets a joint far through.
+
+Model files often have ranges that nothing of the robot has, such as ±π for a joint that turns freely. A replay would
+be held at an end where the robot went on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+BEYOND = 0.05
+"""A stop yields, and encoders have biases: further beyond an end than this share of the range, it is no stop."""
+ROWS = 3
+"""So many rows have to lie there: a single one may be an outlier."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a joint of some logs goes beyond its range in the model."""
+
+    joint: str
+    lowest: float
+    highest: float
+    """Of the logs, rad or m, without outliers of fewer rows than ``ROWS``."""
+    range: tuple[float, float]
+    """Of the model."""
+
+    @property
+    def beyond(self) -> float:
+        """How far it goes beyond its range, as a share of the range; 0 within."""
+        low, high = self.range
+        return max(low - self.lowest, self.highest - high, 0.0) / (high - low)
+
+    @property
+    def leaves(self) -> bool:
+        """Whether it goes so far that the ends of the range are no stops."""
+        return self.beyond > BEYOND
+
+    @property
+    def says(self) -> str:
+        """Where the joint was, and the range that the model has."""
+        low, high = self.range
+        furthest = self.highest if self.highest - high > low - self.lowest else self.lowest
+        return f"{self.joint} was logged at {furthest:.3g}, outside of {low:.3g} to {high:.3g}, the model's range"
+
+
+def reaches(logs: Sequence[Log], robot: Robot) -> list[Reach]:
+    """How far each joint that is logged and has a range goes."""
+    model, found = robot.model, []
+    for joint in robot.joints:
+        at, column = model.joint(joint).id, f"joint_pos/{joint}"
+        sorted_rows = [np.sort(log[column]) for log in logs if column in log and len(log) >= ROWS]
+        if model.jnt_limited[at] and sorted_rows:
+            low, high = (float(end) for end in model.jnt_range[at])
+            lowest, highest = min(of[ROWS - 1] for of in sorted_rows), max(of[-ROWS] for of in sorted_rows)
+            found.append(Reach(joint, float(lowest), float(highest), (low, high)))
+    return found
+
+
+def without_false_stops(logs: Sequence[Log], robot: Robot) -> tuple[Robot, tuple[str, ...]]:
+    """The robot without the ends of ranges that logs go far beyond, and a sentence on each such joint."""
+    left = [reach for reach in reaches(logs, robot) if reach.leaves]
+    if not left:
+        return robot, ()
+    said = tuple(f"{reach.says}: replays have no stops there" for reach in left)
+    return replace(robot, unstopped=(*robot.unstopped, *(reach.joint for reach in left))), said
