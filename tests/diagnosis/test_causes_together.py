@@ -117,10 +117,10 @@ class FitsAtHand(SearchInParts):
         (0.87, 100.0, False, 1.0, False),  # closes nearly as much, and is nearly as likely
         (0.87, 160.0, False, 1.0, True),  # short pieces tell the effect, though whole logs hardly do
         (0.70, 100.0, False, 1.0, True),  # whole logs tell it
-        (0.87, 115.0, True, 0.95, True),  # clearly likelier, and nearly all resamples of a held robot's logs say so
-        (0.87, 115.0, True, 0.80, False),  # not so surely
+        (0.87, 125.0, True, 0.95, True),  # clearly likelier, and nearly all resamples of a held robot's logs say so
+        (0.87, 125.0, True, 0.80, False),  # not so surely
         (0.87, 105.0, True, 0.95, False),  # not so clearly
-        (0.87, 115.0, False, 0.95, False),  # whole logs of jumps part ways at a landing
+        (0.87, 125.0, False, 0.95, False),  # whole logs of jumps part ways at a landing
     ],
 )
 def test_a_cause_stays_where_whole_logs_or_short_pieces_tell_it(

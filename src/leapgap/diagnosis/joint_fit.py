@@ -64,7 +64,7 @@ class JointFitSettings:
     """Without a clock, an effect stays where the gap of held-out logs closes less without it by this share."""
     least_share: float = 0.15
     """It stays as well where the logarithm of the likelihood falls without it by this share of its rise by all."""
-    least_likelier: float = 30.0
+    least_likelier: float = 40.0
     """On a held robot it stays as well where the logarithm of the likelihood falls without it by more, if held-out logs
     are surely nearer with it; and what a fit of all effects has found takes the place of what a search one by one has,
     where it is likelier by more and closes more."""
