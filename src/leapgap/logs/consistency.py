@@ -37,7 +37,6 @@ LONGEST_SPIKE = 3
 LONGEST_STEP = 3.0
 """Median steps of the time from which on a step is a gap."""
 TYPICAL = ((180 / np.pi, "degrees for radians"), (1000.0, "mm for m, or ms for s"), (100.0, "cm for m"))
-RADIANS = TYPICAL[0]
 
 Columns = Mapping[str, np.ndarray]
 

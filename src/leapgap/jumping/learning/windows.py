@@ -245,7 +245,7 @@ def note(windows: Windows) -> str:
 
 
 def read(folder: Path) -> Windows:
-    """Read what ``write`` wrote."""
+    """Windows from a folder that ``write`` filled; ``InputError`` where it is of another format."""
     about = read_json(folder / "windows.json")
     if about.get("format_version") != FORMAT_VERSION:
         raise InputError(
