@@ -32,20 +32,20 @@ def test_a_share_lies_within_its_interval_and_none_is_more_than_all(closes: Inte
 def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robot) -> None:
     """A corrected gap below the noise floor closes 108 % by the formula; there is no such share."""
     damping = Hypothesis(JointDamping, robot)
-    belief = Candidate((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
-    conclusion = Conclusion("named", (("joint_damping",),), (belief,), (1.0,))
+    selected = Candidate((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
+    conclusion = Conclusion("named", (("joint_damping",),), (selected,), (1.0,))
     logs = ["jump_0", "jump_1"]
-    words = sentence(conclusion, belief, 1.40, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs)
+    words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs)
     assert words.endswith("explains all of the gap on logs not fitted on: it shrinks from 1.40 to 0.11.")
-    words = sentence(conclusion, belief, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
+    words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
     assert "explains 85 % (95 %: 80 to 91) of the gap on logs not fitted on: it shrinks from" in words
 
 
 def test_ten_causes_make_no_sentence_of_ten(robot: Robot) -> None:
     damping = Hypothesis(JointDamping, robot)
-    belief = Candidate((damping,) * 6, np.full(6, 0.4), np.eye(6), np.full((1, 6), 0.4))
-    conclusion = Conclusion("named", (("joint_damping",),) * 6, (belief,), (1.0,) * 6)
+    selected = Candidate((damping,) * 6, np.full(6, 0.4), np.eye(6), np.full((1, 6), 0.4))
+    conclusion = Conclusion("named", (("joint_damping",),) * 6, (selected,), (1.0,) * 6)
     figures = HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91))
-    words = sentence(conclusion, belief, 1.40, figures, ["jump_0", "jump_1"])
+    words = sentence(conclusion, selected, 1.40, figures, ["jump_0", "jump_1"])
     assert words.count("viscous friction") == 3
     assert " and 3 further causes explain 85 %" in words
