@@ -61,7 +61,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Name of the case."""
+        """Name of the case, the last part of the place of its verdict."""
         return Path(self.place).name
 
     @property

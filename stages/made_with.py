@@ -30,7 +30,7 @@ DIAGNOSIS = "leapgap.diagnosis.diagnose"
 
 
 def library(*parts: str) -> tuple[str, ...]:
-    """Folders of the library."""
+    """Folders of the library as entries of ``CODE``."""
     return tuple(f"src/leapgap/{part}" for part in parts)
 
 

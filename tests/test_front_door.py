@@ -164,6 +164,12 @@ def test_checks_need_no_robot(folder: Path) -> None:
     assert "passed  joint_clock: positions of the joints agree with their velocities" in str(alone)
 
 
+def test_checks_of_rows_that_are_sampled_at_once_solve_no_sparse_equations(folder: Path) -> None:
+    """Importing ``scipy.sparse`` takes a third of the time of such a check."""
+    code = f"import sys, leapgap; leapgap.check({str(folder / 'logs')!r}); assert 'scipy.sparse' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_a_slow_clock_is_seen_without_a_robot(folder: Path, tmp_path: Path) -> None:
     """Rows that lasted 1.1 ms under a claim of 1 ms: joints move 10 % further than their velocities allow."""
     for i in range(2):
@@ -282,7 +288,9 @@ def test_the_table_of_effects_reads_values_from_the_robot(folder: Path, capsys: 
     together = {line.split()[0] for line in table.splitlines() if line.endswith("named, or where several act)")}
     assert together == {"friction_compensation", "link_inertia", "link_payload"}
     named = {line.split()[0] for line in table.splitlines() if line.endswith("(looked for if named)")}
-    assert named | together == {name for name, kind in lg.effects.known().items() if not kind.by_default}
+    uneven = {line.split()[0] for line in table.splitlines() if line.endswith("named, or in logs of uneven rows)")}
+    assert uneven == {"computation_delay", "velocity_filter"}
+    assert named | together | uneven == {name for name, kind in lg.effects.known().items() if not kind.by_default}
 
 
 def test_every_command_has_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,9 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
+from collections.abc import Sequence
 from email import message_from_string
 from functools import cache
 from pathlib import Path
@@ -54,6 +56,8 @@ INSTRUMENT = (
 )
 """What a diagnosis with its page imports: all of it must work without an extra."""
 PACKAGED = ("src", "pyproject.toml", "README.md", "LICENSE")
+BESIDE = ("MANIFEST.in", "CHANGELOG.md", "CITATION.cff", "constraints.txt")
+"""What the source distribution holds besides."""
 
 
 @cache
@@ -82,6 +86,12 @@ def test_every_requirement_is_pinned_within_its_range(text: str) -> None:
         assert requirement.specifier.contains(pins()[canonicalize_name(requirement.name)])
 
 
+def test_the_guide_lists_every_extra() -> None:
+    page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`[^|]+) \|", page, re.MULTILINE)
+    assert {name.strip("` ") for row in rows for name in row.split(",")} == set(project()["optional-dependencies"])
+
+
 def test_changelog_and_citation_are_of_this_version() -> None:
     version = project()["version"]
     newest = re.search(r"^## \[([^\]]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
@@ -101,15 +111,20 @@ def run(*command: str | Path, cwd: Path) -> str:
     return done.stdout
 
 
+def copy_sources(names: Sequence[str], folder: Path) -> None:
+    """Copy files and folders of the project, without what running or installing it left there."""
+    for name in names:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+        else:
+            shutil.copy(ROOT / name, folder / name)
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built from a copy, so that no build folder stays in the working tree."""
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
-    for name in PACKAGED:
-        if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
-        else:
-            shutil.copy(ROOT / name, source / name)
+    copy_sources(PACKAGED, source)
     run(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", out, source, cwd=out)
     (built,) = out.glob("*.whl")
     return built
@@ -143,6 +158,22 @@ def test_wheel_holds_every_file_of_the_package_and_its_licence(wheel: Path, pyth
     assert (about / "licenses" / "LICENSE").read_text(encoding="utf-8") == (ROOT / "LICENSE").read_text(
         encoding="utf-8"
     )
+
+
+@pytest.mark.pipeline
+def test_the_source_distribution_holds_the_package_and_no_part_of_the_tests(tmp_path: Path) -> None:
+    """Tests need the whole project; setuptools would take those that stand beside each other in ``tests/``."""
+    pytest.importorskip("setuptools")
+    copy_sources([*PACKAGED, *BESIDE], tmp_path)
+    (tmp_path / "tests").mkdir()
+    shutil.copy(__file__, tmp_path / "tests")
+    run(sys.executable, "-c", "from setuptools import build_meta; build_meta.build_sdist('dist')", cwd=tmp_path)
+    (built,) = (tmp_path / "dist").glob("*.tar.gz")
+    with tarfile.open(built) as archive:
+        held = {name.partition("/")[2] for name in archive.getnames() if ".egg-info" not in name}
+    tracked = run("git", "ls-files", "-co", "--exclude-standard", "src/leapgap", cwd=ROOT).split()
+    assert {name for name in tracked if (ROOT / name).exists()} | {*PACKAGED, *BESIDE} <= held
+    assert not [name for name in held if name.startswith("tests")]
 
 
 @pytest.mark.pipeline

@@ -86,7 +86,7 @@ def read_json(path: Path | str) -> Mapping:
     """Read a JSON object; an absent or broken file is an ``InputError``."""
     path = Path(path)
     if path.exists() and not path.is_file():  # a pipe would wait for ever
-        raise InputError(path, "no file", "a JSON file", "name a file")
+        raise InputError(path, "no plain file", "a JSON file", "name a file")
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -112,7 +112,7 @@ def check_output(folder: Path, by: str, inputs: Iterable[Path | str | None] = ()
         check_parents(path)
         return path
     if not path.is_dir():
-        raise refusal(path, "no folder", "choose another output folder")
+        raise refusal(path, "something that is no folder", "choose another output folder")
     check_contents(path, by, kept)
     return path
 

@@ -35,15 +35,17 @@ PENDULUM = """<mujoco model="pendulum">
   <actuator><motor joint="pivot" forcerange="-20 20" ctrlrange="-20 20"/></actuator>
 </mujoco>
 """
-ARM = """<mujoco model="arm">
+ARM = """<mujoco model="{name}">
   <option timestep="0.0005"/>
   <worldbody>
     <body name="upper" pos="0 0 1">
-      <joint name="shoulder" axis="0 1 0" damping="0.05" frictionloss="0.1" armature="0.01" range="-120 120"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.03" mass="1.5" contype="0" conaffinity="0"/>
-      <body name="lower" pos="0 0 -0.4">
-        <joint name="elbow" axis="0 1 0" damping="0.05" frictionloss="0.05" armature="0.01" range="-150 150"/>
-        <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
+      <joint name="shoulder" axis="{axis}" damping="{damping}"
+             frictionloss="{friction[0]}" armature="0.01" range="-120 120"/>
+      <geom type="capsule" fromto="0 0 0 {ends[0]}" size="0.03" mass="1.5" contype="0" conaffinity="0"/>
+      <body name="lower" pos="{ends[0]}">
+        <joint name="elbow" axis="{axis}" damping="{damping}"
+               frictionloss="{friction[1]}" armature="0.01" range="-150 150"/>
+        <geom type="capsule" fromto="0 0 0 {ends[1]}" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
       </body>
     </body>
   </worldbody>
@@ -53,25 +55,11 @@ ARM = """<mujoco model="arm">
   </actuator>
 </mujoco>
 """
-TABLE = """<mujoco model="table_arm">
-  <option timestep="0.0005"/>
-  <worldbody>
-    <body name="upper" pos="0 0 1">
-      <joint name="shoulder" axis="0 0 1" damping="0.02" frictionloss="0.02" armature="0.01" range="-120 120"/>
-      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="1.5" contype="0" conaffinity="0"/>
-      <body name="lower" pos="0.4 0 0">
-        <joint name="elbow" axis="0 0 1" damping="0.02" frictionloss="0.02" armature="0.01" range="-150 150"/>
-        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.8" contype="0" conaffinity="0"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator>
-    <motor joint="shoulder" forcerange="-60 60" ctrlrange="-60 60"/>
-    <motor joint="elbow" forcerange="-60 60" ctrlrange="-60 60"/>
-  </actuator>
-</mujoco>
-"""
-ROBOTS = {"pendulum": PENDULUM, "arm": ARM, "table_arm": TABLE}
+VERTICAL = ARM.format(name="arm", axis="0 1 0", damping=0.05, friction=(0.1, 0.05), ends=("0 0 -0.4", "0 0 -0.3"))
+HORIZONTAL = ARM.format(
+    name="table_arm", axis="0 0 1", damping=0.02, friction=(0.02, 0.02), ends=("0.4 0 0", "0.3 0 0")
+)
+ROBOTS = {"pendulum": PENDULUM, "arm": VERTICAL, "table_arm": HORIZONTAL}
 FAMILIES = (
     ("armature", "leg_mass", "link_com", "torque_gain"),
     ("encoder_bias", "torque_offset"),

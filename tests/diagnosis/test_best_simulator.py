@@ -20,12 +20,10 @@ from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
 from leapgap.diagnosis.log_errors import LogErrors
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
-from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected, write_corrected
-from leapgap.simulation.replay import Replayer
-from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs
+from tests.diagnosis.joint_fits import NOMINAL, heldout_gap, noisy_logs, short_rollouts
 from tests.diagnosis.two_link_arm import torque_driven_arm
 from tests.plain_simulation import Pd, by_motors, simulate
 
@@ -152,10 +150,8 @@ def test_a_robot_with_nothing_wrong_keeps_its_nominal_numbers(robot: Robot) -> N
 
 def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_intervals(robot: Robot) -> None:
     gap = heldout_gap(noisy_logs(robot.path, lambda _: None), robot)
-    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
-    nothing = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
     hypotheses = list_hypotheses(KINDS, robot, None)
-    fit = BestFit(gap, short.whiten_for(short.on_every_log(())), nothing, hypotheses, model_error=0.03)
+    fit = BestFit(gap, short_rollouts(gap, robot), NOMINAL, hypotheses, model_error=0.03)
     at = fit.linearised(fit.at_all_places(), whole=True)
     fits = LinearFits(at.about, fit.linear_model(at, lambda _: False), np.zeros(fit.shape(at)))
     numbers = fit.judged(fits.candidate(Weighting(1.0, True)), np.zeros(len(KINDS)))
@@ -167,8 +163,7 @@ def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_i
 def test_where_a_joint_fit_has_ended_no_other_is_made(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Derivatives of the joint fit are used again, and a number that evidence tells is held, in every fold."""
     gap = heldout_gap(noisy_logs(robot.path, worn), robot)
-    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
-    short = short.whiten_for(short.on_every_log(()))
+    short = short_rollouts(gap, robot)
     told = Evidence("a test", "joint_damping.damping", 0.2, 0.01, "N·m·s/rad", {}, "said here")
     joint = JointFit(gap, short, (told,))
     hypotheses = list_hypotheses(KINDS, robot, None)

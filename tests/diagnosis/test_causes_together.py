@@ -18,8 +18,8 @@ from leapgap.diagnosis.joint_search import SearchInParts
 from leapgap.diagnosis.joint_sets import at_parts, merge_alike
 from leapgap.diagnosis.settings import Settings
 from leapgap.robot.model import Robot
+from tests.diagnosis.joint_fits import noisy_logs
 from tests.diagnosis.test_best_simulator import KINDS, worn
-from tests.diagnosis.test_joint_fit import noisy_logs
 from tests.diagnosis.two_link_arm import torque_driven_arm
 
 pytestmark = pytest.mark.long

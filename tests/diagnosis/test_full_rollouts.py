@@ -59,8 +59,8 @@ def test_a_step_ends_at_the_least_squares_of_a_linear_law() -> None:
     assert slopes.step(0.0) == pytest.approx(true, abs=1e-6)
     assert slopes.step(0.0, np.arange(200) < 50) == pytest.approx(true, abs=1e-6)
     wrong = Slopes(slopes.errors, by_number + 0.5 * rng.standard_normal((200, 2)))
-    mended = wrong.broyden_update(true, Errors(np.zeros(200), 0.0))
-    assert mended.by_number @ true == pytest.approx(by_number @ true)
+    updated = wrong.broyden_update(true, Errors(np.zeros(200), 0.0))
+    assert updated.by_number @ true == pytest.approx(by_number @ true)
 
 
 def test_only_effects_that_act_everywhere_and_are_not_there_yet_are_tried(robot: Robot, reference: Log) -> None:

@@ -1,8 +1,5 @@
 """All effects fitted together, and parts of other descriptions, on logs that plain MuJoCo simulated."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -13,52 +10,21 @@ from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.joint_search import SearchInParts, search_jointly
-from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.log_errors import LogErrors, updated
 from leapgap.diagnosis.short_rollouts import ShortRollouts
-from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL, Robot
-from leapgap.simulation.replay import Replayer
+from tests.diagnosis.joint_fits import heldout_gap, noisy_logs, short_rollouts, worn
 from tests.diagnosis.two_link_arm import torque_driven_arm
-from tests.plain_simulation import Pd, by_motors, simulate
+from tests.plain_simulation import Pd
 
 KINDS = ["joint_damping", "joint_friction", "armature", "torque_gain", "command_delay", "encoder_bias"]
-MOTIONS = [Pd(20, 0.5, 0.3), Pd(30, 0.8, 0.5), Pd(12, 0.3, 0.8, 2.0), Pd(25, 0.6, 0.4, 3.0)]
-
-
-def worn(model: mujoco.MjModel) -> None:
-    """What is hidden at both joints of the arm."""
-    model.dof_damping[:] += 0.25
-    model.dof_frictionloss[:] = 0.3
-    model.dof_armature[:] += 0.02
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def noisy_logs(path: Path, change, motions=MOTIONS, rows: int = 900, noise: float = 2e-4, **more) -> list[Log]:
-    """A log of each motion, with sensor noise of ``noise`` rad and 25 times as many rad/s."""
-    rng, found = np.random.default_rng(3), []
-    for number, pd in enumerate(motions):
-        log = simulate(path, by_motors, pd, rows=rows, change=change, **more).log
-        sizes = {"joint_pos": noise, "joint_vel": 25 * noise}
-        columns = {
-            name: values + sizes.get(name.split("/")[0], 0.0) * rng.standard_normal(rows)
-            for name, values in log.columns.items()
-        }
-        found.append(replace(log, name=f"motion_{number}", columns=columns))
-    return found
-
-
-def heldout_gap(logs: list[Log], robot: Robot) -> HeldOutGap:
-    judged = JudgedLogs.of(logs, robot)
-    return HeldOutGap.of(judged, Replayer(robot, 1, 2), 4, 1, 100, np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, HeldOutGap, ShortRollouts]:
     robot = torque_driven_arm(tmp_path_factory.mktemp("arm"))
     gap = heldout_gap(noisy_logs(robot.path, worn), robot)
-    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
-    return robot, gap, short.whiten_for(short.on_every_log(()))
+    return robot, gap, short_rollouts(gap, robot)
 
 
 def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:

@@ -6,19 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.numbers_beside import tolerance_effects
-from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer
-from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs
-from tests.diagnosis.test_short_steps import STIFF
+from tests.diagnosis.joint_fits import joint_fit_in_parts
 from tests.diagnosis.two_link_arm import torque_driven_arm
 
-NOMINAL = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
 ROTOR, HEAVIER = 0.02, 1.03
 
 
@@ -36,9 +31,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 @pytest.fixture(scope="module")
 def without(robot: Robot) -> JointFit:
     """The joint fit of a model whose masses are taken as they are."""
-    gap = heldout_gap(noisy_logs(robot.path, rotors_on_heavy_links, STIFF, steps=1), robot)
-    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
-    return JointFit(gap, short.whiten_for(short.on_every_log(())), (), in_parts=True, near=NOMINAL)
+    return joint_fit_in_parts(robot, rotors_on_heavy_links)
 
 
 def rotors(robot: Robot, joint: JointFit) -> FullRolloutFit:

@@ -262,9 +262,9 @@ def test_gauss_newton_finds_the_mass_and_held_out_logs_agree(search: Search) -> 
     assert best.fold_numbers == pytest.approx(0.8, abs=0.15)
     assert abs(best.numbers[0] - 0.8) < 4 * np.sqrt(best.covariance[0, 0])
     assert best.heldout.sum() < search.nominal.heldout.sum() - 100
-    valley = search.profile(best)
-    assert valley.values[np.argmin(valley.loss)] == pytest.approx(best.numbers[0], rel=0.1)
-    assert valley.loss.min() == 0 and valley.loss.max() > 2
+    profile = search.profile(best)
+    assert profile.values[np.argmin(profile.loss)] == pytest.approx(best.numbers[0], rel=0.1)
+    assert profile.loss.min() == 0 and profile.loss.max() > 2
 
 
 def test_later_rounds_try_every_effect_before_a_second_place_of_one(search: Search) -> None:

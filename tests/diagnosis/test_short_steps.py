@@ -11,15 +11,9 @@ from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_likelihood import JointLikelihood
 from leapgap.diagnosis.log_errors import LogErrors
 from leapgap.diagnosis.numbers_beside import NumbersBeside
-from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer
-from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs, worn
+from tests.diagnosis.joint_fits import NOMINAL, joint_fit_in_parts, worn
 from tests.diagnosis.two_link_arm import torque_driven_arm
-from tests.plain_simulation import Pd
-
-STIFF = [Pd(150, 2.0, 0.3), Pd(200, 3.0, 0.5), Pd(120, 1.5, 0.8), Pd(180, 2.0, 0.4)]
-NOMINAL = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
 
 
 @pytest.fixture(scope="module")
@@ -29,9 +23,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 def joint_fit(robot: Robot, steps: int, near: Candidate | None = NOMINAL) -> JointFit:
     """The joint fit to logs of the nominal robot of so many steps a millisecond."""
-    gap = heldout_gap(noisy_logs(robot.path, lambda _: None, STIFF, steps=steps), robot)
-    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
-    return JointFit(gap, short.whiten_for(short.on_every_log(())), (), in_parts=True, near=near)
+    return joint_fit_in_parts(robot, lambda _: None, steps, near)
 
 
 def damping_and_lag(robot: Robot, joint: JointFit) -> np.ndarray:
@@ -53,9 +45,7 @@ def test_the_share_of_short_steps_is_that_of_the_step_of_the_log(robot: Robot, s
 
 
 def test_steps_are_not_judged_by_a_robot_that_lacks_a_cause(robot: Robot) -> None:
-    gap = heldout_gap(noisy_logs(robot.path, worn, STIFF, steps=1), robot)
-    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
-    joint = JointFit(gap, short.whiten_for(short.on_every_log(())), (), in_parts=True, near=NOMINAL)
+    joint = joint_fit_in_parts(robot, worn)
     assert joint.by_steps_of(NOMINAL) is None
     assert not joint.notes
 

@@ -6,20 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.decision import Conclusion, Judgement, OtherSimulationExplains
 from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.robot.model import Robot
-from leapgap.simulation.replay import Replayer
-from tests.diagnosis.test_joint_fit import heldout_gap, noisy_logs
-from tests.diagnosis.test_short_steps import STIFF
+from tests.diagnosis.joint_fits import NOMINAL, joint_fit_in_parts
 from tests.diagnosis.two_link_arm import torque_driven_arm
-
-NOMINAL = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
 
 
 def heavy_rotors(model: mujoco.MjModel) -> None:
@@ -33,9 +27,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 @pytest.fixture(scope="module")
 def fit(robot: Robot) -> JointFit:
-    gap = heldout_gap(noisy_logs(robot.path, heavy_rotors, STIFF, steps=1), robot)
-    short = ShortRollouts.of(gap.judged.states, Replayer(robot, 1, 2), 0.1, 0.01, 16)
-    return JointFit(gap, short.whiten_for(short.on_every_log(())), (), in_parts=True, near=NOMINAL)
+    return joint_fit_in_parts(robot, heavy_rotors)
 
 
 def judged(robot: Robot, fit: JointFit, squares: np.ndarray) -> tuple[Judgement, Judgement]:

@@ -5,7 +5,7 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.closure import Interval
-from leapgap.diagnosis.decision import Conclusion
+from leapgap.diagnosis.decision import Conclusion, OtherSimulationExplains
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import sentence, share_in_words
@@ -32,20 +32,33 @@ def test_a_share_lies_within_its_interval_and_none_is_more_than_all(closes: Inte
 def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robot) -> None:
     """A corrected gap below the noise floor closes 108 % by the formula; there is no such share."""
     damping = Hypothesis(JointDamping, robot)
-    belief = Candidate((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
-    conclusion = Conclusion("named", (("joint_damping",),), (belief,), (1.0,))
+    selected = Candidate((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
+    conclusion = Conclusion("named", (("joint_damping",),), (selected,), (1.0,))
     logs = ["jump_0", "jump_1"]
-    words = sentence(conclusion, belief, 1.40, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs)
+    words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs)
     assert words.endswith("explains all of the gap on logs not fitted on: it shrinks from 1.40 to 0.11.")
-    words = sentence(conclusion, belief, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
+    words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
     assert "explains 85 % (95 %: 80 to 91) of the gap on logs not fitted on: it shrinks from" in words
 
 
 def test_ten_causes_make_no_sentence_of_ten(robot: Robot) -> None:
     damping = Hypothesis(JointDamping, robot)
-    belief = Candidate((damping,) * 6, np.full(6, 0.4), np.eye(6), np.full((1, 6), 0.4))
-    conclusion = Conclusion("named", (("joint_damping",),) * 6, (belief,), (1.0,) * 6)
+    selected = Candidate((damping,) * 6, np.full(6, 0.4), np.eye(6), np.full((1, 6), 0.4))
+    conclusion = Conclusion("named", (("joint_damping",),) * 6, (selected,), (1.0,) * 6)
     figures = HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91))
-    words = sentence(conclusion, belief, 1.40, figures, ["jump_0", "jump_1"])
+    words = sentence(conclusion, selected, 1.40, figures, ["jump_0", "jump_1"])
     assert words.count("viscous friction") == 3
     assert " and 3 further causes explain 85 %" in words
+
+
+def test_where_another_simulation_explains_the_gap_its_gap_is_told(robot: Robot) -> None:
+    other = OtherSimulationExplains(("Euler's integrator", "harder contacts"), 0.046, np.zeros(2))
+    conclusion = Conclusion("none", (), other_simulation=other)
+    figures = HeldOutFigures(np.zeros(2), 0.31, Interval(0.0, 0.0, 0.0))
+    words = sentence(
+        conclusion, Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0))), 0.31, figures, ["a", "b"]
+    )
+    assert words == (
+        "Nothing is wrong with the robot by these 2 logs: the gap of 0.31 comes from the simulation, and is 0.046 by "
+        "Euler's integrator and harder contacts alone."
+    )

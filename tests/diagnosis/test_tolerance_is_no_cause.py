@@ -8,7 +8,7 @@ import pytest
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.settings import Settings
 from leapgap.robot.model import Robot
-from tests.diagnosis.test_joint_fit import noisy_logs
+from tests.diagnosis.joint_fits import noisy_logs
 from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
 
 

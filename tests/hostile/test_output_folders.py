@@ -147,7 +147,7 @@ def link(path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda path: path.write_text("x"), "no folder"),
+        (lambda path: path.write_text("x"), "something that is no folder"),
         (link, "a link to"),
         (lambda path: path.symlink_to(path.parent / "nowhere"), "a link to"),
         (os.mkfifo, "no folder"),

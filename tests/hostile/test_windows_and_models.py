@@ -159,7 +159,7 @@ def test_a_description_that_nests_without_end_is_refused(folder: Path) -> None:
 def test_a_folder_in_place_of_a_file_is_refused(folder: Path) -> None:
     (folder / "windows.npz").unlink()
     (folder / "windows.npz").mkdir()
-    with pytest.raises(InputError, match="found no file"):
+    with pytest.raises(InputError, match="found no plain file"):
         windows.read(folder)
 
 

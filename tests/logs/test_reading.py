@@ -52,9 +52,7 @@ def test_what_physics_excludes_is_refused_by_name(tmp_path: Path, column: str, c
 def test_quaternions_in_the_order_x_y_z_w_are_told(tmp_path: Path) -> None:
     whole = hopper_log(0)
     moved = {f"base_quat_{a}": whole[f"base_quat_{b}"] for a, b in zip("wxyz", "xyzw", strict=True)}
-    with pytest.raises(
-        InputError, match=r"turns that are not those of base_angvel_., and would be in the order x y z w"
-    ):
+    with pytest.raises(InputError, match=r"turns that are not those of base_angvel_.; read as x y z w they would be"):
         read_log(stored(tmp_path, **moved))
 
 

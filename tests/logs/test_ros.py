@@ -145,7 +145,8 @@ def test_another_clock_and_a_file_inside_the_folder(arm: Robot, tmp_path: Path) 
 def test_what_is_not_there_is_named(arm: Robot, tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "walk")
     with pytest.raises(
-        InputError, match=r"found no column /lowstate/motor_state\[1\].position; expected it, as joint_pos/"
+        InputError,
+        match=r"found no column /lowstate/motor_state\[1\].position; expected the column that is to be joint_",
     ):
         read(path, arm, columns={**COLUMNS, "joint_pos/*": "/lowstate/motor_state[*].position"})
     with pytest.raises(InputError, match="found no field that is mapped; expected messages with these fields"):

@@ -52,7 +52,9 @@ def test_npz(arm: Robot, tmp_path: Path) -> None:
     assert_right(read("npz", tmp_path / "a.npz", arm, "t", "q[*]"))
     np.savez(tmp_path / "b.npz", t=TIME[:, None], q=Q.T)  # a column as a matrix, and rows across
     assert_right(read("npz", tmp_path / "b.npz", arm, "t", "q[*]"))
-    with pytest.raises(InputError, match=r"a\.npz: found no column v\[1\]; expected it, as joint_pos/shoulder"):
+    with pytest.raises(
+        InputError, match=r"a\.npz: found no column v\[1\]; expected the column that is to be joint_pos/sh"
+    ):
         read("npz", tmp_path / "a.npz", arm, "t", "v[*]")
     with pytest.raises(InputError, match=r"a\.npz, q: found shape \(40, 2\); expected a column \[2\]"):
         log_format("npz").read(

@@ -82,8 +82,8 @@ def sentence(
     if conclusion.other_simulation:
         words, gap = conclusion.other_simulation.words, conclusion.other_simulation.gap
         return (
-            f"Nothing is wrong with the robot by these {len(logs)} logs: the gap of {brief(nominal)} is that of the "
-            f"simulation: by {listed(words)} alone it is {brief(gap)}."
+            f"Nothing is wrong with the robot by these {len(logs)} logs: the gap of {brief(nominal)} comes from the "
+            f"simulation, and is {brief(gap)} by {listed(words)} alone."
         )
     if verdict == "none":
         return (

@@ -102,7 +102,7 @@ class Commands:
 
     @property
     def newest(self) -> "Commands":
-        """The last period alone."""
+        """The commands of the last period, as they would be without its predecessors."""
         return Commands(self.torque[-1:], self.position[-1:], self.velocity[-1:])
 
 

@@ -114,7 +114,7 @@ class ModelField:
         return self.option is not None and isinstance(getattr(model.opt, self.option, None), float)
 
     def own(self, model: mujoco.MjModel) -> float:
-        """The model's own value."""
+        """The number as the model file has it."""
         if self.option and self.is_single(model):
             return float(getattr(model.opt, self.option))
         values, index = self.place(model)

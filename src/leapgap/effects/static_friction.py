@@ -45,7 +45,7 @@ class StaticFriction(Effect):
             yield robot.joints[i], f"{self.name} at {self.location} of {robot.joints[i]}"
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
-        """Add the passive actuators."""
+        """Add a passive actuator to each joint that the friction acts at."""
         for joint, part in self._parts(robot):
             dc_motors.add_passive_friction(spec, joint, part)
 

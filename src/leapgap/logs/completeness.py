@@ -40,7 +40,7 @@ def check_rows(columns: Columns, where: str) -> None:
 
 
 def check_times(columns: Columns, where: str) -> None:
-    """Times increase."""
+    """Raise ``InputError`` where time stands still or runs back from one row to the next."""
     back = np.flatnonzero(np.diff(columns["time"]) <= 0)
     if len(back):
         raise InputError(

@@ -37,7 +37,6 @@ LONGEST_SPIKE = 3
 LONGEST_STEP = 3.0
 """Median steps of the time from which on a step is a gap."""
 TYPICAL = ((180 / np.pi, "degrees for radians"), (1000.0, "mm for m, or ms for s"), (100.0, "cm for m"))
-RADIANS = TYPICAL[0]
 
 Columns = Mapping[str, np.ndarray]
 
@@ -209,7 +208,7 @@ def check_attitude(columns: Columns, time: np.ndarray, where: object) -> None:
         raise InputError(
             f"{where}, base_quat",
             f"turns that are not those of {BASE_ANGULAR_VELOCITY[axes[int(np.argmax(other))]]}"
-            + (", and would be in the order x y z w" if last else ""),
+            + ("; read as x y z w they would be" if last else ""),
             "quaternions w x y z, base to world, with the angular velocity in base axes",
             "map the four columns in their order",
         )

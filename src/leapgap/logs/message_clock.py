@@ -10,16 +10,12 @@ from scipy.sparse.linalg import splu
 from leapgap.logs.filtered_velocity import VelocityFilter, filter_of, obeyed_filters
 from leapgap.logs.log import Log
 from leapgap.logs.row_clock import RowClock
-from leapgap.logs.streams import BASE, NOISE_WINDOW, VELOCITY, Stream
+from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
 
-CURVATURE = 0.1
-"""Error of a mean of two velocities, as a share of their difference."""
 FREE = 25.0
 """Standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption."""
 LAG, LAG_SPREAD = 0.3, 0.4
 """How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
-OUTLIER = 2.0
-"""An equation that misses by more standard deviations counts less and less."""
 ROUNDS = 3
 """Solutions, each with the weights and the delay of velocities that the one before gives."""
 ORIGIN = 1e5
@@ -65,23 +61,10 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     return RowClock(
         instants - instants[0],
         {name: shown[stream.name] - instants[0] for stream in streams for name in stream.columns},
-        np.full(len(log) - 1, 0.0 if step else LAG_SPREAD * period),
         step,
         {stream.name: stream.repeats(log.info.sample_period_s) for stream in streams},
-        {stream.name: float(delay) for stream, delay in zip(streams, found.delay, strict=True)},
         {} if step is None else velocity_filters(streams, found, step),
     )
-
-
-def mean_row(log: Log, streams: Sequence[Stream]) -> float:
-    """Mean length of a row by the motion of all joints, s."""
-    moved = span = 0.0
-    for stream in (stream for stream in streams if stream.name != BASE):
-        rows = np.flatnonzero(stream.fresh)
-        mean = (stream.velocity[rows][1:] + stream.velocity[rows][:-1]) / 2
-        moved += float((np.diff(stream.position[rows], axis=0) * mean).sum())
-        span += float((mean**2 * np.diff(rows)[:, None]).sum())
-    return moved / span if moved > 0 else log.info.sample_period_s
 
 
 @dataclass(frozen=True)
@@ -170,8 +153,6 @@ class Solution:
     """When each row was written, s, (rows,)."""
     samples: tuple[np.ndarray, ...]
     """When the samples of each message were taken, s, (samples,) each."""
-    delay: np.ndarray
-    """Delay of the velocities of each message, s, (messages,)."""
 
 
 def solve(equations: Equations, streams: Sequence[Stream], period: float) -> Solution:
@@ -191,7 +172,7 @@ def solve(equations: Equations, streams: Sequence[Stream], period: float) -> Sol
         weight = equations.weight / np.sqrt(1 + (missed * equations.weight / OUTLIER) ** 2)
         delay = delay - delay_change(equations, weight, missed, len(streams))
     ends = zip(equations.first, equations.first[1:], strict=False)
-    return Solution(found[: equations.first[0]], tuple(found[a:b] for a, b in ends), delay)
+    return Solution(found[: equations.first[0]], tuple(found[a:b] for a, b in ends))
 
 
 def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) -> np.ndarray:

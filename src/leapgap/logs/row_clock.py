@@ -22,14 +22,10 @@ class RowClock:
     """When each row was written, s since the first, never decreasing, (rows,)."""
     sampled: Mapping[str, np.ndarray]
     """Column → when the sample was taken that each row shows, s, (rows,)."""
-    spread_s: np.ndarray
-    """Standard deviation of the length of each row but the last, s, (rows − 1,)."""
     step_s: float | None
     """Step of which all instants are whole multiples; None where there is none."""
     repeats: Mapping[str, float]
     """Message → share of the rows, while it moves, that repeat the sample of the row before."""
-    velocity_delay_s: Mapping[str, float]
-    """Message → how long before its position the motion was as fast as its velocity says, s; none for whole rows."""
     filters: Mapping[str, VelocityFilter] = field(default_factory=dict)
     """Velocity column of a joint → how it follows from the positions, where it does to the last digit."""
 

@@ -10,10 +10,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from leapgap.logs.log import Log
-from leapgap.logs.message_clock import CURVATURE, OUTLIER, clock_of_messages, mean_row
 from leapgap.logs.row_clock import RowClock
 from leapgap.logs.row_smoother import Samples, SmoothedLengths, smooth_lengths
-from leapgap.logs.streams import BASE, MOVES, NOISE_WINDOW, Stream, merge, quiet_noise, streams_of
+from leapgap.logs.streams import (
+    BASE,
+    CURVATURE,
+    MOVES,
+    NOISE_WINDOW,
+    OUTLIER,
+    Stream,
+    mean_row,
+    merge,
+    quiet_noise,
+    streams_of,
+)
 
 AGREE, FARTHEST = 0.5, 3.0
 """Correlation of what two halves of the channels say of the lengths of rows, from which these are uneven; departures
@@ -49,6 +59,8 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
     of_joints = [stream for stream in telling if stream.name != BASE]
     if not of_joints:
         return None
+    from leapgap.logs.message_clock import clock_of_messages  # imports scipy.sparse, a third of a short check's time
+
     clock = clock_of_messages(log, telling)
     if clock.step_s is not None and not even_rows_fit(log, of_joints):
         return clock
@@ -82,7 +94,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
         return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
     instants = np.concatenate([[0.0], np.cumsum(np.maximum(expected, 0.0))])
     names = [name for stream in streams for name in stream.columns]
-    return RowClock(instants, dict.fromkeys(names, instants), np.zeros(len(expected)), None, {}, {})
+    return RowClock(instants, dict.fromkeys(names, instants), None, {})
 
 
 def moving_channels(log: Log, every: Stream) -> list[int]:
@@ -144,20 +156,18 @@ def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.nd
     if len(moving) < 2:
         return None
     claimed = np.diff(log.time)
-    lengths = smoothed_lengths(every.channel(moving), fresh[:, moving], claimed)
-    if float(np.std(lengths.mean - claimed)) < EVEN * float(lengths.mean.mean()):
-        lengths = SmoothedLengths(claimed * lengths.mean.sum() / claimed.sum(), np.zeros(len(claimed)))
-    instants = np.concatenate([[0.0], np.cumsum(lengths.mean)])
+    lengths = smoothed_lengths(every.channel(moving), fresh[:, moving], claimed).mean
+    if float(np.std(lengths - claimed)) < EVEN * float(lengths.mean()):
+        lengths = claimed * lengths.sum() / claimed.sum()
+    instants = np.concatenate([[0.0], np.cumsum(lengths)])
     shown = {stream.name: instants[np.flatnonzero(stream.fresh)][np.cumsum(stream.fresh) - 1] for stream in streams}
     period = log.info.sample_period_s
     repeats = {one.name: repeated for one in streams if (repeated := one.repeats(period)) >= REPEATS}
     return RowClock(
         instants,
         {name: shown[stream.name] for stream in streams for name in stream.columns},
-        lengths.spread,
         None,
         repeats,
-        {},
     )
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from leapgap.logs.streams import CURVATURE
+
 BLOCK, OVERLAP = 400, 25
 """Rows that are smoothed together, and those at each end of them that are smoothed twice."""
 TOGETHER = 64
@@ -26,8 +28,6 @@ FIRST_WIDTH = 0.3
 """Width with which the first pass begins."""
 DELAY_ROWS, LONGEST_DELAY = 20, 3.0
 """Rows over which changes of velocity are held against motion, and the longest delay of velocities, in mean rows."""
-CURVATURE = 0.1
-"""Error of a mean of two velocities, as a share of their difference."""
 START = 0.05
 """Standard deviation of a position before its first sample, rad or m."""
 LEAST_NOISE = 1e-6

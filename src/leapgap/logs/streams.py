@@ -21,6 +21,11 @@ MOVES = 3.0
 COUNTS = 2.0
 """It also moves by more than so many counts of its encoder: between counts an encoder repeats itself."""
 
+CURVATURE = 0.1
+"""Error of a mean of two velocities, as a share of their difference."""
+OUTLIER = 2.0
+"""An equation of motion that misses by more standard deviations counts less and less."""
+
 
 @dataclass(frozen=True)
 class Stream:
@@ -111,3 +116,14 @@ def merge(streams: Sequence[Stream]) -> Stream:
         np.concatenate([stream.position for stream in streams], axis=1),
         np.concatenate([stream.velocity for stream in streams], axis=1),
     )
+
+
+def mean_row(log: Log, streams: Sequence[Stream]) -> float:
+    """Mean length of a row by the motion of all joints, s."""
+    moved = span = 0.0
+    for stream in (stream for stream in streams if stream.name != BASE):
+        rows = np.flatnonzero(stream.fresh)
+        mean = (stream.velocity[rows][1:] + stream.velocity[rows][:-1]) / 2
+        moved += float((np.diff(stream.position[rows], axis=0) * mean).sum())
+        span += float((mean**2 * np.diff(rows)[:, None]).sum())
+    return moved / span if moved > 0 else log.info.sample_period_s

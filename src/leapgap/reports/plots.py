@@ -57,7 +57,7 @@ class Component:
 
     @property
     def label(self) -> str:
-        """Name with its unit."""
+        """Title of an axis: the name and, in brackets, the unit."""
         return f"{self.name} [{self.unit}]"
 
 

@@ -9,8 +9,8 @@ POSITION_SLICE, QUATERNION_SLICE = slice(0, 3), slice(3, 7)
 """A free base in ``qpos``: origin in the world, m; base to world, w x y z."""
 VELOCITY_SLICE, ANGULAR_VELOCITY_SLICE = slice(0, 3), slice(3, 6)
 """A free base in ``qvel``: of its origin in the world, m/s; in base axes, as a gyro reads it, rad/s."""
-POSE_SLICE, TWIST_SLICE = slice(0, 7), slice(0, 6)
-"""All of a free base in ``qpos`` and in ``qvel``."""
+TWIST_SLICE = slice(0, 6)
+"""All of a free base in ``qvel``."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Motion:
         return len(self.qpos)
 
     def __getitem__(self, rows: slice | np.ndarray) -> "Motion":
-        """Some of the rows."""
+        """The motion in some of its rows."""
         sensors, time = (None if one is None else one[rows] for one in (self.sensors, self.time))
         return Motion(self.qpos[rows], self.qvel[rows], sensors, time)
 

@@ -33,7 +33,7 @@ class Rollout:
 
     @cached_property
     def period_s(self) -> float:
-        """True control period, s."""
+        """The control period that the effects make of the claimed one, s."""
         period = self.log.info.sample_period_s
         for effect in overriding(self.effects, "change_period"):
             period = effect.change_period(period)
@@ -92,7 +92,7 @@ class Starts:
     """Rows of the log that ``course`` knows for each of the log whose pieces these are."""
 
     def chosen(self, which: Sequence[int]) -> "Starts":
-        """Some of the pieces."""
+        """The starts of some of the pieces, in the order of ``which``."""
         return replace(self, rows=[self.rows[k] for k in which], states=self.states[list(which)])
 
     def every(self, rows: int) -> "Starts":

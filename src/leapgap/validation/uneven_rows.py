@@ -119,7 +119,7 @@ class ClockFamily(ABC):
 
     @property
     def sizes(self) -> dict[str, float]:
-        """Its sizes by name."""
+        """Its fields as a mapping, for the truth of a case."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 

@@ -44,8 +44,8 @@ def synthetic_jump(
     """A jump of random forces, different for every name, that obeys ``law`` on the steps of a grid."""
     schedule = schedule or ContactSchedule()
     random = np.random.default_rng(sum(map(ord, name)))
-    times, steps = grid.sample_times(schedule), grid.step_lengths(schedule)
-    contact = np.arange(len(steps)) < grid.contact_steps(schedule)
+    times, contact = grid.sample_times(schedule), np.arange(grid.jump_steps(schedule)) < grid.contact_steps(schedule)
+    steps = np.where(contact, grid.contact_step_s, grid.flight_step_s)
     force, states = [], [np.array([start_x, 0.3, 0.02 * random.normal(), 0.0, 0.0, 0.0])]
     for pushing, dt in zip(contact, steps, strict=True):
         balance = 600 * states[-1][2] + 120 * states[-1][5]  # keeps the pitch where it is an angle

@@ -152,7 +152,7 @@ def test_windows_by_the_own_clock_are_kept_as_they_are(own, tmp_path):
 def test_a_step_without_any_time_is_refused(jumps, robot):
     log, instants = jumps[0].log, jumps[0].instants.copy()
     instants[50:76] = instants[50]
-    clock = RowClock(instants, {}, np.zeros(1200), STEP_S, {}, {})
+    clock = RowClock(instants, {}, STEP_S, {})
     with pytest.raises(InputError, match="jump_00, rows 50 to 75: found no time that passed, by the log's own clock"):
         window_extraction.cut([log], TimeGrid(), robot, clocks={"jump_00": clock})
 

@@ -27,7 +27,7 @@ class Experiment(ABC):
 
     @abstractmethod
     def plans(self, given: Given) -> list[Log]:
-        """The logs to make."""
+        """The logs to make, with commands and no measurements."""
 
     @abstractmethod
     def words(self, given: Given) -> str:

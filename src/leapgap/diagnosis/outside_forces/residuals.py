@@ -47,7 +47,7 @@ class Residual:
 
     @property
     def every_s(self) -> float:
-        """Time between two instants."""
+        """Time from one instant to the next, s."""
         return float(self.time[1] - self.time[0])
 
 

@@ -35,7 +35,7 @@ class Perceptron:
 
     @staticmethod
     def of(arrays: Mapping[str, np.ndarray]) -> "Perceptron":
-        """From ``weight_i`` and ``bias_i``."""
+        """The network whose layers are stored as ``weight_0``, ``bias_0``, ``weight_1`` and so on."""
         count = sum(name.startswith("weight_") for name in arrays)
         kinds = ("weight", "bias")
         layers = [[np.ascontiguousarray(arrays[f"{kind}_{i}"], np.float32) for kind in kinds] for i in range(count)]

@@ -38,7 +38,7 @@ class LegChains:
 
     @property
     def tables(self) -> dict[str, np.ndarray]:
-        """The tables by name."""
+        """All arrays above by the names of their fields, as compiled code takes them."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @staticmethod

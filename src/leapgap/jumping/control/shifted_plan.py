@@ -15,17 +15,16 @@ from leapgap.jumping.control.reference import Reference
 QUANTITIES = ("state", "foot", "joint_pos", "joint_vel", "torque", "force")
 GOAL_AXES = 3
 """x and z of the landing, m, and its pitch, rad."""
-STANCE_AXIS = 3
-"""The axis after those: the pitch of the ground at the start, rad, nose-down."""
 DEVIATIONS = 10
 """Trunk (x z pitch and their rates) and feet (front x z, rear x z, relative to the base) − those of a shifted plan."""
 
 
 @dataclass(frozen=True)
 class ShiftedPlan:
-    """A plan and its slopes: ``slopes[quantity]`` of shape (axes, rows, n), per m, m and rad.
+    """A plan and its slopes: ``slopes[quantity]`` of shape (axes, rows, n), per m, m, rad and rad.
 
-    The axes are those of the goal, and ``STANCE_AXIS`` where the plan can be moved to another stance.
+    The axes are those of the goal and, where the plan can be moved to another stance, the pitch of the ground at the
+    start, rad, nose-down.
     """
 
     reference: Reference

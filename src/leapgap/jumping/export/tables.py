@@ -144,7 +144,7 @@ def starts(tracker: ShiftTracker) -> dict[str, int]:
 
 
 def sizes(arrays: Mapping[str, np.ndarray], planner: GoalShiftPlanner) -> dict[str, int | float]:
-    """Lengths of the tables."""
+    """Lengths of the tables, by the names of their macros in C."""
     return {
         "ROWS": len(arrays["plan"]),
         "COLUMNS": arrays["plan"].shape[2],

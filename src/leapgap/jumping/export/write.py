@@ -48,7 +48,7 @@ def write_controller(tracker: ShiftTracker, folder: Path, about: Mapping[str, An
 
 
 def sizes_in_c(tables: ControllerTables) -> str:
-    """The numbers as macros."""
+    """``sizes.h``: every number of the jump as a macro."""
     lines = [f"#define {name} {in_c(value)}" for name, value in tables.numbers.items()]
     head = ["/* Numbers of this jump; SI units. */", "#ifndef SIZES_H", "#define SIZES_H", ""]
     return "\n".join([*head, *lines, "", "#endif", ""])
@@ -62,7 +62,7 @@ def declarations_in_c(tables: ControllerTables) -> str:
 
 
 def tables_in_c(tables: ControllerTables) -> str:
-    """The arrays as constants."""
+    """``tables.c``: every array of the jump as a constant."""
     lines = [f"{declaration(name, values)} = {nested(values)};\n" for name, values in tables.arrays.items()]
     return "\n".join(['#include "tables.h"', "", *lines])
 

@@ -127,7 +127,7 @@ class NetworkForecast(NetworkModel):
     kind: ClassVar[str] = "network_forecast"
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
-        """Roll out without forces."""
+        """States from the first one and the phase; forces and feet of ``inputs`` are dropped."""
         return super().predict(drop_forces(inputs))
 
 

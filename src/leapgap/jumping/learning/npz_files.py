@@ -39,7 +39,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     if not path.exists():
         raise InputError(path, "no such file", "arrays written by a stage", "run that stage first")
     if not path.is_file():
-        raise InputError(path, "no file", "arrays written by a stage", "name the folder that a stage wrote")
+        raise InputError(path, "no plain file", "arrays written by a stage", "name the folder that a stage wrote")
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()

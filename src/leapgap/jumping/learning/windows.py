@@ -42,11 +42,6 @@ class TimeGrid:
         """Steps of a whole jump (N): in contact, then in flight."""
         return self.contact_steps(schedule) + whole_steps("flight", schedule.flight_s, self.flight_step_s)
 
-    def step_lengths(self, schedule: ContactSchedule) -> np.ndarray:
-        """Length of each step of a whole jump, s, shape (N,)."""
-        contact = np.arange(self.jump_steps(schedule)) < self.contact_steps(schedule)
-        return np.where(contact, self.contact_step_s, self.flight_step_s)
-
     def sample_times(self, schedule: ContactSchedule) -> np.ndarray:
         """When each step of a whole jump begins, and when the last one ends, s, shape (N + 1,)."""
         contact, steps = self.contact_steps(schedule), np.arange(self.jump_steps(schedule) + 1)
@@ -245,7 +240,7 @@ def note(windows: Windows) -> str:
 
 
 def read(folder: Path) -> Windows:
-    """Read what ``write`` wrote."""
+    """Windows from a folder that ``write`` filled; ``InputError`` where it is of another format."""
     about = read_json(folder / "windows.json")
     if about.get("format_version") != FORMAT_VERSION:
         raise InputError(

@@ -96,8 +96,6 @@ class JumpNlp:
         self.grid, self.robot, self.weights, self.limits = grid, robot, weights, limits
         self._variables: list[ca.SX] = []
         self.variable_labels: list[Label] = []
-        self._lower_w: list[float] = []
-        self._upper_w: list[float] = []
         self._g: list[ca.SX] = []
         self.row_labels: list[Label] = []
         self._lower_g: list[float] = []

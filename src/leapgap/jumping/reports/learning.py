@@ -23,7 +23,6 @@ COMPONENTS = {
     "pitch_rate": "pitch rate, rad/s",
 }
 MEASURED_COLOUR = "#111827"
-Points = Sequence[float] | np.ndarray
 DASHES = {"variable": "solid", "fixed": "dash"}
 
 

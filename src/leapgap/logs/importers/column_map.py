@@ -117,7 +117,8 @@ def weighted_sum(table: Table, ours: str, theirs: Mapping[str, float], rows: int
     total: np.ndarray | None = None
     for column, factor in theirs.items():
         if column not in table:
-            raise InputError(table.path, f"no column {column}", f"it, as {ours}", f"correct {where}.columns")
+            expected = f"the column that is to be {ours}"
+            raise InputError(table.path, f"no column {column}", expected, f"correct {where}.columns")
         values = table.instants(column, rows) if ours == "time" else table.numbers(column, rows)
         rows = len(values)
         total = factor * values if total is None else total + factor * values

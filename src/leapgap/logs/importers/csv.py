@@ -16,7 +16,7 @@ CHUNK_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class CsvOptions(TableOptions):
-    """Options of text tables."""
+    """How a text table is written, beside which column is which."""
 
     delimiter: str = ","
     """What separates the cells of a row, such as ``;`` or a tab."""

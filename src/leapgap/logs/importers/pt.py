@@ -84,7 +84,7 @@ class Call(Fixed):
     function: Callable[..., Any]
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it."""
+        """What the function returns for arguments of the pickle."""
         return self.function(*arguments)
 
 
@@ -105,7 +105,7 @@ class Archive(pickle.Unpickler):
         super().__init__(io.BytesIO(folder.read(files[0])))
 
     def read(self) -> Any:
-        """What was saved."""
+        """The object that ``torch.save`` was given, with arrays in place of tensors."""
         return self.load()
 
     def find_class(self, module: str, name: str) -> Any:

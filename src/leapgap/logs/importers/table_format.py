@@ -212,7 +212,7 @@ def cuts(
 def flag(table: Table, column: str, rows: int, where: str) -> np.ndarray:
     """A column that decides about rows."""
     if column not in table:
-        raise InputError(table.path, f"no column {column}", f"it, as {where} names it", f"correct {where}")
+        raise InputError(table.path, f"no column {column}", f"the column that {where} names", f"correct {where}")
     return table.numbers(column, rows)
 
 

@@ -20,7 +20,7 @@ class Proposal:
     """``sure``, ``guessed`` or ``missing``, and a sentence."""
 
     def say(self, kind: str, sentence: str) -> None:
-        """Add a note."""
+        """Note how sure a part of the map is, ``sure``, ``guessed`` or ``missing``, in a sentence."""
         self.notes.append((kind, sentence))
 
     def put(self, part: str, ours: str, value: Any) -> None:

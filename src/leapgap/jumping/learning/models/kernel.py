@@ -120,7 +120,7 @@ class KernelModel(ResidualModel):
         return {f"{phase}/{name}": value for phase, part in parts.items() if part for name, value in vars(part).items()}
 
     def settings(self) -> dict[str, Any]:
-        """Nominal body and inputs."""
+        """What ``from_parts`` needs beside the arrays."""
         return {"nominal": self.nominal.to_json(), "inputs": list(self.names)}
 
     @classmethod
@@ -156,7 +156,7 @@ class KernelForecast(KernelModel):
     infinite: ClassVar[tuple[str, ...]] = ("force_scale",)
 
     def predict(self, inputs: RolloutInputs) -> np.ndarray:
-        """Roll out without forces."""
+        """States from the first one and the phase; forces and feet of ``inputs`` are dropped."""
         return super().predict(drop_forces(inputs))
 
 

@@ -52,5 +52,5 @@ class PlaybackRecipe(ModelRecipe):
     forecast_name = "playback"
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
-        """Average the training jumps."""
+        """The mean motion of the training jumps; there is nothing to iterate, hence no curve."""
         return Playback.fit(task.train), []
