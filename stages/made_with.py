@@ -49,6 +49,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/timing/optimize.json": (*library("jumping/planning", "robot"), "tests/benchmarks/optimize.py"),
     "metrics/timing/train.json": (*library("jumping/learning"), "tests/benchmarks/train.py"),
     "metrics/timing/scale.json": (DIAGNOSIS, *library("jumping/learning"), "tests/benchmarks/scale.py"),
+    "metrics/timing/ray_workers.json": ("leapgap.executor", "leapgap.demo", "tests/benchmarks/ray_workers.py"),
     "metrics/timing/mpc_tick.json": (*library("jumping/control", "jumping/models"), "tests/benchmarks/mpc_tick.py"),
     "metrics/timing/exported_tick.json": (*library("jumping/control"), "tests/benchmarks/exported_tick.py"),
     "metrics/timing/goal_shift_tick.json": (*library("jumping/control"), "tests/benchmarks/goal_shift_tick.py"),

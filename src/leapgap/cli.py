@@ -9,6 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -17,6 +18,7 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.interrupt import STOPPED
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
 from leapgap.processes import InterruptGuard, open_closed_streams, tolerate_terminal
+from leapgap.still_running import still_running
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
@@ -217,7 +219,8 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         if getattr(chosen, key):
             settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
     tell = (lambda _: None) if chosen.quiet else (lambda line: print(printable(line), flush=True))
-    report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=tell, threads=chosen.threads)
+    with nullcontext(tell) if chosen.quiet else still_running(tell) as progress:
+        report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=progress, threads=chosen.threads)
     print(printable(report))
     if chosen.out is not None:
         print(f"page: {report.save(chosen.out, chosen.viewer) / 'report.html'}")
@@ -363,7 +366,8 @@ def run_demo(chosen: argparse.Namespace) -> None:
     hiding = demo.simulate(chosen.number)
     write_all(hiding.logs, logs_folder, DEMO)
     print(f"robot {chosen.number} has moved: {len(hiding.logs)} logs in {logs_folder}; one effect is hidden in it")
-    report = api.diagnose(logs_folder, hiding.robot, progress=partial(print, flush=True))
+    with still_running(partial(print, flush=True)) as progress:
+        report = api.diagnose(logs_folder, hiding.robot, progress=progress)
     print(f"\n{report}\n\nhidden was {hiding.answer}")
     page = report.save(report_folder) / "report.html"
     print(f"page: {page}")

@@ -123,7 +123,7 @@ def test_a_joint_that_counts_backwards_is_found_by_its_limits(arm: Robot, tmp_pa
     options, text = propose(write_table(tmp_path / "a.csv", columns), arm)
     assert options["factors"] == {"joint_pos/*": [1.0, -1.0], "joint_vel/*": [1.0, -1.0]}
     assert "sign of elbow turned round: only so they lie within their limits" in text
-    assert "where makers may have another (Unitree's begin with FR): 0 = shoulder, 1 = elbow\n" in text
+    assert "where makers may have another: 0 = shoulder, 1 = elbow\n" in text
     assert "joint_vel is dq*, by its name; its joints are called the same" in text
 
 
@@ -156,11 +156,17 @@ def test_a_torque_that_was_sent_and_measured_leaves_no_room_for_a_joint_pd(arm: 
 def test_what_cannot_be_told_is_missing_and_not_assumed(arm: Robot, tmp_path: Path) -> None:
     truth = motion(300)
     columns = {f"{key}_angle": truth["q"][:, 0] + i for i, key in enumerate(("a", "b", "c"))}
+    columns |= {f"{key}_speed": truth["dq"][:, 0] + i for i, key in enumerate(("a", "b", "c"))}
     options, text = propose(write_table(tmp_path / "a.csv", {**columns, "row": np.arange(300.0)}), arm)
     assert options == {}
     missing = text.partition("Missing, nothing is assumed:")[2]
     assert "a column with time stamps: map columns.time, or state period_s if the rows are even" in missing
-    assert "which of a, b, c is which joint (shoulder, elbow), to map joint_pos: *_angle" in missing
+    assert (
+        "which of a, b, c is which joint (shoulder, elbow): state joint_names, {theirs: the robot's}, to map "
+        "joint_pos: *_angle, joint_vel: *_speed" in missing
+    )
+    assert "measured positions" not in missing, "they are there, and only their order is not known"
+    assert "measured velocities" not in missing
     assert "commands: no column looks like torques or set points that were sent" in missing
 
 

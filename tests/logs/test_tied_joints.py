@@ -73,6 +73,24 @@ def test_a_finger_that_is_not_in_the_file_follows_the_other(gripper: Robot, tmp_
     assert "cmd_pos/left" in log and not any(name.startswith("cmd_") for name in log.columns if "right" in name)
 
 
+@pytest.mark.parametrize("theirs", [("W", "G"), ("1", "2")])
+def test_columns_as_many_as_motors_are_those_of_the_motors(
+    gripper: Robot, tmp_path: Path, theirs: tuple[str, str]
+) -> None:
+    truth, degrees = motion(), 180 / np.pi
+    columns = {"t": truth["t"]}
+    for key, joint in zip(theirs, ("wrist", "left"), strict=True):
+        of_key = {f"{key}_pos": f"q_{joint}", f"{key}_spd_dps": f"dq_{joint}", f"{key}_target": f"goal_{joint}"}
+        columns |= {name: degrees * truth[source] for name, source in of_key.items()}
+    text = propose_map(write_table(tmp_path / "a.csv", columns), gripper)
+    proposed = yaml.safe_load(text)["csv"]
+    assert proposed["joint_names"] == dict(zip(theirs, ("wrist", "left"), strict=True))
+    assert f"makers may have another: {theirs[0]} = wrist, {theirs[1]} = left\n" in text
+    log = Csv().read(tmp_path / "a.csv", "a", gripper, CsvOptions(**proposed))
+    assert log["joint_pos/wrist"] == pytest.approx(truth["q_wrist"])
+    assert log.info.extra["follows"] == {"right": "left"}
+
+
 def test_units_of_all_joints_leave_out_the_one_that_follows(gripper: Robot, tmp_path: Path) -> None:
     columns = {name: values for name, values in motion().items() if name in ("t", "q_wrist", "q_left")}
     columns["q_left"] = 1000 * columns["q_left"]
@@ -82,6 +100,12 @@ def test_units_of_all_joints_leave_out_the_one_that_follows(gripper: Robot, tmp_
     options = CsvOptions(columns=positions, constants=none, factors={"joint_pos/*": [1.0, 0.001, 1.0]})
     log = Csv().read(path, "a", gripper, options)
     assert log["joint_pos/right"] == pytest.approx(0.002 + 0.5 * (log["joint_pos/left"] - 0.01))
+    shorter = CsvOptions(columns=positions, constants=none, factors={"joint_pos/*": [1.0, 0.001]})
+    again = Csv().read(path, "a", gripper, shorter)
+    assert np.array_equal(again["joint_pos/left"], log["joint_pos/left"])
+    wrong = CsvOptions(columns=positions, constants={**none, "cmd_kp/*": [1.0]})
+    with pytest.raises(InputError, match=r"a list of 1; expected one number, or with \* a list of 2, for wrist, left"):
+        Csv().read(path, "a", gripper, wrong)
 
 
 def test_a_finger_that_is_named_and_lacking_is_refused(gripper: Robot, tmp_path: Path) -> None:

@@ -180,6 +180,10 @@ def test_a_fixed_base_robot_is_shown(tmp_path):
     hop_recording = Recorded(tmp_path / "arm.rrd")
     angle = jump["joint_pos/a_shoulder"][350]
     elbow = hop_recording.at("/world/measured/lower", "Transform3D:translation", AT_S)[0]
+    floor = hop_recording.static["/world/floor"]
+    (centre,), (half,) = floor["Boxes3D:centers"], floor["Boxes3D:half_sizes"]
+    positions = hop_recording.moving["/world/measured/lower"]["Transform3D:translation"][1]
+    assert centre[2] + half[2] < min(row[0][2] for row in positions) - 0.1, "the floor lies below an arm that hangs"
     np.testing.assert_allclose(elbow, [0.3 * np.cos(angle), 0, -0.3 * np.sin(angle)], atol=1e-6)
     assert "rest pose" not in hop_recording.static["/notes"]["TextDocument:text"][0]
 

@@ -6,6 +6,7 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from leapgap.simulation import replay
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing
@@ -73,6 +74,21 @@ def test_alone_in_company_and_at_any_number_of_threads_bits_are_equal(robot: Rob
         assert np.array_equal(alone.qpos, motion.qpos)
         assert np.array_equal(alone.qvel, motion.qvel)
     assert not np.array_equal(together[0].qpos, together[1].qpos)
+
+
+def test_batches_change_no_bit(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the gains of trials change at other rows."""
+    rows = 90
+    logs = []
+    for change in (30, 50, 70):
+        kp = {f"cmd_kp/{joint}": np.where(np.arange(rows) < change, 300.0, 90.0) for joint in robot.joints}
+        base = moving(robot, rows, kp=300.0)
+        logs.append(Log(f"change_{change}", dict(base.columns) | kp, base.info))
+    together = Replayer(robot, threads=1).motions([Rollout(log) for log in logs])
+    monkeypatch.setattr(replay, "MOST_MODEL_BYTES", 1)
+    alone = Replayer(robot, threads=1).motions([Rollout(log) for log in logs])
+    for one, other in zip(together, alone, strict=True):
+        assert np.array_equal(one.qpos, other.qpos) and np.array_equal(one.qvel, other.qvel)
 
 
 def test_in_the_air_the_centre_of_mass_falls_and_angular_momentum_stays(robot: Robot) -> None:

@@ -20,6 +20,7 @@ from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
 from leapgap.logs.stretches import choose_stretches
 from leapgap.output_folder import merged_folder
+from leapgap.reports.channel_names import channel_words
 from leapgap.reports.report import html
 from leapgap.reports.viewer import (
     EMBEDDED,
@@ -40,6 +41,7 @@ REPORT, PAGE, CORRECTED, BEST, RECORDING = "report.json", "report.html", "correc
 SAVED_BY = "leapgap diagnose"
 """What the marker of a saved report says that wrote it."""
 CAUSES_PRINTED = 5
+PARTS_PRINTED = 4
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,8 @@ class Report:
             f"{self.verdict}: {self.sentence}",
             "gap {:.3g}, corrected {:.3g}, noise floor {:.3g}".format(*gaps) + f" ({len(self.logs)} logs)",
         ]
+        if self.verdict in ("unknown", "partly"):
+            lines += largest_errors(content)
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
         if content.best_simulator:
             lines.append(f"best simulator: {content.best_simulator.in_words}")
@@ -165,6 +169,14 @@ class Report:
 def gains_of(log: Log) -> dict[str, tuple[float, float]]:
     """Gains kp and kd of each joint in the first row of a log."""
     return {joint: (float(log[f"cmd_kp/{joint}"][0]), float(log[f"cmd_kd/{joint}"][0])) for joint in log.joints}
+
+
+def largest_errors(content: ReportContent) -> list[str]:
+    """``errors lie in: elbow velocity, part_1 20 %; …``, the largest entries of the map; nothing where it has none."""
+    parts = [
+        f"{channel_words(one.channel)}, {one.phase} {100 * one.share:.0f} %" for one in content.where[:PARTS_PRINTED]
+    ]
+    return [f"errors lie in: {'; '.join(parts)}"] if parts else []
 
 
 def cause_in_words(cause: Cause) -> str:

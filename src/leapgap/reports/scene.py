@@ -19,6 +19,8 @@ WORLD = "world"
 METRES_PER_NEWTON = 0.001
 """Length of a force arrow: the A1's weight, 122 N, is 12 cm."""
 FLOOR_MARGIN_M = 0.55
+BELOW_M = 0.15
+"""Distance of the floor below the bodies' origins of a robot that hangs lower than its base."""
 FLOOR_COLOUR = (92, 98, 108)
 LINE_COLOUR = (122, 128, 138)
 BOX_COLOUR = (184, 158, 122)
@@ -52,9 +54,17 @@ def extent(actors: Sequence[ShownRobot]) -> np.ndarray:
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
+def floor_height(actors: Sequence[ShownRobot]) -> float:
+    """Height of the floor, m: zero, or below a robot that is fixed higher than its bodies hang."""
+    if actors[0].robot.has_free_base:
+        return 0.0
+    lowest = float(extent(actors)[0, 2])
+    return 0.0 if lowest > -0.01 else lowest - BELOW_M
+
+
 def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
     """Log a floor with a line every 10 cm, the terrain of the first log, and a bar at its target."""
-    jump = actors[0].jump
+    jump, height = actors[0].jump, floor_height(actors)
     (left, right), (far, near) = extent(actors)[:, 0], extent(actors)[:, 1]
     target_at = target_place(actors[0])
     low = np.floor(10 * np.array([left - FLOOR_MARGIN_M, far - 0.25])) / 10
@@ -62,7 +72,7 @@ def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
     to.static(
         f"{WORLD}/floor",
         rr.Boxes3D(
-            centers=[[*(low + high) / 2, -0.012]],
+            centers=[[*(low + high) / 2, height - 0.012]],
             sizes=[[*(high - low), 0.02]],
             colors=[FLOOR_COLOUR],
             fill_mode="solid",
@@ -70,8 +80,8 @@ def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
     )
     along = np.arange(low[0], high[0] + 0.05, 0.1)
     across = np.arange(low[1], high[1] + 0.05, 0.1)
-    lines = [[[x, low[1], 0], [x, high[1], 0]] for x in along]
-    lines += [[[low[0], y, 0], [high[0], y, 0]] for y in across]
+    lines = [[[x, low[1], height], [x, high[1], height]] for x in along]
+    lines += [[[low[0], y, height], [high[0], y, height]] for y in across]
     to.static(f"{WORLD}/floor/lines_every_10_cm", rr.LineStrips3D(lines, radii=0.0012, colors=LINE_COLOUR))
     log_terrain(to, jump.info.terrain)
     if target_at is not None:

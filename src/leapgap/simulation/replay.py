@@ -26,6 +26,8 @@ from leapgap.simulation.trial_log import without_warnings
 
 FINER = 0.255
 """Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
+MOST_MODEL_BYTES = 256 * 2**20
+"""Memory of the models of trials that are replayed at once: meshes of a maker's file are 8 MB and more in each."""
 
 
 def batch_controls(controls: Sequence[np.ndarray]) -> np.ndarray:
@@ -206,12 +208,18 @@ class Replayer(RolloutModels):
         return np.asarray(read[at][:, sensor_addresses(model, self.sensors)])
 
     def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: float) -> list[Motion]:
-        """Replay trials of one structure, equally many rows and steps a row, batch by batch of constant gains."""
+        """Replay trials of one structure, equally many rows and steps a row, batch by batch."""
         gains = [joint_gains(t.log, self.robot)[:rows] for t in trials]
         # Rows 0 … rows−2 are each held for one period; the last row's command is not needed.
         switches = sorted(
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
         )
+        most = max(self.threads, MOST_MODEL_BYTES // mujoco.mj_sizeModel(self._compiled(trials[0])))
+        batches = [trials[first : first + most] for first in range(0, len(trials), most)]
+        return [motion for batch in batches for motion in self._batch(batch, rows, switches)]
+
+    def _batch(self, trials: Sequence[Rollout], rows: int, switches: Sequence[int]) -> list[Motion]:
+        """Replay trials at once, each with a model of its own, between rows at which gains of some trial change."""
         data = self._data(trials[0])
         counts = [self.row_steps(trial)[: rows - 1] for trial in trials]
         controls = [self._step_controls(trial, steps) for trial, steps in zip(trials, counts, strict=True)]

@@ -160,7 +160,10 @@ class Expansion:
         return str(self.order.index(joint)) if joint in self.options.joint_order else joint
 
     def of_joints(self, mapping: Mapping[str, Any]) -> dict[str, Any]:
-        """The mapping with each key of ``*`` written out; a list gives each joint its own item."""
+        """The mapping with each key of ``*`` written out; a list gives each joint its own item.
+
+        A list is as long as the joints, or as those that are in the table.
+        """
         written: dict[str, Any] = {}
         for key, value in sorted(mapping.items(), key=lambda one: ANY_JOINT not in one[0]):  # single joints stand last
             for joint in self.joints if ANY_JOINT in key else ("",):
@@ -171,10 +174,12 @@ class Expansion:
         """What a value means for one joint."""
         if not isinstance(value, list | tuple):
             return value
-        if ANY_JOINT not in key or len(value) != len(self.order) or joint not in self.order:
-            expected = f"one number, or with * a list of {len(self.order)}, for {', '.join(self.order)}"
-            raise InputError(f"{self.where}, {key}", f"a list of {len(value)}", expected, "correct it")
-        return value[self.order.index(joint)]
+        in_table = tuple(joint for joint in self.order if joint not in self.without)
+        for order in (self.order, in_table):
+            if ANY_JOINT in key and len(value) == len(order) and joint in order:
+                return value[order.index(joint)]
+        expected = f"one number, or with * a list of {len(in_table)}, for {', '.join(in_table)}"
+        raise InputError(f"{self.where}, {key}", f"a list of {len(value)}", expected, "correct it")
 
     def numbers(self, part: str, mapping: Mapping[str, Any]) -> dict[str, float]:
         """The same of a part of the map whose values are numbers."""

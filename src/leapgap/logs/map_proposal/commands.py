@@ -78,6 +78,8 @@ def fill_commands(evidence: Evidence, proposal: Proposal) -> None:
     """Commands that no column holds: zero where that is the only sense, else missing."""
     have = set(evidence.values)
     stated = {key.partition("/")[0] for key in proposal.options.get("constants", {})}
+    if evidence.unplaced & {"cmd_pos", "cmd_vel", "cmd_tau"}:
+        return
     if not have & {"cmd_pos", "cmd_vel", "cmd_tau"}:
         proposal.say(MISSING, "commands: no column looks like torques or set points that were sent")
         return

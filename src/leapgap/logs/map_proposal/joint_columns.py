@@ -1,5 +1,7 @@
 """Which columns of a table are which quantity of which joint, by their names."""
 
+from collections import defaultdict
+
 import numpy as np
 
 from leapgap.logs.map_proposal.names import Family
@@ -28,6 +30,7 @@ def fit_of(one: Family, robot: Robot) -> int:
 def read_families(chosen: dict[str, Family], evidence: Evidence, proposal: Proposal) -> None:
     """Take each family into the map, with the joints its members are of."""
     joints = evidence.robot.joints
+    nameless = defaultdict[str, list[str]](list)
     for quantity in OF_JOINTS:
         one = chosen.get(quantity)
         if one is None:
@@ -40,12 +43,13 @@ def read_families(chosen: dict[str, Family], evidence: Evidence, proposal: Propo
         if keys is None and add_some(quantity, one, evidence, proposal):
             continue
         if keys is None:
-            names = ", ".join(one.members)
-            proposal.say(
-                MISSING, f"which of {names} is which joint ({', '.join(joints)}), to map {quantity}: {one.template}"
-            )
+            nameless[", ".join(one.members)].append(f"{quantity}: {one.template}")
+            evidence.unplaced.add(quantity)
             continue
         add_family(quantity, one, keys, evidence, proposal)
+    for names, entries in nameless.items():
+        which = f"which of {names} is which joint ({', '.join(joints)})"
+        proposal.say(MISSING, f"{which}: state joint_names, {{theirs: the robot's}}, to map {', '.join(entries)}")
 
 
 def keys_of(one: Family, evidence: Evidence) -> list[str] | None:
@@ -101,6 +105,7 @@ def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, 
     elif known:
         how = "its joints are called the same"
     else:
-        order = ", ".join(f"{key} = {joint}" for key, joint in zip(keys, joints, strict=True))
-        how = f"joints in the order of the model, where makers may have another (Unitree's begin with FR): {order}"
+        order = ", ".join(f"{key} = {joint}" for key, joint in zip(keys, joints, strict=True) if key != joint)
+        other = " (Unitree's begin with FR)" if evidence.robot.has_free_base else ""
+        how = f"joints in the order of the model, where makers may have another{other}: {order}"
     proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; {how}")

@@ -30,7 +30,8 @@ def judge_positions(evidence: Evidence, proposal: Proposal) -> None:
     """Unit and sign of positions by the limits of the joints."""
     joints = evidence.robot.joints
     if "joint_pos" not in evidence.values:
-        proposal.say(MISSING, "measured positions of the joints: map columns.joint_pos/*")
+        if "joint_pos" not in evidence.unplaced:
+            proposal.say(MISSING, "measured positions of the joints: map columns.joint_pos/*")
         return
     position = evidence.values["joint_pos"]
     rows = np.isfinite(position).all(axis=1)
@@ -81,6 +82,8 @@ def scale(quantity: str, unit: str, signs: np.ndarray, evidence: Evidence, propo
 
 def judge_velocities(evidence: Evidence, proposal: Proposal) -> None:
     """Unit, sign and order of velocities by the rates of positions."""
+    if "joint_vel" in evidence.unplaced:
+        return
     if "joint_vel" not in evidence.values:
         proposal.say(
             MISSING, "measured velocities: they are left out; velocities: fit would add slopes of the positions"

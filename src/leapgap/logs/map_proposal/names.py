@@ -125,8 +125,12 @@ def joint_in(column: str, joints: Sequence[str]) -> tuple[int, int, str] | None:
     return max(found, key=lambda one: one[1] - one[0], default=None)
 
 
-def families(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
-    """All families of columns that may be a quantity of the joints, those that name joints first."""
+def families(columns: Sequence[str], joints: Sequence[str], motors: int | None = None) -> list[Family]:
+    """All families of columns that may be a quantity of the joints, those that name joints first.
+
+    Columns that numbers tell apart are one if they are as many as the joints, or as those with ``motors``.
+    """
+    fewest = len(joints) if motors is None else motors
     named: dict[str, dict[str, tuple[str, str]]] = defaultdict(dict)
     numbered: dict[str, dict[str, str]] = defaultdict(dict)
     worded: dict[str, dict[str, str]] = defaultdict(dict)
@@ -144,7 +148,7 @@ def families(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
         family(template, {k: c for k, (c, _) in members.items()}, {k: j for k, (_, j) in members.items()})
         for template, members in named.items()
     ]
-    found += [family(template, members, {}) for template, members in numbered.items() if len(members) >= len(joints)]
+    found += [family(template, members, {}) for template, members in numbered.items() if len(members) >= fewest]
     taken = {column for one in found if one is not None for column in one.members.values()}
     for template, members in worded.items():
         left = {key: column for key, column in members.items() if column not in taken}

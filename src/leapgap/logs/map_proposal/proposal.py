@@ -43,6 +43,8 @@ class Evidence:
     """Quantity → (rows, joints), SI, as far as known."""
     their_joints: list[str] | None = None
     """What the first family calls our joints, in our order: what ``*`` stands for in their names."""
+    unplaced: set[str] = field(default_factory=set)
+    """Quantities with columns of which nobody can say which joint each is of."""
     position_unit: str = "rad"
     certainty: str = GUESSED
     """How sure that unit is: what follows from it is no surer."""

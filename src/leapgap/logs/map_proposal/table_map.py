@@ -17,7 +17,8 @@ def propose(table: Table, robot: Robot) -> Proposal:
     proposal, evidence = Proposal(), Evidence(table, robot)
     columns = [column for column in table.columns if is_numeric(table, column)]
     find_time(columns, evidence, proposal)
-    chosen = choose(with_tied(families(columns, robot.joints), evidence, proposal), robot)
+    found = families(columns, robot.joints, motors=len(robot.driven_joints))
+    chosen = choose(with_tied(found, evidence, proposal), robot)
     read_families(chosen, evidence, proposal)
     judge_positions(evidence, proposal)
     judge_velocities(evidence, proposal)
