@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
 from leapgap.reports.channel_names import row_of
 from leapgap.reports.colours import CORRECTED
-from leapgap.reports.diagnosis import cause_in_words
+from leapgap.reports.diagnosis import cause_in_words, largest_errors
 from leapgap.reports.diagnosis_figures import closures, profiles
 from leapgap.reports.overlay import overlay, rounded
 from leapgap.robot.model import Robot
@@ -140,3 +141,11 @@ def test_pages_import_plotly_and_jinja_only_when_one_is_written(module: str) -> 
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_an_unknown_answer_prints_where_its_errors_lie() -> None:
+    places = [Place(f"part_{k}", "joint_vel/elbow", 0.4 / k, 0.1, "rad/s") for k in range(1, 7)]
+    (line,) = largest_errors(places)
+    assert line.startswith("errors lie in: elbow velocity, part_1 40 %; elbow velocity, part_2 20 %; ")
+    assert "part_4" in line and "part_5" not in line
+    assert largest_errors([]) == []

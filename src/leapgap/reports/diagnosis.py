@@ -9,6 +9,7 @@ from leapgap.atomic_io import sha256, write_json, write_text
 from leapgap.blas import one_blas_thread
 from leapgap.diagnosis.departing_logs import check_motion, without_departing
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
+from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.settings import Settings
@@ -41,7 +42,7 @@ REPORT, PAGE, CORRECTED, BEST, RECORDING = "report.json", "report.html", "correc
 SAVED_BY = "leapgap diagnose"
 """What the marker of a saved report says that wrote it."""
 CAUSES_PRINTED = 5
-PARTS_PRINTED = 4
+PLACES_PRINTED = 4
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class Report:
             "gap {:.3g}, corrected {:.3g}, noise floor {:.3g}".format(*gaps) + f" ({len(self.logs)} logs)",
         ]
         if self.verdict in ("unknown", "partly"):
-            lines += largest_errors(content)
+            lines += largest_errors(content.where)
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
         if content.best_simulator:
             lines.append(f"best simulator: {content.best_simulator.in_words}")
@@ -171,11 +172,9 @@ def gains_of(log: Log) -> dict[str, tuple[float, float]]:
     return {joint: (float(log[f"cmd_kp/{joint}"][0]), float(log[f"cmd_kd/{joint}"][0])) for joint in log.joints}
 
 
-def largest_errors(content: ReportContent) -> list[str]:
-    """``errors lie in: elbow velocity, part_1 20 %; …``, the largest entries of the map; nothing where it has none."""
-    parts = [
-        f"{channel_words(one.channel)}, {one.phase} {100 * one.share:.0f} %" for one in content.where[:PARTS_PRINTED]
-    ]
+def largest_errors(where: Sequence[Place]) -> list[str]:
+    """``errors lie in: elbow velocity, part_1 20 %; …``: the largest places, one line; none where there are none."""
+    parts = [f"{channel_words(one.channel)}, {one.phase} {100 * one.share:.0f} %" for one in where[:PLACES_PRINTED]]
     return [f"errors lie in: {'; '.join(parts)}"] if parts else []
 
 
