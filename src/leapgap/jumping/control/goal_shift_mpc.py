@@ -78,7 +78,7 @@ class GoalShiftConfig:
     """Standard deviation of the time at which a shift has its effect."""
     largest: tuple[float, float, float] = (0.15, 0.1, 0.2)
     """Largest shift."""
-    largest_change: tuple[float, float, float] = (0.05, 0.04, 0.08)
+    largest_change: tuple[float, float, float] = (0.025, 0.02, 0.04)
     """Largest change of the shift at one update."""
     largest_pitch_rad: float = 0.15
     """Largest predicted pitch at the landing; at 15° (0.26 rad) a landing counts as a fall."""
