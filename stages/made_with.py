@@ -36,6 +36,7 @@ def library(*parts: str) -> tuple[str, ...]:
 
 CODE: dict[str, tuple[str, ...]] = {
     "metrics/blind.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),
+    "metrics/blind_further.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),
     "metrics/published/blind.json": (DIAGNOSIS, *library("validation"), "conf/size/blind.yaml"),
     "metrics/diagnosis.json": (DIAGNOSIS, "tests/benchmarks/diagnosis_injected.py"),
     "metrics/real/robots.json": (DIAGNOSIS, "leapgap.logs.reading", "conf/robots", "stages/robots.py"),
