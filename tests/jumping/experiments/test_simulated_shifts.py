@@ -5,20 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.effects import effect
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, shifted_plan
 from leapgap.jumping.experiments.held_shifts import HeldShiftsConfig, measure_held_shifts
-from leapgap.jumping.experiments.landing_feedback import Authority, FeedbackConfig, learn_feedback
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples, best_goal
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
 from leapgap.jumping.experiments.simulated_shifts import (
     NO_KICK,
+    ShiftDraws,
     ShiftSimulator,
     SimulatedJump,
     SimulatedShiftsConfig,
@@ -59,8 +58,7 @@ def jump_of(found: TrialOutcome) -> GoalShiftJump:
 
 
 def test_simulated_and_closed_loop_jumps_agree(bench: Bench, method: GoalShiftMethod) -> None:
-    turns = 2 * np.pi * GRID.times_s[:, None] * [1.3, 1.7, 2.1]
-    shift = np.sin(turns) * [0.04, 0.03, 0.06]
+    shift = ShiftDraws((0.05, 0.03, 0.06)).draw(GRID.updates, GRID.period_s, np.random.default_rng(4))
     found = outcome(bench, replace(method, exploration=shift))
     measured = shifted_jumps(found)
     assert measured is not None
@@ -130,48 +128,18 @@ def test_a_jump_without_shifts_measures_what_joint_pd_measures(bench: Bench, met
 
 
 def test_jumps_that_fall_are_not_learned_from(bench: Bench, method: GoalShiftMethod) -> None:
-    """Two of four jumps are kicked head over heels; the others land upright."""
+    """Every second jump is kicked head over heels; the others, from ground that they know, land upright."""
     assert method.planner is not None
     simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
+    still = ShiftDraws((0.0, 0.0, 0.0))
     config = SimulatedShiftsConfig(
-        goals=1, jumps=4, x_m=(0.5, 0.5), z_m=(0.0, 0.0), pitch_rad=(0.0, 0.0), kick=(0.0, 0.0, 25.0),
-        kick_between_s=(0.55, 0.6), crouch_error_rad=0.0,
+        goals=1, jumps=4, x_m=(0.5, 0.5), z_m=(0.0, 0.0), pitch_rad=(0.0, 0.0), shifts=still, kick=(0.0, 0.0, 25.0),
+        unseen_front_m=(0.0, 0.0), unseen_rear_m=(0.0, 0.0), crouch_error_rad=0.0,
     )  # fmt: skip
     found = simulator.run(config, np.random.default_rng(1))
     assert len(found) == 2
     assert not found.disturbed[0]
     assert np.abs(found.landing[:, 2]).max() < 0.3
-
-
-def test_a_kick_of_the_pitch_rate_is_seen_in_the_next_update(bench: Bench, method: GoalShiftMethod) -> None:
-    """25 ms after it, and of a jump to a goal that no simulated one had, most of what it does is predicted."""
-    assert method.planner is not None
-    damped = (effect("joint_damping", damping=1.0),)
-    simulator = ShiftSimulator(method.planner, bench.robot, damped, bench.level, GRID, 10, 2, SensorNoise())
-    config = SimulatedShiftsConfig(
-        goals=3, jumps=24, x_m=(0.4, 0.6), z_m=(0.0, 0.05), pitch_rad=(-0.05, 0.05), block_m=(0.0, 0.03)
-    )
-    rng = np.random.default_rng(3)
-    none = np.zeros((1, GRID.updates, 3, 3))
-    model = learn_feedback(simulator.run(config, rng), Authority(none, none), FeedbackConfig())
-
-    replayer = Replayer(bench.robot, threads=1)
-    (start,) = prepare([MotionPlan("level", bench.level)], replayer, damped, Course())
-    goal = np.array([0.5, 0.02, 0.0])
-    plan = simulator._plan(goal, 0.0)
-    assert plan is not None
-    quiet = SimulatedJump(start, plan, goal, 0.0, np.zeros((GRID.updates, 3)), 0, NO_KICK, False)
-    landings, predicted = {}, {}
-    for rate in (-1.0, 1.0):
-        kicked = replace(quiet, kick_row=400, kick=np.array([0.0, 0.0, rate]))
-        motion = simulator._simulate(kicked, replayer)
-        landings[rate] = simulator._landing(motion)[0]
-        deviation = simulator._deviations(kicked, motion, rng)
-        assert np.isfinite(deviation[17]).all() and not np.isfinite(deviation[16]).any()
-        predicted[rate] = model.predict(17, goal, 0.0, deviation[17])[0]
-    apart = landings[1.0] - landings[-1.0]
-    assert abs(apart) > 0.03
-    assert predicted[1.0] - predicted[-1.0] == pytest.approx(apart, rel=0.4)
 
 
 def test_held_shifts_move_the_landing_as_far_as_practice_finds(bench: Bench, method: GoalShiftMethod) -> None:
@@ -228,3 +196,11 @@ def test_shifts_are_reached_linearly_and_then_held() -> None:
     value, rate = shift_at(shift, GRID, np.array([0.1, 0.1125, 0.125, 0.5, 1.1]))
     np.testing.assert_allclose(value[:, 0], [0, 0.01, 0.02, 0.02, 0.02])
     np.testing.assert_allclose(rate[:, 0], [0.8, 0.8, 0, 0, 0], atol=1e-9)
+
+
+def test_random_shifts_begin_at_none_and_stay_in_their_range() -> None:
+    rng = np.random.default_rng(0)
+    drawn = np.array([ShiftDraws((0.05, 0.03, 0.1), 0.15).draw(32, 0.025, rng) for _ in range(200)])
+    assert (np.abs(drawn).max(axis=(0, 1)) <= [0.05, 0.03, 0.1]).all()
+    assert np.abs(drawn).max(axis=(0, 1)) == pytest.approx([0.05, 0.03, 0.1], rel=0.05)
+    assert (np.abs(drawn[:, 0]) <= np.array([0.05, 0.03, 0.1]) / 6 + 1e-12).all()  # a sixth of 150 ms
