@@ -255,7 +255,8 @@ class SearchInParts(JointSearch):
         """The fit without causes that close little which the others, fitted again, do not close as well.
 
         A small cause stays where it closes more than is left with it, and noise does not explain what is left without;
-        and where short pieces, which tell it, make it much of what the likelihood rises by.
+        where short pieces, which tell it, make it much of what the likelihood rises by; and on a held robot where it
+        surely helps, if it is within its range: at the end of one it stands for another.
         """
         while (fewer := self.with_one_less(fit, none_gap)) is not None:
             fit = fewer
@@ -275,7 +276,8 @@ class SearchInParts(JointSearch):
             share = (again.loss - fit.loss) / (self.joint.nominal_loss - fit.loss)
             self.joint.progress(f"without {fit.names[k]}: closes {lost:.2f} less, {share:.0%} of the likelihood's rise")
             small = lost < plan.least_part and share < plan.least_share and (lost <= left or by_noise)
-            if small and not self.surely_helps(fit, again):
+            at_end = fit.hypotheses[k].at_bound(fit.split()[k])
+            if small and (at_end or not self.surely_helps(fit, again)):
                 return again
         return None
 
