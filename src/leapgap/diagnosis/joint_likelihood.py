@@ -108,17 +108,14 @@ class JointLikelihood:
         return NumbersBeside.none(len(self.logs)) if self.beside_effects is None else self.beside_effects
 
     def with_tolerances(self, candidate: Candidate, tolerances: Mapping[str, float]) -> "JointLikelihood":
-        """The same where the model's numbers are known within tolerances, by replays about a candidate.
-
-        By long steps of the simulation, whose error cancels in differences.
-        """
+        """The same where the model's numbers are known within tolerances, by replays about a candidate."""
         off = tolerance_effects(self.heldout_gap.judged.robot, tolerances, candidate.names)
         if not off:
             return self
         own = candidate.effects_on
         sets = [[(*own(log, None), one) for log in self.heldout_gap.names] for one in off]
-        moved = self.rough.errors_of_sets(sets, True, list(self.logs))
-        beside = NumbersBeside.of_tolerances(self.rough.errors_of(candidate), moved, self.heldout_gap.folds)
+        moved = self.errors_of_sets(sets, True, list(self.logs))
+        beside = NumbersBeside.of_tolerances(self.errors_of(candidate), moved, self.heldout_gap.folds)
         return replace(self, beside_effects=beside)
 
     def with_step_unknown(self, candidate: Candidate) -> "JointLikelihood":
