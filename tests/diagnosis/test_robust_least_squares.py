@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
-from leapgap.diagnosis.robust_least_squares import Products, losses
+from leapgap.diagnosis.robust_least_squares import Products, losses, solve_within
 
 PIECES, VALUES = 12, 50
 
@@ -48,3 +49,21 @@ def test_a_prior_holds_what_the_data_do_not_need(columns: np.ndarray) -> None:
     assert Products.of(columns).fit(np.zeros(2), few) == pytest.approx(
         Products.of(columns[:6]).fit(np.zeros(2), few[:6])
     )
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_numbers_held_at_their_ends_leave_the_others_at_the_least_squares_of_scipy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix, wanted = rng.standard_normal((30, 4)), 5 * rng.standard_normal(4)
+    errors = matrix @ wanted + rng.standard_normal(30)
+    most = np.array([np.inf, 1.0, 3.0, np.inf])
+    expected = lsq_linear(matrix, errors, (-most, most), tol=1e-12).x
+    assert solve_within(matrix.T @ matrix, matrix.T @ errors, most) == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_tolerance_explains_no_more_than_its_furthest_and_a_free_number_all(columns: np.ndarray) -> None:
+    every, products = np.ones(PIECES, bool), Products.of(columns)
+    within = products.fit(np.array([16.0, 0.0]), every, furthest=6.0)
+    assert within[1] == pytest.approx(6.0 / 4.0) and products.fit(np.array([16.0, 0.0]), every)[1] > 2.5
+    assert products.loss(within).sum() > 10 * PIECES
+    assert products.fit(np.zeros(2), every, furthest=6.0)[1] == pytest.approx(3.0, abs=0.15)

@@ -34,11 +34,16 @@ class Products:
         """Negative log likelihood of each piece, (pieces,); near 0 where noise explains it."""
         return losses(self.chi2(weights), self.values)
 
-    def fit(self, prior: np.ndarray, pieces: np.ndarray, iterations: int = ITERATIONS) -> np.ndarray:
+    def fit(
+        self, prior: np.ndarray, pieces: np.ndarray, iterations: int = ITERATIONS, furthest: float = np.inf
+    ) -> np.ndarray:
         """Weights of the columns with 1 first, that explain the chosen pieces best, by reweighted least squares.
 
-        ``prior`` (columns − 1,) is 1/σ² of each weight about 0; 0 is free.
+        ``prior`` (columns − 1,) is 1/σ² of each weight about 0; 0 is free. Weights that are not free stay within
+        ``furthest`` σ.
         """
+        with np.errstate(divide="ignore"):
+            most = np.where(prior > 0, furthest / np.sqrt(prior), np.inf)
         few = Products(self.gram[pieces], self.values)
         weights = np.concatenate([[1.0], np.zeros(len(prior))])
         for _ in range(iterations):
@@ -46,7 +51,7 @@ class Products:
             total = np.tensordot(emphasis, few.gram, axes=1)
             normal = total[1:, 1:] + np.diag(prior)
             normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
-            before, weights = weights, np.concatenate([[1.0], -np.linalg.solve(normal, total[1:, 0])])
+            before, weights = weights, np.concatenate([[1.0], solve_within(normal, -total[1:, 0], most)])
             if np.abs(weights - before).max() < 1e-4 * np.abs(weights).max():
                 break
         return weights
@@ -59,3 +64,14 @@ class Products:
 def losses(chi2: np.ndarray, values: int) -> np.ndarray:
     """Student's loss of pieces with as many degrees of freedom as values."""
     return np.asarray(values * np.log((values + chi2) / (2 * values)))
+
+
+def solve_within(normal: np.ndarray, slope: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Solution of ``normal`` x = ``slope`` where numbers beyond ±``most`` are held there, and the others make up."""
+    found, held = np.linalg.solve(normal, slope), np.zeros(len(slope), dtype=bool)
+    while (beyond := ~held & (np.abs(found) > most)).any():
+        found[beyond] = np.copysign(most, found)[beyond]
+        held |= beyond
+        rest = slope - normal[:, held] @ found[held]
+        found[~held] = np.linalg.solve(normal[np.ix_(~held, ~held)], rest[~held])
+    return found

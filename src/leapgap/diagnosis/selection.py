@@ -30,8 +30,7 @@ LINEAR_ITERATIONS = 4
 MOST_SURPRISE = 30.0
 """Upper limit of the loss of a piece above its fitted loss when it is held out; usual losses are a few units."""
 FAR = 6.0
-"""Standard deviations by which a tolerance may be missed on held-out logs at no cost: simulations that integrate
-otherwise differ by up to four."""
+"""Standard deviations by which a tolerance may be missed: simulations that integrate otherwise differ by up to four."""
 HOPELESS = 0.3
 """A fit stops when, after its second step, it has gained less than this share of the best fit's gain."""
 
@@ -361,22 +360,19 @@ class Search:
         """Numbers and held-out losses of a set, fitted on the other folds by derivatives ``columns`` at ``numbers``.
 
         These derivatives are wrong where the time of a contact changes. So that no such piece decides alone, the loss
-        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss. Each piece bears its share of what
-        nuisances cost that are more than ``FAR`` off: a tolerance missed by tens of its standard deviations explains
-        nothing.
+        of a held-out piece is at most ``MOST_SURPRISE`` above its fitted loss. Nuisances explain no more than ``FAR``
+        of their standard deviations: beyond, it is no tolerance.
         """
         products, p = self.sensitivities.with_nuisances(columns), len(numbers)
         prior = self.prior(p)
-        weights = products.fit(prior, self.all_pieces)
+        weights = products.fit(prior, self.all_pieces, furthest=FAR)
         most = products.loss(weights) + MOST_SURPRISE
         heldout, folds = np.zeros(self.evidence.size), []
         for fold in range(int(self.fold_of_log.max()) + 1):
             out = self.fold_of_piece == fold
-            others = products.fit(prior, ~out)
+            others = products.fit(prior, ~out, furthest=FAR)
             folds.append(clip_numbers(hypotheses, numbers + others[1 : 1 + p]))
-            far = np.maximum(np.abs(others[1:]) * np.sqrt(prior) - FAR, 0.0)
-            cost = 0.5 * float(far @ far) / len(heldout)
-            heldout[out] = np.minimum(products.loss(others), most)[out] + cost
+            heldout[out] = np.minimum(products.loss(others), most)[out]
         chi2 = products.chi2(weights)
         emphasis = 2 * products.values / (products.values + chi2)
         normal = np.tensordot(emphasis, products.gram, axes=1)[1:, 1:] + np.diag(prior)

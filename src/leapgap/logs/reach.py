@@ -27,7 +27,7 @@ class Reach:
     highest: float
     """Of the logs, rad or m, without outliers of fewer rows than ``ROWS``."""
     range: tuple[float, float]
-    """Of the model."""
+    """Ends of the joint's range in the model, rad or m."""
 
     @property
     def beyond(self) -> float:

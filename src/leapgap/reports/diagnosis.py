@@ -245,6 +245,7 @@ def diagnose_chosen(
 ) -> Report:
     """As ``diagnose_logs``, of logs that are chosen already; ``record`` writes a recording of the report."""
     robot, of_ranges = without_false_stops(chosen.logs, robot)
+    descriptions = [without_false_stops(chosen.logs, other)[0] for other in descriptions]
     of_robot = [f"{robot.name}: {note}" for note in (*robot.notes, *of_ranges)]
     for note in of_robot:
         progress(note)

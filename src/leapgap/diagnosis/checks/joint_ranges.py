@@ -17,10 +17,13 @@ class JointRanges(Check):
     place: ClassVar[int] = 6
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Take how far any joint goes beyond its range, as a share of the range."""
+        """Take how far any joint goes beyond its range, as a share of the range; nothing where no joint has one."""
         if robot is None:
             return None
-        per_log = {log.name: max((reach.beyond for reach in reaches([log], robot)), default=0.0) for log in logs}
+        found = {log.name: reaches([log], robot) for log in logs}
+        if not any(found.values()):
+            return None
+        per_log = {name: max((reach.beyond for reach in of), default=0.0) for name, of in found.items()}
         beyond = [reach for reach in reaches(logs, robot) if reach.beyond > threshold]
         says = "; ".join(reach.says for reach in beyond) or "all joints stay within the ranges of the model"
         return CheckResult(self.name, not beyond, max(per_log.values()), threshold, says, per_log)
