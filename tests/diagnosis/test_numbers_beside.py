@@ -51,7 +51,9 @@ def test_masses_that_are_off_within_tolerance_move_no_rotor(robot: Robot, withou
 
 
 def test_each_place_has_a_tolerance_of_its_own(robot: Robot) -> None:
-    effects = tolerance_effects(robot, {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}, ["joint_damping"])
+    effects = tolerance_effects(
+        robot, {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}, [("joint_damping", "all")]
+    )
     assert [(one.name, one.location) for one in effects] == [
         (name, joint) for name in ("leg_mass", "joint_damping") for joint in robot.joints
     ]
@@ -60,5 +62,5 @@ def test_each_place_has_a_tolerance_of_its_own(robot: Robot) -> None:
 
 def test_on_a_robot_that_walks_what_acts_has_no_tolerance_besides() -> None:
     a1, tolerances = Robot.load(), {"foot_friction.mu": 0.02, "armature.inertia": 0.05}
-    assert {one.name for one in tolerance_effects(a1, tolerances, ["armature"])} == {"foot_friction"}
+    assert {one.name for one in tolerance_effects(a1, tolerances, [("armature", "all")])} == {"foot_friction"}
     assert {one.name for one in tolerance_effects(a1, tolerances, [])} == {"foot_friction", "armature"}

@@ -37,7 +37,7 @@ SHORT_STEPS = 0.5
 NEAR_NOISE = 2.0
 """Largest median over pieces of χ² over its expectation at which the error of a step can be told from causes."""
 FINE_FITS, FINE_SETTLED = 2, 0.5
-"""Most steps of a fit by short steps of the simulation, which begins near its end, and when it has converged."""
+"""Most steps of a fit of an answer's numbers alone, which begins near its end, and when it has converged."""
 
 
 @dataclass(frozen=True)
@@ -185,6 +185,10 @@ class JointFit:
             self, near=None, heldout_gap=self.judging, short=short, short_gap=None, ends=[], made=made, losses={}
         )
         return fine.fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
+
+    def by_whole_logs(self, candidate: Candidate) -> FullRolloutFit:
+        """The fit of the effects of a candidate from its numbers, by the usual steps."""
+        return replace(self, ends=[]).fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
 
     @cached_property
     def nominal_loss(self) -> float:

@@ -109,7 +109,8 @@ class JointLikelihood:
 
     def with_tolerances(self, candidate: Candidate, tolerances: Mapping[str, float]) -> "JointLikelihood":
         """The same where the model's numbers are known within tolerances, by replays about a candidate."""
-        off = tolerance_effects(self.heldout_gap.judged.robot, tolerances, candidate.names)
+        acting = [(h.name, h.location) for h in candidate.hypotheses]
+        off = tolerance_effects(self.heldout_gap.judged.robot, tolerances, acting)
         if not off:
             return self
         own = candidate.effects_on

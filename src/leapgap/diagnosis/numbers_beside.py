@@ -109,20 +109,28 @@ class NumbersBeside:
         return float(SPREAD_STEPS * numbers[0]) if self.has_step else 0.0
 
 
-def tolerance_effects(robot: Robot, tolerances: Mapping[str, float], without: Sequence[str]) -> list[Effect]:
+def tolerance_effects(
+    robot: Robot, tolerances: Mapping[str, float], acting: Sequence[tuple[str, str]] = ()
+) -> list[Effect]:
     """One effect for each tolerance (``Settings.tolerances``) and single place, off by one standard deviation.
 
-    Effects ``without`` are left out, but for those that keep their tolerance (``keeps_tolerance``).
+    Left out are effects that act already, as (name, location), but for those that keep their tolerance
+    (``keeps_tolerance``). These lose it where they act at that single place alone: their own number says it there.
     """
     kinds, found = effects.known(), []
     for name, share in tolerances.items():
         effect, _, parameter = name.partition(".")
         if effect not in kinds or not usable(kinds[effect], robot):
             continue
-        if effect in without and not keeps_tolerance(kinds[effect], robot):
+        at = [location for other, location in acting if other == effect]
+        if at and not keeps_tolerance(kinds[effect], robot):
             continue
         kind: Callable[..., Effect] = kinds[effect]
-        for place in places(kinds[effect], robot)["all"]:
+        of = places(kinds[effect], robot)
+        told = {of[location] for location in at if location in of}
+        for place in of["all"]:
+            if (place,) in told:
+                continue
             (own,) = (p for p in kinds[effect].parameters(robot, place) if p.name == parameter)
             off = tolerance(kinds[effect], robot, place, parameter, share)
             found.append(kind(location=place, **{parameter: own.nominal + off}))
