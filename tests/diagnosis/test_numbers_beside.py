@@ -51,13 +51,20 @@ def test_masses_that_are_off_within_tolerance_move_no_rotor(robot: Robot, withou
 
 
 def test_each_place_has_a_tolerance_of_its_own(robot: Robot) -> None:
-    effects = tolerance_effects(
-        robot, {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}, [("joint_damping", "all")]
-    )
+    tolerances = {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}
+    effects = tolerance_effects(robot, tolerances, [("joint_damping", "all")])
     assert [(one.name, one.location) for one in effects] == [
         (name, joint) for name in ("leg_mass", "joint_damping") for joint in robot.joints
     ]
     assert all(one.values["scale"] == pytest.approx(HEAVIER) for one in effects if one.name == "leg_mass")
+
+
+def test_what_acts_at_one_place_has_no_tolerance_there(robot: Robot) -> None:
+    """Its own number says what that place is off by; with both, neither is told."""
+    tolerances = {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}
+    effects = tolerance_effects(robot, tolerances, [("joint_damping", robot.joints[0])])
+    assert [one.location for one in effects if one.name == "joint_damping"] == list(robot.joints[1:])
+    assert [one.location for one in effects if one.name == "leg_mass"] == list(robot.joints)
 
 
 def test_on_a_robot_that_walks_what_acts_has_no_tolerance_besides() -> None:
