@@ -59,10 +59,12 @@ def test_each_place_has_a_tolerance_of_its_own(robot: Robot) -> None:
     assert all(one.values["scale"] == pytest.approx(HEAVIER) for one in effects if one.name == "leg_mass")
 
 
-def test_what_acts_at_one_place_has_no_tolerance_there(robot: Robot) -> None:
+def test_what_acts_alone_at_one_place_has_no_tolerance_there(robot: Robot) -> None:
     """Its own number says what that place is off by; with both, neither is told."""
     tolerances = {"leg_mass.scale": 0.03, "joint_damping.damping": 0.1}
-    effects = tolerance_effects(robot, tolerances, [("joint_damping", robot.joints[0])])
+    acting = [("joint_damping", robot.joints[0])]
+    assert len(tolerance_effects(robot, tolerances, acting)) == 2 * len(robot.joints)
+    effects = tolerance_effects(robot, tolerances, acting, alone=True)
     assert [one.location for one in effects if one.name == "joint_damping"] == list(robot.joints[1:])
     assert [one.location for one in effects if one.name == "leg_mass"] == list(robot.joints)
 

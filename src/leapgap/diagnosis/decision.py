@@ -228,7 +228,7 @@ def judge_jointly(
     if judgement.conclusion.verdict == "none":
         return judgement
     at = fit.by_steps_of(judgement.result.selected) or fit
-    judgement = with_numbers_of_whole_logs(judgement, at, thresholds)
+    judgement = with_numbers_by_short_steps(judgement, at, thresholds)
     (before,) = at.judging.squares([judgement.selected])
     explained = is_explained(before, at, thresholds)
     if not explained or judgement.result.gain_of_further >= fit.plan.clear_gain:
@@ -236,9 +236,12 @@ def judge_jointly(
         if one_more is not None:
             return one_more
     if explained:
-        return judgement
+        return with_numbers_of_whole_logs(judgement, at)
     causes, fit = search_jointly(at, hypotheses, judgement.result.further, thresholds.none_gap)
-    return with_numbers_of_whole_logs(better_jointly(judgement, causes, fit, thresholds), fit, thresholds)
+    found = better_jointly(judgement, causes, fit, thresholds)
+    if found is judgement:
+        found = with_numbers_of_whole_logs(judgement, fit)
+    return with_numbers_by_short_steps(found, fit, thresholds)
 
 
 def with_small_cause(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement | None:
@@ -253,7 +256,7 @@ def with_small_cause(judgement: Judgement, fit: JointFit, thresholds: DecisionTh
     shares = shares_of_possible_sets(result, at.judging, fit.plan.least_part)
     answer = answer_of(result, shares, thresholds)
     conclusion = conclude_as(named_or_ambiguous(answer), answer, result, shares)
-    found = with_numbers_of_whole_logs(Judgement(result, shares, conclusion), at, thresholds)
+    found = with_numbers_by_short_steps(Judgement(result, shares, conclusion), at, thresholds)
     gap, (before, after) = at.judging, at.judging.squares([judgement.selected, found.selected])
     helps = gap.closure_value(after) - gap.closure_value(before) >= fit.plan.most_lost
     sure = gap.share_better(after, before) >= fit.plan.least_sure
@@ -317,28 +320,47 @@ def closes_enough(found: FullRolloutFit, fit: JointFit, thresholds: DecisionThre
     return fit.explains_pieces(found)
 
 
-def with_numbers_of_whole_logs(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
-    """The judgement with the numbers that whole logs and pieces tell together, where these explain the logs better.
+def with_numbers_by_short_steps(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
+    """The judgement with the numbers that short steps of the simulation give, where these explain the logs as well.
 
-    A usual step itself delays and softens: numbers fitted by it are off by what it does. Where short steps explain the
-    logs, numbers are those by short steps, if these explain whole logs nearly wholly. Numbers of a held robot that
-    pieces alone have told are off by what noise of their first rows does; those of whole logs stay if surely better.
+    A usual step itself delays and softens: numbers fitted by it are off by what it does. Whole logs and tolerances have
+    a say in such numbers and in their intervals, so these are taken only where they explain whole logs nearly wholly.
     """
     conclusion, gap = judgement.conclusion, fit.judging
-    by_short_steps = gap is not fit.heldout_gap
-    if not conclusion.steps or not (by_short_steps or (gap.is_of_held_robot and fit.in_parts)):
+    if gap is fit.heldout_gap or not conclusion.steps:
         return judgement
-    whole = fit.by_short_steps(judgement.selected) if by_short_steps else fit.by_whole_logs(judgement.selected)
+    whole = fit.by_short_steps(judgement.selected)
     (before,) = gap.squares([judgement.selected])
     sure = gap.share_better(whole.heldout, before)
-    least = 1 - fit.plan.least_sure if by_short_steps else fit.plan.least_sure
-    if sure < least or (by_short_steps and gap.closure_value(whole.heldout) < thresholds.enough_jointly):
+    surely_worse = sure < 1 - fit.plan.least_sure
+    if gap.closure_value(whole.heldout) < thresholds.enough_jointly or surely_worse:
         return judgement
-    steps = (*(part(whole, range(k)) for k in range(1, len(whole.hypotheses))), whole)
     verdict = conclusion.verdict
-    if by_short_steps and verdict == "partly":
+    if verdict == "partly":
         verdict = named_or_ambiguous(conclusion.answer)
-    return replace(judgement, conclusion=replace(conclusion, verdict=verdict, steps=steps))
+    return replace(judgement, conclusion=replace(conclusion, verdict=verdict, steps=steps_of(whole)))
+
+
+def with_numbers_of_whole_logs(judgement: Judgement, fit: JointFit) -> Judgement:
+    """The judgement of a held robot with the numbers that whole logs and pieces tell together, where surely better.
+
+    Pieces begin at noisy rows, and numbers that they alone tell are off by what that does. The causes stay: with better
+    numbers, several that stand for a single other one would pass for an explanation.
+    """
+    conclusion, gap = judgement.conclusion, fit.judging
+    known = gap is fit.heldout_gap and gap.is_of_held_robot and fit.in_parts
+    if not known or not conclusion.steps:
+        return judgement
+    whole = fit.by_whole_logs(judgement.selected)
+    (before,) = gap.squares([judgement.selected])
+    if gap.share_better(whole.heldout, before) < fit.plan.least_sure:
+        return judgement
+    return replace(judgement, conclusion=replace(conclusion, steps=steps_of(whole)))
+
+
+def steps_of(fit: FullRolloutFit) -> tuple[FullRolloutFit, ...]:
+    """Fits of the first one, two, … causes of a fit, and itself last."""
+    return (*(part(fit, range(k)) for k in range(1, len(fit.hypotheses))), fit)
 
 
 def conclude_from(causes: Sequence[FullRolloutCause]) -> Conclusion:

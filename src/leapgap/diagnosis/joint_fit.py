@@ -188,7 +188,10 @@ class JointFit:
 
     def by_whole_logs(self, candidate: Candidate) -> FullRolloutFit:
         """The fit of the effects of a candidate from its numbers, by the usual steps."""
-        return replace(self, ends=[]).fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
+        likelihood = JointLikelihood(self.heldout_gap, self.short)
+        likelihood = likelihood.with_tolerances(candidate, self.tolerances, alone=True).with_step_unknown(candidate)
+        own = replace(self, near=None, ends=[], made={None: likelihood}, losses={})
+        return own.fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
 
     @cached_property
     def nominal_loss(self) -> float:

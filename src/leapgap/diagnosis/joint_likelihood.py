@@ -107,10 +107,15 @@ class JointLikelihood:
         """Numbers beside those of effects."""
         return NumbersBeside.none(len(self.logs)) if self.beside_effects is None else self.beside_effects
 
-    def with_tolerances(self, candidate: Candidate, tolerances: Mapping[str, float]) -> "JointLikelihood":
-        """The same where the model's numbers are known within tolerances, by replays about a candidate."""
+    def with_tolerances(
+        self, candidate: Candidate, tolerances: Mapping[str, float], alone: bool = False
+    ) -> "JointLikelihood":
+        """The same where the model's numbers are known within tolerances, by replays about a candidate.
+
+        ``alone`` as in ``tolerance_effects``: right where the candidate's effects alone are fitted.
+        """
         acting = [(h.name, h.location) for h in candidate.hypotheses]
-        off = tolerance_effects(self.heldout_gap.judged.robot, tolerances, acting)
+        off = tolerance_effects(self.heldout_gap.judged.robot, tolerances, acting, alone)
         if not off:
             return self
         own = candidate.effects_on

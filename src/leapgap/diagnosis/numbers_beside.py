@@ -110,12 +110,13 @@ class NumbersBeside:
 
 
 def tolerance_effects(
-    robot: Robot, tolerances: Mapping[str, float], acting: Sequence[tuple[str, str]] = ()
+    robot: Robot, tolerances: Mapping[str, float], acting: Sequence[tuple[str, str]] = (), alone: bool = False
 ) -> list[Effect]:
     """One effect for each tolerance (``Settings.tolerances``) and single place, off by one standard deviation.
 
     Left out are effects that act already, as (name, location), but for those that keep their tolerance
-    (``keeps_tolerance``). These lose it where they act at that single place alone: their own number says it there.
+    (``keeps_tolerance``). ``alone``: these lose it where they act at that single place, since their own number says
+    there what it is off by.
     """
     kinds, found = effects.known(), []
     for name, share in tolerances.items():
@@ -127,7 +128,7 @@ def tolerance_effects(
             continue
         kind: Callable[..., Effect] = kinds[effect]
         of = places(kinds[effect], robot)
-        told = {of[location] for location in at if location in of}
+        told = {of[location] for location in at if location in of} if alone else set()
         for place in of["all"]:
             if (place,) in told:
                 continue
