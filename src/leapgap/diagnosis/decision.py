@@ -358,6 +358,22 @@ def with_numbers_of_whole_logs(judgement: Judgement, fit: JointFit) -> Judgement
     return replace(judgement, conclusion=replace(conclusion, steps=steps_of(whole)))
 
 
+def with_doubt_at_ends(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
+    """The judgement, told as ``partly`` where a number ends at its range and the answer is no whole explanation.
+
+    No value that a robot may have fits then: another cause acts, which this one stands for.
+    """
+    conclusion, gap = judgement.conclusion, fit.judging
+    doubted = conclusion.verdict in ("named", "ambiguous") and judgement.selected.at_bound and gap.has_gap
+    if not doubted:
+        return judgement
+    (squares,) = gap.squares([judgement.selected])
+    if gap.closure_value(squares) >= thresholds.enough_jointly:
+        return judgement
+    fit.notes.append("a number of the answer ends at its range: another cause may act in place of its effect")
+    return replace(judgement, conclusion=replace(conclusion, verdict="partly"))
+
+
 def steps_of(fit: FullRolloutFit) -> tuple[FullRolloutFit, ...]:
     """Fits of the first one, two, … causes of a fit, and itself last."""
     return (*(part(fit, range(k)) for k in range(1, len(fit.hypotheses))), fit)
