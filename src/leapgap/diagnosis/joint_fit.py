@@ -188,9 +188,7 @@ class JointFit:
 
     def by_whole_logs(self, candidate: Candidate) -> FullRolloutFit:
         """The fit of the effects of a candidate from its numbers, by the usual steps."""
-        likelihood = JointLikelihood(self.heldout_gap, self.short)
-        likelihood = likelihood.with_tolerances(candidate, self.tolerances, alone=True).with_step_unknown(candidate)
-        own = replace(self, near=None, ends=[], made={None: likelihood}, losses={})
+        own = replace(self, near=None, ends=[], made={None: self.likelihood_about(candidate, alone=True)}, losses={})
         return own.fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
 
     @cached_property
@@ -204,11 +202,18 @@ class JointFit:
         """The likelihood that is fitted."""
         key = None if self.near is None else id(self.near)
         if key not in self.made:
-            likelihood = JointLikelihood(self.heldout_gap, self.short)
-            if self.near is not None:
-                likelihood = likelihood.with_tolerances(self.near, self.tolerances).with_step_unknown(self.near)
-            self.made[key] = likelihood
+            self.made[key] = self.likelihood_about(self.near)
         return self.made[key]
+
+    def likelihood_about(self, candidate: Candidate | None, alone: bool = False) -> JointLikelihood:
+        """The likelihood with the numbers beside those of effects, about a candidate; None: without them.
+
+        ``alone`` as in ``tolerance_effects``.
+        """
+        likelihood = JointLikelihood(self.heldout_gap, self.short)
+        if candidate is None:
+            return likelihood
+        return likelihood.with_tolerances(candidate, self.tolerances, alone).with_step_unknown(candidate)
 
     @cached_property
     def told(self) -> Mapping[str, Evidence]:
