@@ -43,7 +43,7 @@ def template() -> str:
     try:
         import vl_convert
     except ImportError:
-        do = "pip install -c constraints.txt '.[plots]'"
+        do = "pip install -c constraints.txt -e '.[plots]'"
         raise InputError("import", "no package vl-convert-python", "Vega for a page without a network", do) from None
     return PAGE.format(bundle=vl_convert.javascript_bundle().replace("</script", "<\\/script"))  # type: ignore[call-arg]
 

@@ -22,6 +22,9 @@ from stages.common import FAILED, FIGURES, JOBS, refuse
 
 MOST_FIGURES = 4
 """Figures that the plot has a panel for, the first ones."""
+HELD = ExitStack()
+"""The folder of the multirun, held by this process. Launchers pickle the callback for their workers, which cannot hold
+it, so that it is no part of the callback."""
 
 
 class Table(Callback):
@@ -30,16 +33,13 @@ class Table(Callback):
     Hydra only warns of errors of a callback, so those of input end the command here.
     """
 
-    def __init__(self) -> None:
-        self.lock = ExitStack()
-
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Take the folder, which must be new or that of an earlier multirun of this stage, and hold it."""
         name, folder = config.hydra.job.name, Path(config.hydra.sweep.dir)
         by = f"a multirun of stages.{name}"
         try:
             check_output(folder, by, kept=True)
-            self.lock.enter_context(folder_lock(folder))
+            HELD.enter_context(folder_lock(folder))
             claim_folder(folder, by)
         except (InputError, OSError) as error:
             refuse(name, error)
@@ -51,7 +51,7 @@ class Table(Callback):
         except (InputError, OSError) as error:
             refuse(config.hydra.job.name, error)
         finally:
-            self.lock.close()
+            HELD.close()
         if failed:
             raise SystemExit(1)
 

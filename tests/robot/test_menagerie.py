@@ -12,7 +12,7 @@ from leapgap.robot.model import Robot
 from tests.plain_simulation import published
 from tests.robot.quadrupeds import GO2, mjcf
 
-pytest.importorskip("mujoco_menagerie", reason="no mujoco-menagerie: pip install '.[menagerie]'")
+pytest.importorskip("mujoco_menagerie", reason="no mujoco-menagerie: pip install -e '.[menagerie]'")
 
 
 @pytest.fixture(autouse=True)

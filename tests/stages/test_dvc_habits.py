@@ -103,7 +103,7 @@ def test_params_and_metrics_tell_what_a_change_did(small: Small) -> None:
     assert json.loads(small.run(DVC, "metrics", "diff", "--json"))["metrics.json"]["error"]["diff"] == 8.0
 
 
-@pytest.mark.skipif(not find_spec("vl_convert"), reason="no vl-convert-python: pip install '.[plots]'")
+@pytest.mark.skipif(not find_spec("vl_convert"), reason="no vl-convert-python: pip install -e '.[plots]'")
 @needs_chromium
 def test_plots_open_without_a_network_and_show_the_curves(small: Small, tmp_path: Path) -> None:
     for what in (["show"], ["diff", "HEAD"]):

@@ -25,7 +25,7 @@ from tests.conftest import standing
 from tests.plain_arm import write_model
 from tests.robot.quadrupeds import GO2, mjcf
 
-pytest.importorskip("mujoco_menagerie", reason="no mujoco-menagerie: pip install '.[menagerie]'")
+pytest.importorskip("mujoco_menagerie", reason="no mujoco-menagerie: pip install -e '.[menagerie]'")
 TARGET = Target(0.4)
 GO2_KG = 6.921 + 4 * (0.678 + 1.152 + 0.241352)
 

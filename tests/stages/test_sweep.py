@@ -2,6 +2,7 @@
 
 import csv
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from omegaconf import OmegaConf
 
 from leapgap.jumping.learning import windows as windows_module
 from stages.params import compose_params
+from stages.sweep import HELD, Table
 from tests import plain_arm
 from tests.jumping.learning.conftest import jumps, windows  # noqa: F401 - fixtures
 
@@ -118,6 +120,18 @@ def test_a_damaged_result_of_a_job_is_one_message(tmp_path: Path, content: str) 
     (tmp_path / "sweep/jobs/other.json").write_text(content)
     said = multirun(*arguments, code=2)
     assert f"stages.collect: {tmp_path / 'sweep/jobs/other.json'}: found " in said and "Warning" not in said
+
+
+def test_the_table_goes_to_workers_while_its_folder_is_held(tmp_path: Path) -> None:
+    """Launchers pickle it for them with all callbacks of the multirun."""
+    config = OmegaConf.create({"hydra": {"job": {"name": "train"}, "sweep": {"dir": str(tmp_path / "sweep")}}})
+    callback = Table()
+    callback.on_multirun_start(config)
+    try:
+        assert (tmp_path / ".sweep.lock").is_file()
+        assert isinstance(pickle.loads(pickle.dumps(callback)), Table)
+    finally:
+        HELD.close()
 
 
 @pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
