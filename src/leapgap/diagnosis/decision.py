@@ -358,19 +358,25 @@ def with_numbers_of_whole_logs(judgement: Judgement, fit: JointFit) -> Judgement
     return replace(judgement, conclusion=replace(conclusion, steps=steps_of(whole)))
 
 
-def with_doubt_at_ends(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
-    """The judgement, told as ``partly`` where a number ends at its range and the answer is no whole explanation.
+def with_doubt(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
+    """The judgement, told as ``partly`` where much is left and another cause surely acts.
 
-    No value that a robot may have fits then: another cause acts, which this one stands for.
+    One does where a number ends at its range, for no value that a robot may have fits then; and where short pieces, in
+    which errors have no time to grow, stay far from the robot's.
     """
     conclusion, gap = judgement.conclusion, fit.judging
-    doubted = conclusion.verdict in ("named", "ambiguous") and judgement.selected.at_bound and gap.has_gap
-    if not doubted:
+    if conclusion.verdict not in ("named", "ambiguous") or not conclusion.steps or not gap.has_gap:
         return judgement
     (squares,) = gap.squares([judgement.selected])
     if gap.closure_value(squares) >= thresholds.enough_jointly:
         return judgement
-    fit.notes.append("a number of the answer ends at its range: another cause may act in place of its effect")
+    if judgement.selected.at_bound:
+        note = "a number of the answer ends at its range: another cause may act in place of its effect"
+    elif fit.in_parts and (left := fit.share_and_rest(judgement.selected)[1]) > thresholds.most_left_named:
+        note = f"short pieces stay {np.sqrt(left):.0f} times as far from the logs as noise explains: another cause acts"
+    else:
+        return judgement
+    fit.notes.append(note)
     return replace(judgement, conclusion=replace(conclusion, verdict="partly"))
 
 

@@ -21,6 +21,9 @@ class DecisionThresholds:
     enough_jointly: float = 0.9
     """Where the answer of a search one by one leaves more than noise and tolerances, all effects are fitted together.
     They explain the whole gap where they close so much of it; 0: they are never fitted."""
+    most_left_named: float = 5.0
+    """Largest median over short pieces of χ² over its expectation, with tolerances fitted, that a cause may leave which
+    closes less than ``enough_jointly``. Causes that were right left 1.0 to 1.1, one that stood for another 28."""
     partly_closure: float = 0.2
     """Causes that are believed and explain too little are told as such (``partly``) where they close this share of the
     headline gap on held-out logs, and surely some of it."""

@@ -12,7 +12,7 @@ from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
-from leapgap.diagnosis.decision import Judgement, judge, judge_jointly, with_doubt_at_ends
+from leapgap.diagnosis.decision import Judgement, judge, judge_jointly, with_doubt
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
@@ -235,7 +235,7 @@ def find_answer(
         judgement = judge_slow_causes(judgement, joint, hypotheses, settings.doubts)
         hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
-    judgement = with_doubt_at_ends(judgement, joint, settings.doubts)
+    judgement = with_doubt(judgement, joint, settings.doubts)
     by_source = None
     if clock is not None:
         by_source = closure_by_source(joint, judgement.selected)

@@ -107,7 +107,8 @@ def sentence(
             f"{listed(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
             f"shrink the gap of whole logs, which stays {brief(nominal)}."
         )
-    rest = f"; {100 * (1 - closes.value):.0f} % of the gap has another cause" if closes.value < 0.9 else ""
+    left = "has another cause" if verdict == "partly" else "stays"
+    rest = f"; {100 * (1 - closes.value):.0f} % of the gap {left}" if closes.value < 0.9 else ""
     return (
         f"{listed(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on logs not "
         f"fitted on: it shrinks from {brief(nominal)} to {brief(corrected.gap)}{rest}."
