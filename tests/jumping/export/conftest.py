@@ -65,10 +65,11 @@ def jumps(count: int, short_m: float, rng: np.random.Generator) -> ShiftedJumps:
     """Robots that land ``short_m`` short, and fly on by their excess velocity."""
     goal = rng.uniform([0.3, 0.0, -0.1], [0.8, 0.1, 0.1], (count, 3))
     shift = np.cumsum(0.01 * rng.uniform(-1, 1, (count, UPDATES, 3)), axis=1)
-    deviation = rng.standard_normal((count, 1, 10)) + 0.1 * rng.standard_normal((count, UPDATES, 10))
-    deviation *= [0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4]
+    deviation = rng.standard_normal((count, 1, 14)) + 0.1 * rng.standard_normal((count, UPDATES, 14))
+    deviation *= [0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 8]
     landing = goal + shift.mean(axis=1) - [short_m, 0, 0]
     landing[:, 0] += FLIGHT_S * deviation[:, :, 3].mean(axis=1) + 0.02 * np.sin(8 * goal[:, 0])
+    landing[:, 0] += (2 * deviation[:, :, 6] + deviation[:, :, 11]).mean(axis=1)  # feet since the beginning, and there
     return ShiftedJumps(goal, rng.uniform(-0.1, 0.1, count), landing, shift, deviation, np.zeros(count))
 
 

@@ -8,10 +8,13 @@ from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import DEVIATIONS
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, FEET, TRUNK
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
+
+BEGINNING_S = 0.15
+"""Until then a jump begins, s. A plan from a stance that was measured late is reached before, and followed."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +27,32 @@ class Observation:
     """Time before each update over which the deviation is averaged."""
 
 
+class FeetAtBeginning:
+    """Tells feet that stand elsewhere from the beginning on from feet that have moved since.
+
+    Where a robot begins in a wrong crouch, its feet are millimetres off the plan, and the landing hardly is. Feet that
+    a kick made slip as far move it by centimetres.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        """``period_s``: time from one update to the next."""
+        self.last_update = int((BEGINNING_S + ROUNDING_S) / period_s)
+        """The last update of the beginning."""
+        self.feet = np.zeros(FEET)
+        """Deviation of the feet at the last update of the beginning at which it was measured, m."""
+
+    def apart(self, update: int, measured: np.ndarray) -> np.ndarray:
+        """Deviation (14,) by trunk and feet − those of the plan (10,) at an update; updates come in their order."""
+        feet = measured[TRUNK:]
+        if update <= self.last_update and np.isfinite(feet).all():
+            self.feet = feet
+        return np.concatenate([measured[:TRUNK], feet - self.feet, self.feet])
+
+
 class DeviationRecorder:
     """Means of the latest measured deviations from the plan, one for each update.
 
-    ``deviations`` (updates, 10) holds them; rows of updates that did not come are not finite.
+    ``deviations`` (updates, 14) holds them; rows of updates that did not come are not finite.
     """
 
     def __init__(self, reference: Reference, observation: Observation) -> None:
@@ -35,18 +60,20 @@ class DeviationRecorder:
         self.deviations = np.full((self.grid.updates, DEVIATIONS), np.nan)
         self.kept_rows = max(1, round(observation.average_s / reference.period_s))
         self._latest: list[np.ndarray] = []
+        self._beginning = FeetAtBeginning(observation.period_s)
 
     def update_at(self, time_s: float) -> int:
         """Number of the update that is under way at a time since the start of the jump, s."""
         return int(np.clip((time_s + ROUNDING_S) / self.grid.period_s, 0, self.grid.updates - 1))
 
     def measure(self, deviation: np.ndarray) -> None:
-        """Take in the deviation (10,) of one tick."""
+        """Take in trunk and feet − those of the plan (10,) at one tick."""
         self._latest = [*self._latest, deviation][-self.kept_rows :]
 
     def keep(self, update: int) -> np.ndarray:
-        """Keep the mean of the latest ticks for an update, and return it, (10,); not finite where there are none."""
-        self.deviations[update] = np.mean(self._latest, axis=0) if self._latest else np.nan
+        """Keep the mean of the latest ticks for an update, and return it, (14,); not finite where there are none."""
+        if self._latest:
+            self.deviations[update] = self._beginning.apart(update, np.mean(self._latest, axis=0))
         return self.deviations[update]
 
 

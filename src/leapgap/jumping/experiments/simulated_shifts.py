@@ -1,19 +1,24 @@
-"""Jumps of the identified robot in simulation, many at once: shifted at random, and some of them kicked.
+"""Jumps of the identified robot in simulation, many at once: most of them kicked, or begun in a wrong crouch.
 
 They give the prior of the landing's model: what a robot does is nominal physics plus what its own jumps teach. Commands
 are known beforehand, so whole jumps roll out without a Python loop.
+
+They hold what the measured stance and goal leave unknown, and nothing else. After a kick the feet have slipped or come
+off the ground by millimetres, and that is what tells the landing. Where ground was unknown, too, its centimetres under
+the feet hid those; and so did random shifts, whose effects are no straight lines.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.jumping.control.deviation_recorder import BEGINNING_S, FeetAtBeginning
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, TRUNK, ShiftedPlan
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
 from leapgap.jumping.experiments.landing_feedback import Authority, ShiftedJumps
@@ -42,49 +47,27 @@ LEAVES_WITHIN_S = 0.05
 
 
 @dataclass(frozen=True)
-class ShiftDraws:
-    """Ranges of random shifts: every ``hold_s`` one is drawn, and reached linearly."""
-
-    largest: tuple[float, float, float] = (0.08, 0.06, 0.12)
-    """x, z, pitch; m, m, rad."""
-    hold_s: float = 0.15
-
-    def draw(self, updates: int, period_s: float, rng: np.random.Generator) -> np.ndarray:
-        """Shifts from each update on, (updates, 3)."""
-        each = max(1, round(self.hold_s / period_s))
-        knots = rng.uniform(-1, 1, (updates // each + 2, GOAL_AXES)) * self.largest
-        knots[0] = 0.0
-        at = (np.arange(updates) + 1) / each
-        return np.stack([np.interp(at, np.arange(len(knots)), column) for column in knots.T], axis=1)
-
-
-@dataclass(frozen=True)
 class SimulatedShiftsConfig:
     """How many jumps are simulated, and what is drawn for them.
 
-    Of the jumps to each goal, every second one starts from ground and crouch of its own that its plan does not know,
-    and two of every four are kicked.
+    Of the jumps to each goal, the first is undisturbed, and every second one starts from a crouch of its own that its
+    plan does not know. Three of every four are kicked.
     """
 
-    goals: int = 36
+    goals: int = 18
     """Number of goals that are planned."""
-    jumps: int = 12
+    jumps: int = 20
     """Jumps to each goal."""
-    x_m: tuple[float, float] = (0.25, 0.85)
+    x_m: tuple[float, float] = (0.3, 0.8)
     z_m: tuple[float, float] = (-0.04, 0.15)
     pitch_rad: tuple[float, float] = (-0.15, 0.15)
     """Ranges of goals; z from the height of a robot that stands on level ground."""
     block_m: tuple[float, float] = (0.0, 0.07)
     """Height of a block under the front feet in every second goal, which the plan reckons with."""
-    shifts: ShiftDraws = field(default_factory=ShiftDraws)
-    smallest_share: float = 0.2
-    """Shifts of a jump are drawn from ``shifts``, scaled by a share between this and one."""
-    kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
+    kick: tuple[float, float, float] = (0.3, 0.15, 1.5)
     """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    kick_between_s: tuple[float, float] = (0.05, 0.7)
-    unseen_front_m: tuple[float, float] = (0.0, 0.06)
-    unseen_rear_m: tuple[float, float] = (0.0, 0.04)
-    """Heights of blocks under the feet that the plan does not know."""
+    kick_between_s: tuple[float, float] = (BEGINNING_S, 0.5)
+    """From the beginning of the jump, by which feet are told apart, until a shift no longer corrects them."""
     crouch_error_rad: float = 0.1
     """Largest error of the joints at the start that the plan does not know."""
     probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
@@ -107,8 +90,8 @@ class SimulatedJump:
     """Row at which the robot is kicked; 0: it is not."""
     kick: np.ndarray
     """Change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    unseen: bool
-    """Whether the plan does not know the ground and the crouch it starts from."""
+    wrong_crouch: bool
+    """Whether the plan does not know the crouch it starts from."""
 
 
 @dataclass(frozen=True)
@@ -144,16 +127,14 @@ class ShiftSimulator:
                 deviations.append(deviation)
         if not landed:
             fell = f"falls in all of {len(jumps)} simulated jumps"
-            raise InputError(
-                "land.method_settings", fell, "at least one that lands", "simulate smaller kicks and shifts"
-            )
+            raise InputError("land.method_settings", fell, "at least one that lands", "simulate smaller kicks")
         return ShiftedJumps(
             goal=np.array([jump.goal for jump in landed]),
             stance_pitch=np.array([jump.stance_pitch for jump in landed]),
             landing=np.array(landings),
             shift=np.array([jump.shift for jump in landed]),
             deviation=np.array(deviations),
-            disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in landed]),
+            disturbed=np.array([float(jump.wrong_crouch or jump.kick_row > 0) for jump in landed]),
         )
 
     def authority(self, config: SimulatedShiftsConfig) -> Authority:
@@ -214,32 +195,26 @@ class ShiftSimulator:
         goal = rng.uniform(*np.transpose([config.x_m, config.z_m, config.pitch_rad]))
         block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
         plans = [MotionPlan(f"goal_{number}", self.level, block_m)]
-        plans += [self._unseen(plans[0], config, rng) for _ in range(config.jumps // 2)]
+        plans += [self._in_wrong_crouch(plans[0], config.crouch_error_rad, rng) for _ in range(config.jumps // 2)]
         starts = prepare(plans, replayer, self.effects, Course())
         stance = ground_pitch(starts[0].start, self.robot)
         plan = self._plan(goal, stance)
         if plan is None:
             return []
         jumps = []
+        unshifted = np.zeros((self.grid.updates, GOAL_AXES))
         for jump in range(config.jumps):
-            share = rng.uniform(config.smallest_share, 1.0)
-            shift = share * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
-            kick_row = (
-                round(float(rng.uniform(*config.kick_between_s)) / plan.reference.period_s) if jump % 4 > 1 else 0
-            )
+            kicked, wrong = jump > 0 and jump % 4 != 1, bool(jump % 2)
+            kick_row = round(float(rng.uniform(*config.kick_between_s)) / plan.reference.period_s) if kicked else 0
             kick = rng.uniform(-1, 1, 3) * config.kick
-            unseen = bool(jump % 2)
-            start = starts[(jump + 1) // 2 if unseen else 0]
-            jumps.append(SimulatedJump(start, plan, goal, stance, shift, kick_row, kick, unseen))
+            start = starts[(jump + 1) // 2 if wrong else 0]
+            jumps.append(SimulatedJump(start, plan, goal, stance, unshifted, kick_row, kick, wrong))
         return jumps
 
-    def _unseen(self, known: MotionPlan, config: SimulatedShiftsConfig, rng: np.random.Generator) -> MotionPlan:
-        """The same jump from ground and crouch that its plan does not know."""
-        front_m, rear_m = (
-            round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)
-        )
-        wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
-        return MotionPlan(known.name, known.reference, front_m, rear_m, wrong)
+    def _in_wrong_crouch(self, known: MotionPlan, largest_rad: float, rng: np.random.Generator) -> MotionPlan:
+        """The same jump from a crouch that its plan does not know."""
+        task = JumpTask("wrong_crouch", 0.0, crouch_error_rad=largest_rad)
+        return replace(known, crouch_error_rad=task.crouch_error(self.robot, rng))
 
     def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:
         """The true motion up to the scheduled landing."""
@@ -271,7 +246,10 @@ class ShiftSimulator:
         return np.array([x, z - self.level["base_pos_z"][0], pitch])
 
     def _deviations(self, jump: SimulatedJump, motion: Motion, rng: np.random.Generator) -> np.ndarray:
-        """Deviation from the shifted plan at each update as a controller measures it, (updates, 10)."""
+        """Deviation from the shifted plan at each update as a controller measures it, (updates, 14).
+
+        Not finite until a kick can be seen; the feet at the beginning are those before it.
+        """
         position, velocity = motion.base_position, motion.base_velocity
         state = np.column_stack(
             [
@@ -295,17 +273,18 @@ class ShiftSimulator:
         start = noise.base_pos_m * rng.standard_normal()
         """Error of where the jump began, from which x counts."""
         found = np.full((self.grid.updates, DEVIATIONS), np.nan)
-        row_of = {update: round(update * self.grid.period_s / period) for update in range(self.grid.updates)}
+        row_of = [round(update * self.grid.period_s / period) for update in range(self.grid.updates)]
         unfit = jump.kick_row + self.average_rows + self.late_rows if jump.kick_row else -1
-        row_of = {update: row for update, row in row_of.items() if row > unfit}
-        offsets = pair_feet(self.robot, motion.qpos[list(row_of.values())])
-        for (update, row), offset in zip(row_of.items(), offsets, strict=True):
+        beginning = FeetAtBeginning(self.grid.period_s)
+        for update, (row, offset) in enumerate(zip(row_of, pair_feet(self.robot, motion.qpos[row_of]), strict=True)):
             rows = np.arange(max(0, row - self.average_rows + 1), row + 1)
             base = state[np.maximum(rows - self.late_rows, 0)]
             trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
             feet = offset - jump.plan.at("foot", row, shifts[row])
             trunk[0] += start
-            found[update] = np.concatenate([trunk + spread * rng.standard_normal(6), feet])
+            deviation = beginning.apart(update, np.concatenate([trunk + spread * rng.standard_normal(TRUNK), feet]))
+            if row > unfit:
+                found[update] = deviation
         return found
 
 

@@ -47,6 +47,7 @@ class Controller:
         self._stood: list[tuple[float, float]] = []
         self._change, self._changed_s, self._level = np.zeros(4), 0.0, 0.0
         self._updates, self._latest = 0, np.zeros((0, 10))
+        self._feet_at_beginning = np.zeros(4)
         self._used_s: float | None = None
         self._seen_s: float | None = None
         self._start_s: float | None = None
@@ -242,11 +243,18 @@ class Controller:
         found: np.ndarray = goal + np.append(1.0, at) @ t["landing_trend"] + kernel @ t["landing_dual"]
         return found
 
+    def _deviation(self, update: int) -> np.ndarray:
+        """Of the trunk, of the feet since the beginning of the jump, and of the feet at the beginning, (14,)."""
+        mean = self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
+        if update <= self.n["BEGINS_UNTIL"] and np.isfinite(mean[6:]).all():
+            self._feet_at_beginning = mean[6:]
+        return np.concatenate([mean[:6], mean[6:] - self._feet_at_beginning, self._feet_at_beginning])
+
     def _chosen(self, update: int, before: np.ndarray) -> np.ndarray:
         """Change of the shift at an update; zero where it cannot be computed."""
+        t, deviation = self.t, self._deviation(update)
         if not self._stance_known:
             return np.zeros(3)
-        t, deviation = self.t, self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
         if not np.isfinite(deviation).all():
             self.counts["not_finite"] += 1
             return np.zeros(3)

@@ -13,6 +13,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.border import LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
+from leapgap.jumping.control.deviation_recorder import FeetAtBeginning
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftPlanner
 from leapgap.jumping.control.late_stance import LateStance
@@ -41,7 +42,7 @@ MEANING = {
     "landing_scale": "by which goal and stance are divided",
     "landing_sample": "goals and stances of the kernel, divided by the scale",
     "landing_dual": "their weights",
-    "feedback": "change of the landing by 1, goal, stance and the ten deviations, at each update",
+    "feedback": "change of the landing by 1, goal, stance, trunk, feet since the beginning and there, at each update",
     "feedback_covariance": "of that prediction, on the same inputs, in units of matters",
     "scatter": "standard deviation of held-out landings at each update, in units of matters",
     "matters": "landing errors that count alike in the model",
@@ -113,6 +114,7 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         **sizes(arrays, planner),
         **{f"OF_{name}": start for name, start in starts(tracker).items()},
         "KEPT": tracker.kept_rows,
+        "BEGINS_UNTIL": FeetAtBeginning(config.period_s).last_update,
         "HOLD_TICKS": tracker.border.safe.hold_ticks,
         "SAFE_KP": tracker.border.safe.damping.kp_nm_per_rad,
         "SAFE_KD": tracker.border.safe.damping.kd_nms_per_rad,
@@ -202,7 +204,7 @@ def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
 
 
 def input_scaling(model: LandingFeedback) -> np.ndarray:
-    """T with φ = [1, goal, stance, deviation] T, (15, 15)."""
+    """T with φ = [1, goal, stance, deviation] T, (19, 19)."""
     inputs = 1 + GOAL_AXES + 1 + DEVIATIONS
     raw = np.concatenate([np.zeros((1, inputs - 1)), np.eye(inputs - 1)])
     goal, stance, deviation = raw[:, :3], raw[:, 3], raw[:, 4:]

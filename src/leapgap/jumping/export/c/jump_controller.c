@@ -8,7 +8,9 @@
 #include "tables.h"
 
 #define STATE 6                                     /* x z pitch and their rates */
-#define DEVIATIONS (STATE + 4)                      /* trunk, then feet: front x z, rear x z */
+#define FEET_X_Z 4                                  /* of the front and of the rear pair */
+#define MEASURED (STATE + FEET_X_Z)                 /* trunk, then feet, off the plan */
+#define DEVIATIONS (STATE + 2 * FEET_X_Z)           /* trunk, feet since the beginning, feet at the beginning */
 #define INPUTS (1 + 3 + 1 + DEVIATIONS)             /* of the landing model: 1, goal, stance, deviation */
 #define ROUNDING_S 1e-6
 
@@ -22,7 +24,8 @@ static struct {
     JumpAuthority authority;          /* for this goal */
     double change[4], changed_s;      /* of goal and stance from those of the plan, and since when */
     double shift[UPDATES][3];
-    double latest[KEPT][DEVIATIONS];
+    double latest[KEPT][MEASURED];
+    double feet_at_beginning[FEET_X_Z]; /* off the plan */
     JumpCommand last;
     JumpCounts counts;
 } now;
@@ -159,7 +162,7 @@ static void plan_at(int row, int first, int count, const double moved[4], double
 /* Keep how far trunk and feet are from the shifted plan. */
 static void measure(double time_s, const JumpEstimate *e, const double moved[4]) {
     const double *p = e->base_position, *q = e->base_quaternion, *v = e->base_velocity;
-    double deviation[DEVIATIONS], planned[DEVIATIONS], feet[2][3];
+    double deviation[MEASURED], planned[MEASURED], feet[2][3];
     double sine = 2 * (q[0] * q[2] - q[3] * q[1]);
     deviation[0] = (p[0] - now.x) * now.forward[0] + (p[1] - now.y) * now.forward[1];
     deviation[1] = p[2] - now.level;
@@ -172,22 +175,34 @@ static void measure(double time_s, const JumpEstimate *e, const double moved[4])
         deviation[STATE + 2 * pair] = feet[pair][0] * now.forward[0] + feet[pair][1] * now.forward[1];
         deviation[STATE + 2 * pair + 1] = feet[pair][2];
     }
-    plan_at(row_at(time_s), OF_STATE, DEVIATIONS, moved, planned);
-    for (int i = 0; i < DEVIATIONS; i++) now.latest[now.next][i] = deviation[i] - planned[i];
+    plan_at(row_at(time_s), OF_STATE, MEASURED, moved, planned);
+    for (int i = 0; i < MEASURED; i++) now.latest[now.next][i] = deviation[i] - planned[i];
     now.next = (now.next + 1) % KEPT;
     if (now.kept < KEPT) now.kept++;
 }
 
-/* Mean of what was kept; whether it is finite. */
-static int mean_deviation(double mean[DEVIATIONS]) {
-    int finite = now.kept > 0;
-    for (int i = 0; i < DEVIATIONS; i++) {
-        mean[i] = 0;
+static int are_finite(const double *values, int count) {
+    int finite = 1;
+    for (int i = 0; i < count; i++) finite = finite && isfinite(values[i]);
+    return finite;
+}
+
+/* Deviation at an update, by the mean of what was kept; whether it is finite. */
+static int deviation_at(int update, double deviation[DEVIATIONS]) {
+    double mean[MEASURED];
+    for (int i = 0; i < MEASURED; i++) {
+        mean[i] = now.kept ? 0 : NAN;
         for (int k = 0; k < now.kept; k++) mean[i] += now.latest[k][i];
         mean[i] /= now.kept ? now.kept : 1;
-        finite = finite && isfinite(mean[i]);
     }
-    return finite;
+    if (update <= BEGINS_UNTIL && are_finite(mean + STATE, FEET_X_Z))
+        memcpy(now.feet_at_beginning, mean + STATE, sizeof now.feet_at_beginning);
+    memcpy(deviation, mean, sizeof mean);
+    for (int i = 0; i < FEET_X_Z; i++) {
+        deviation[STATE + i] -= now.feet_at_beginning[i];
+        deviation[MEASURED + i] = now.feet_at_beginning[i];
+    }
+    return are_finite(deviation, DEVIATIONS);
 }
 
 /* ---- model of the landing ---- */
@@ -240,12 +255,6 @@ static void predict(int update, const double before[3], const double deviation[D
 
 /* ---- stance that was not seen before the jump ---- */
 
-static int are_finite(const double *values, int count) {
-    int finite = 1;
-    for (int i = 0; i < count; i++) finite = finite && isfinite(values[i]);
-    return finite;
-}
-
 /* Take in the stance while all feet stand; at the end choose goal and target for it. */
 static void measure_stance(double time_s, const JumpEstimate *e) {
     double feet[2][3], goal[3], state[STATE], pitch, share;
@@ -281,8 +290,9 @@ static void measure_stance(double time_s, const JumpEstimate *e) {
 /* Choose the shift from this update on; where that is not possible it stays. */
 static void choose_shift(int update, const double before[3]) {
     double deviation[DEVIATIONS], landing[3], change[3] = {0, 0, 0};
+    const int finite = deviation_at(update, deviation);
     if (now.stance_known) {
-        if (!mean_deviation(deviation)) now.counts.not_finite++;
+        if (!finite) now.counts.not_finite++;
         else {
             predict(update, before, deviation, landing);
             const JumpProgram program = {update, &now.authority, landing, now.target, before, now.change};
