@@ -15,12 +15,8 @@ from leapgap.jumping.control.reference import Reference
 QUANTITIES = ("state", "foot", "joint_pos", "joint_vel", "torque", "force")
 GOAL_AXES = 3
 """x and z of the landing, m, and its pitch, rad."""
-TRUNK, FEET = 6, 4
-"""Numbers measured of the trunk (x z pitch and their rates), and of the feet (front x z, rear x z, relative to the
-base)."""
-DEVIATIONS = TRUNK + 2 * FEET
-"""Trunk − that of a shifted plan; how far the feet moved off it since the beginning of the jump; how far off it they
-were there. See ``FeetAtBeginning``."""
+DEVIATIONS = 10
+"""Trunk (x z pitch and their rates) and feet (front x z, rear x z, relative to the base) − those of a shifted plan."""
 
 
 @dataclass(frozen=True)

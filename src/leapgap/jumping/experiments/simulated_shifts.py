@@ -8,18 +8,19 @@ off the ground by millimetres, and that is what tells the landing. Where ground 
 the feet hid those; and so did random shifts, whose effects are no straight lines.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.deviation_recorder import BEGINNING_S, FeetAtBeginning
+from leapgap.jumping.control.deviation_recorder import WITH_PAST, DeviationHistory
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, TRUNK, ShiftedPlan
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
+from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
 from leapgap.jumping.experiments.landing_feedback import Authority, ShiftedJumps
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -34,7 +35,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, POSITION_SLICE, Motion
 from leapgap.robot.rotations import pitch_of
 from leapgap.robot.topology import PAIRS
-from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, prepare
+from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, hold_first_command, prepare
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 from leapgap.simulation.sensors import SensorNoise
@@ -66,8 +67,11 @@ class SimulatedShiftsConfig:
     """Height of a block under the front feet in every second goal, which the plan reckons with."""
     kick: tuple[float, float, float] = (0.3, 0.15, 1.5)
     """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    kick_between_s: tuple[float, float] = (BEGINNING_S, 0.5)
-    """From the beginning of the jump, by which feet are told apart, until a shift no longer corrects them."""
+    kick_between_s: tuple[float, float] = (0.1, 0.5)
+    """While a shift can still correct them."""
+    held_off: tuple[float, ...] = (0.002, 0.002, 0.003, 0.0, 0.0, 0.0, 0.002, 0.002, 0.002, 0.002)
+    """Standard deviation of how far a jump is off its plan from beginning to end and lands where it would have landed,
+    as ``DEVIATIONS``. Friction in the joints does that; the identified robot has too little."""
     crouch_error_rad: float = 0.1
     """Largest error of the joints at the start that the plan does not know."""
     probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
@@ -120,7 +124,7 @@ class ShiftSimulator:
         landed, landings, deviations = [], [], []
         for jump in jumps:
             motion = self._simulate(jump, replayer)
-            landing, deviation = self._landing(motion), self._deviations(jump, motion, rng)
+            landing, deviation = self._landing(motion), self._deviations(jump, motion, config, rng)
             if abs(landing[2]) <= UPRIGHT_RAD:
                 landed.append(jump)
                 landings.append(landing)
@@ -144,7 +148,7 @@ class ShiftSimulator:
         straight line between the goals.
         """
         replayer = Replayer(self.robot, terrain_slots=1, threads=1)
-        (start,) = prepare([MotionPlan("level", self.level)], replayer, self.effects, Course())
+        (start,) = self._starts([MotionPlan("level", self.level)], replayer)
         of_goals = []
         for x in config.probed_x_m:
             goal = np.array([x, 0.0, 0.0])
@@ -196,7 +200,7 @@ class ShiftSimulator:
         block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
         plans = [MotionPlan(f"goal_{number}", self.level, block_m)]
         plans += [self._in_wrong_crouch(plans[0], config.crouch_error_rad, rng) for _ in range(config.jumps // 2)]
-        starts = prepare(plans, replayer, self.effects, Course())
+        starts = self._starts(plans, replayer)
         stance = ground_pitch(starts[0].start, self.robot)
         plan = self._plan(goal, stance)
         if plan is None:
@@ -210,6 +214,16 @@ class ShiftSimulator:
             start = starts[(jump + 1) // 2 if wrong else 0]
             jumps.append(SimulatedJump(start, plan, goal, stance, unshifted, kick_row, kick, wrong))
         return jumps
+
+    def _starts(self, plans: Sequence[MotionPlan], replayer: Replayer) -> list[PreparedRun]:
+        """Starts after standing in the first pose of the plan, as a robot does: a wrong crouch is nearly righted."""
+        ready = prepare(plans, replayer, self.effects, Course())
+        stands = [
+            Rollout(hold_first_command(one.commanded, GoalChoice.stand_s), self.effects, first_state=one.start)
+            for one in ready
+        ]
+        stood = replayer.true_motions(stands)
+        return [replace(one, start=motion.last_state) for one, motion in zip(ready, stood, strict=True)]
 
     def _in_wrong_crouch(self, known: MotionPlan, largest_rad: float, rng: np.random.Generator) -> MotionPlan:
         """The same jump from a crouch that its plan does not know."""
@@ -245,10 +259,12 @@ class ShiftSimulator:
         pitch = pitch_of(motion.base_quaternion[row]) + left_s * motion.base_angular_velocity[row, 1]
         return np.array([x, z - self.level["base_pos_z"][0], pitch])
 
-    def _deviations(self, jump: SimulatedJump, motion: Motion, rng: np.random.Generator) -> np.ndarray:
-        """Deviation from the shifted plan at each update as a controller measures it, (updates, 14).
+    def _deviations(
+        self, jump: SimulatedJump, motion: Motion, config: SimulatedShiftsConfig, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Deviation from the shifted plan at each update as a controller measures it, with its past, (updates, 24).
 
-        Not finite until a kick can be seen; the feet at the beginning are those before it.
+        Not finite until a kick can be seen.
         """
         position, velocity = motion.base_position, motion.base_velocity
         state = np.column_stack(
@@ -272,19 +288,21 @@ class ShiftSimulator:
         ) / np.sqrt(self.average_rows)
         start = noise.base_pos_m * rng.standard_normal()
         """Error of where the jump began, from which x counts."""
-        found = np.full((self.grid.updates, DEVIATIONS), np.nan)
+        held_off = rng.standard_normal(DEVIATIONS) * config.held_off
+        found = np.full((self.grid.updates, WITH_PAST), np.nan)
         row_of = [round(update * self.grid.period_s / period) for update in range(self.grid.updates)]
         unfit = jump.kick_row + self.average_rows + self.late_rows if jump.kick_row else -1
-        beginning = FeetAtBeginning(self.grid.period_s)
+        history = DeviationHistory(self.grid.updates, self.grid.period_s)
         for update, (row, offset) in enumerate(zip(row_of, pair_feet(self.robot, motion.qpos[row_of]), strict=True)):
             rows = np.arange(max(0, row - self.average_rows + 1), row + 1)
             base = state[np.maximum(rows - self.late_rows, 0)]
             trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
             feet = offset - jump.plan.at("foot", row, shifts[row])
             trunk[0] += start
-            deviation = beginning.apart(update, np.concatenate([trunk + spread * rng.standard_normal(TRUNK), feet]))
+            deviation = np.concatenate([trunk + spread * rng.standard_normal(len(trunk)), feet]) + held_off
+            with_past = history.at(update, deviation)
             if row > unfit:
-                found[update] = deviation
+                found[update] = with_past
         return found
 
 

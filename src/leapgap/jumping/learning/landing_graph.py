@@ -1,8 +1,8 @@
 """The landing model of a goal-shift controller as an ONNX graph, for batches of any length.
 
-Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``deviation`` (n, 14) and ``update`` (n,); outputs
-``landing`` (n, 3), if the goal stays what it is, and ``spread`` (n, 3), its standard deviation. Double precision. What
-the model is for stands in the metadata, as JSON under ``leapgap``.
+Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``deviation`` with its past (n, 24) and ``update`` (n,);
+outputs ``landing`` (n, 3), if the goal stays what it is, and ``spread`` (n, 3), its standard deviation. Double
+precision. What the model is for stands in the metadata, as JSON under ``leapgap``.
 """
 
 import json

@@ -8,9 +8,9 @@
 #include "tables.h"
 
 #define STATE 6                                     /* x z pitch and their rates */
-#define FEET_X_Z 4                                  /* of the front and of the rear pair */
-#define MEASURED (STATE + FEET_X_Z)                 /* trunk, then feet, off the plan */
-#define DEVIATIONS (STATE + 2 * FEET_X_Z)           /* trunk, feet since the beginning, feet at the beginning */
+#define MEASURED (STATE + 4)                        /* trunk, then feet: front x z, rear x z */
+#define POSTURE (MEASURED - 3)                      /* without the rates */
+#define DEVIATIONS (MEASURED + 2 * POSTURE)         /* with their past */
 #define INPUTS (1 + 3 + 1 + DEVIATIONS)             /* of the landing model: 1, goal, stance, deviation */
 #define ROUNDING_S 1e-6
 
@@ -25,7 +25,7 @@ static struct {
     double change[4], changed_s;      /* of goal and stance from those of the plan, and since when */
     double shift[UPDATES][3];
     double latest[KEPT][MEASURED];
-    double feet_at_beginning[FEET_X_Z]; /* off the plan */
+    double known[UPDATES][MEASURED]; /* deviation at each update, or at the last one before that was measured */
     JumpCommand last;
     JumpCounts counts;
 } now;
@@ -187,22 +187,26 @@ static int are_finite(const double *values, int count) {
     return finite;
 }
 
-/* Deviation at an update, by the mean of what was kept; whether it is finite. */
+/* Deviation at an update, by the mean of what was kept, with its past; whether it is finite. Change of posture lately and
+   rates; change of posture from the turn until then; posture at the turn. */
 static int deviation_at(int update, double deviation[DEVIATIONS]) {
+    static const int posture[POSTURE] = {0, 1, 2, 6, 7, 8, 9};
     double mean[MEASURED];
     for (int i = 0; i < MEASURED; i++) {
         mean[i] = now.kept ? 0 : NAN;
         for (int k = 0; k < now.kept; k++) mean[i] += now.latest[k][i];
         mean[i] /= now.kept ? now.kept : 1;
     }
-    if (update <= BEGINS_UNTIL && are_finite(mean + STATE, FEET_X_Z))
-        memcpy(now.feet_at_beginning, mean + STATE, sizeof now.feet_at_beginning);
+    const int finite = are_finite(mean, MEASURED);
+    for (int t = update; finite && t < UPDATES; t++) memcpy(now.known[t], mean, sizeof mean);
     memcpy(deviation, mean, sizeof mean);
-    for (int i = 0; i < FEET_X_Z; i++) {
-        deviation[STATE + i] -= now.feet_at_beginning[i];
-        deviation[MEASURED + i] = now.feet_at_beginning[i];
+    for (int i = 0; i < POSTURE; i++) {
+        const double then = now.known[lately[update]][posture[i]], before = now.known[turned[update]][posture[i]];
+        deviation[posture[i]] -= then;
+        deviation[MEASURED + i] = then - before;
+        deviation[MEASURED + POSTURE + i] = before;
     }
-    return are_finite(deviation, DEVIATIONS);
+    return finite;
 }
 
 /* ---- model of the landing ---- */
