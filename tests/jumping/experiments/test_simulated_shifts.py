@@ -17,6 +17,7 @@ from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
 from leapgap.jumping.experiments.simulated_shifts import (
     NO_KICK,
+    ShiftDraws,
     ShiftSimulator,
     SimulatedJump,
     SimulatedShiftsConfig,
@@ -57,11 +58,7 @@ def jump_of(found: TrialOutcome) -> GoalShiftJump:
 
 
 def test_simulated_and_closed_loop_jumps_agree(bench: Bench, method: GoalShiftMethod) -> None:
-    # Every 150 ms another shift, which is reached linearly.
-    knots = np.random.default_rng(4).uniform(-1, 1, (7, 3)) * [0.05, 0.03, 0.06]
-    knots[0] = 0.0
-    at = (np.arange(GRID.updates) + 1) / 6
-    shift = np.stack([np.interp(at, np.arange(len(knots)), column) for column in knots.T], axis=1)
+    shift = ShiftDraws((0.05, 0.03, 0.06)).draw(GRID.updates, GRID.period_s, np.random.default_rng(4))
     found = outcome(bench, replace(method, exploration=shift))
     measured = shifted_jumps(found)
     assert measured is not None
@@ -80,10 +77,8 @@ def test_simulated_and_closed_loop_jumps_agree(bench: Bench, method: GoalShiftMe
     motion = simulator._simulate(simulated, replayer)
     apart = np.abs(simulator._landing(motion) - measured.landing[0])
     assert (apart < [0.004, 0.004, 0.015]).all(), apart
-    config = SimulatedShiftsConfig(held_off=(0.0,) * 10)
-    deviations = simulator._deviations(simulated, motion, config, np.random.default_rng(0))
-    typical = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
-    typical = np.concatenate([typical, *[typical[[0, 1, 2, 6, 7, 8, 9]]] * 2])
+    deviations = simulator._deviations(simulated, motion, np.random.default_rng(0))
+    typical = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, 0.01, 0.01, 0.01, 0.01])
     off = np.abs(deviations - measured.deviation[0])[2:] / typical  # the first 50 ms still differ by the stand before
     assert np.median(off) < 0.05, np.median(off, axis=0)
     assert off.max() < 0.6, off.max(axis=0)
@@ -136,9 +131,10 @@ def test_jumps_that_fall_are_not_learned_from(bench: Bench, method: GoalShiftMet
     """Every second jump is kicked head over heels; the others, from ground that they know, land upright."""
     assert method.planner is not None
     simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
+    still = ShiftDraws((0.0, 0.0, 0.0))
     config = SimulatedShiftsConfig(
-        goals=1, jumps=4, x_m=(0.5, 0.5), z_m=(0.0, 0.0), pitch_rad=(0.0, 0.0), kick=(0.0, 0.0, 25.0),
-        crouch_error_rad=0.0,
+        goals=1, jumps=4, x_m=(0.5, 0.5), z_m=(0.0, 0.0), pitch_rad=(0.0, 0.0), shifts=still, kick=(0.0, 0.0, 25.0),
+        unseen_front_m=(0.0, 0.0), unseen_rear_m=(0.0, 0.0), crouch_error_rad=0.0,
     )  # fmt: skip
     found = simulator.run(config, np.random.default_rng(1))
     assert len(found) == 2
@@ -200,3 +196,11 @@ def test_shifts_are_reached_linearly_and_then_held() -> None:
     value, rate = shift_at(shift, GRID, np.array([0.1, 0.1125, 0.125, 0.5, 1.1]))
     np.testing.assert_allclose(value[:, 0], [0, 0.01, 0.02, 0.02, 0.02])
     np.testing.assert_allclose(rate[:, 0], [0.8, 0.8, 0, 0, 0], atol=1e-9)
+
+
+def test_random_shifts_begin_at_none_and_stay_in_their_range() -> None:
+    rng = np.random.default_rng(0)
+    drawn = np.array([ShiftDraws((0.05, 0.03, 0.1), 0.15).draw(32, 0.025, rng) for _ in range(200)])
+    assert (np.abs(drawn).max(axis=(0, 1)) <= [0.05, 0.03, 0.1]).all()
+    assert np.abs(drawn).max(axis=(0, 1)) == pytest.approx([0.05, 0.03, 0.1], rel=0.05)
+    assert (np.abs(drawn[:, 0]) <= np.array([0.05, 0.03, 0.1]) / 6 + 1e-12).all()  # a sixth of 150 ms

@@ -65,11 +65,10 @@ def jumps(count: int, short_m: float, rng: np.random.Generator) -> ShiftedJumps:
     """Robots that land ``short_m`` short, and fly on by their excess velocity."""
     goal = rng.uniform([0.3, 0.0, -0.1], [0.8, 0.1, 0.1], (count, 3))
     shift = np.cumsum(0.01 * rng.uniform(-1, 1, (count, UPDATES, 3)), axis=1)
-    deviation = rng.standard_normal((count, 1, 24)) + 0.1 * rng.standard_normal((count, UPDATES, 24))
-    deviation *= [0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 18]
+    deviation = rng.standard_normal((count, 1, 10)) + 0.1 * rng.standard_normal((count, UPDATES, 10))
+    deviation *= [0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4]
     landing = goal + shift.mean(axis=1) - [short_m, 0, 0]
     landing[:, 0] += FLIGHT_S * deviation[:, :, 3].mean(axis=1) + 0.02 * np.sin(8 * goal[:, 0])
-    landing[:, 0] += (2 * deviation[:, :, 6] + deviation[:, :, 13] + deviation[:, :, 20]).mean(axis=1)  # front feet
     return ShiftedJumps(goal, rng.uniform(-0.1, 0.1, count), landing, shift, deviation, np.zeros(count))
 
 
@@ -104,7 +103,7 @@ def learned(simulated: int, own: int) -> LandingFeedback:
 
 
 def new_tracker(
-    robot: Robot, kind: type[ShiftTracker] = ShiftTracker, simulated: int = 200, own: int = 60, late: bool = False
+    robot: Robot, kind: type[ShiftTracker] = ShiftTracker, simulated: int = 60, own: int = 30, late: bool = False
 ) -> ShiftTracker:
     """A controller with four plans, and a model of a robot that was learned on top of that of another one.
 

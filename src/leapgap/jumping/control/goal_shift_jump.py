@@ -125,7 +125,7 @@ class ShiftTracker(JumpController):
 
     @property
     def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the shifted plan at each update, with their past, (updates, 24)."""
+        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
         return self.recorder.deviations
 
     @property

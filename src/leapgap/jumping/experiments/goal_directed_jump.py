@@ -158,7 +158,7 @@ class GoalDirectedJump(JumpController):
 
     @property
     def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the plan at each update, with their past, (updates, 24)."""
+        """How far trunk and feet were from the plan at each update, (updates, 10)."""
         assert isinstance(self.tracker, ObservedJointPd)
         return self.tracker.recorder.deviations
 

@@ -117,7 +117,7 @@ class GoalShiftJump(GoalDirectedJump):
 
     @property
     def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the shifted plan at each update, with their past, (updates, 24)."""
+        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
         return super().deviations if self.shift_tracker is None else self.shift_tracker.deviations
 
 

@@ -6,8 +6,7 @@ of short steps, so that no error grows on the way to it:
     landing = L(γ, stance) + W_jᵀ φ_j(γ, stance, deviation) + Σ_{i ≥ j} G_i (δ_i − δ_{j−1})
 
 ``L`` is the landing model of jumps with one constant goal, ``G_i`` what a shift during update i does to the landing,
-and φ_j holds a one, goal, stance, and how far trunk and feet are from the shifted plan, and were before
-(``DeviationHistory``). ``W`` is a ridge regression
+and φ_j holds a one, goal, stance, and how far trunk and feet are from the shifted plan. ``W`` is a ridge regression
 towards the same model of another robot: the identified one, which was simulated.
 """
 
@@ -19,14 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.jumping.control.deviation_recorder import POSTURE
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
 
 TRUNK_SCALE = (0.01, 0.01, 0.04, 0.1, 0.1, 0.4)
 """Typical deviation of x, z, pitch and their rates; m, m, rad, m/s, m/s, rad/s."""
 FOOT_SCALE = 0.01
 """Typical deviation of a foot from the plan, relative to the base, m."""
-DEVIATION_SCALE = np.array([*TRUNK_SCALE, *[FOOT_SCALE] * 4])
 
 
 @dataclass(frozen=True)
@@ -128,8 +125,8 @@ class ShiftedJumps:
     shift: np.ndarray
     """Shift of the goal from each update on, (n, T, 3), m, m, rad."""
     deviation: np.ndarray
-    """Deviation from the shifted plan at each update, with its past, (n, T, 24); not finite where the jump is not to be
-    learned from: before it is disturbed."""
+    """Deviation from the shifted plan at each update, (n, T, 10); not finite where the jump is not to be learned from:
+    before it is disturbed."""
     disturbed: np.ndarray
     """1 where something happened that the plan did not reckon with, else 0, (n,). Only the others teach what shifts do,
     and where constant goals lead."""
@@ -188,14 +185,15 @@ def null_where_not_finite(values: np.ndarray) -> Any:
 
 
 def features(goal: np.ndarray, stance_pitch: np.ndarray, deviation: np.ndarray, config: AimConfig) -> np.ndarray:
-    """φ of n jumps at one update, (n, 29), each divided by its typical change."""
+    """φ of n jumps at one update, (n, 15), each divided by its typical change."""
     scale = np.array(config.scale)
     centre = np.array([0.55, 0.0, 0.0])
     parts = [
         np.ones((len(goal), 1)),
         (goal - centre) / scale[:3],
         stance_pitch[:, None] / scale[3],
-        deviation / np.concatenate([DEVIATION_SCALE, *[DEVIATION_SCALE[list(POSTURE)]] * 2]),
+        deviation[:, :6] / np.array(TRUNK_SCALE),
+        deviation[:, 6:] / FOOT_SCALE,
     ]
     return np.concatenate(parts, axis=1)
 
@@ -208,9 +206,9 @@ class LandingFeedback:
     landing: LandingModel
     shifts: Authority
     weights: np.ndarray
-    """W of each update, (T, 29, 3), in units of ``matters``."""
+    """W of each update, (T, 15, 3), in units of ``matters``."""
     covariance: np.ndarray
-    """Posterior covariance of a column of W, (T, 29, 29), in squared units of ``matters``."""
+    """Posterior covariance of a column of W, (T, 15, 15), in squared units of ``matters``."""
     scatter: np.ndarray
     """Standard deviation of held-out landings at each update, (T, 3), in units of ``matters``."""
     planned_x_m: float = 0.55

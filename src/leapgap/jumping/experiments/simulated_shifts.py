@@ -1,26 +1,20 @@
-"""Jumps of the identified robot in simulation, many at once: most of them kicked, or begun in a wrong crouch.
+"""Jumps of the identified robot in simulation, many at once: shifted at random, and some of them kicked.
 
 They give the prior of the landing's model: what a robot does is nominal physics plus what its own jumps teach. Commands
 are known beforehand, so whole jumps roll out without a Python loop.
-
-They hold what the measured stance and goal leave unknown, and nothing else. After a kick the feet have slipped or come
-off the ground by millimetres, and that is what tells the landing. Where ground was unknown, too, its centimetres under
-the feet hid those; and so did random shifts, whose effects are no straight lines.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.deviation_recorder import WITH_PAST, DeviationHistory
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
-from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, JumpPlanner
+from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
 from leapgap.jumping.experiments.landing_feedback import Authority, ShiftedJumps
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -35,7 +29,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, POSITION_SLICE, Motion
 from leapgap.robot.rotations import pitch_of
 from leapgap.robot.topology import PAIRS
-from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, hold_first_command, prepare
+from leapgap.simulation.open_loop import Course, MotionPlan, PreparedRun, prepare
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 from leapgap.simulation.sensors import SensorNoise
@@ -48,30 +42,49 @@ LEAVES_WITHIN_S = 0.05
 
 
 @dataclass(frozen=True)
+class ShiftDraws:
+    """Ranges of random shifts: every ``hold_s`` one is drawn, and reached linearly."""
+
+    largest: tuple[float, float, float] = (0.08, 0.06, 0.12)
+    """x, z, pitch; m, m, rad."""
+    hold_s: float = 0.15
+
+    def draw(self, updates: int, period_s: float, rng: np.random.Generator) -> np.ndarray:
+        """Shifts from each update on, (updates, 3)."""
+        each = max(1, round(self.hold_s / period_s))
+        knots = rng.uniform(-1, 1, (updates // each + 2, GOAL_AXES)) * self.largest
+        knots[0] = 0.0
+        at = (np.arange(updates) + 1) / each
+        return np.stack([np.interp(at, np.arange(len(knots)), column) for column in knots.T], axis=1)
+
+
+@dataclass(frozen=True)
 class SimulatedShiftsConfig:
     """How many jumps are simulated, and what is drawn for them.
 
-    Of the jumps to each goal, the first is undisturbed, and every second one starts from a crouch of its own that its
-    plan does not know. Three of every four are kicked.
+    Of the jumps to each goal, every second one starts from ground and crouch of its own that its plan does not know,
+    and two of every four are kicked.
     """
 
-    goals: int = 18
+    goals: int = 36
     """Number of goals that are planned."""
-    jumps: int = 20
+    jumps: int = 12
     """Jumps to each goal."""
-    x_m: tuple[float, float] = (0.3, 0.8)
+    x_m: tuple[float, float] = (0.25, 0.85)
     z_m: tuple[float, float] = (-0.04, 0.15)
     pitch_rad: tuple[float, float] = (-0.15, 0.15)
     """Ranges of goals; z from the height of a robot that stands on level ground."""
     block_m: tuple[float, float] = (0.0, 0.07)
     """Height of a block under the front feet in every second goal, which the plan reckons with."""
-    kick: tuple[float, float, float] = (0.3, 0.15, 1.5)
+    shifts: ShiftDraws = field(default_factory=ShiftDraws)
+    smallest_share: float = 0.2
+    """Shifts of a jump are drawn from ``shifts``, scaled by a share between this and one."""
+    kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
     """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    kick_between_s: tuple[float, float] = (0.1, 0.5)
-    """While a shift can still correct them."""
-    held_off: tuple[float, ...] = (0.002, 0.002, 0.003, 0.0, 0.0, 0.0, 0.002, 0.002, 0.002, 0.002)
-    """Standard deviation of how far a jump is off its plan from beginning to end and lands where it would have landed,
-    as ``DEVIATIONS``. Friction in the joints does that; the identified robot has too little."""
+    kick_between_s: tuple[float, float] = (0.05, 0.7)
+    unseen_front_m: tuple[float, float] = (0.0, 0.06)
+    unseen_rear_m: tuple[float, float] = (0.0, 0.04)
+    """Heights of blocks under the feet that the plan does not know."""
     crouch_error_rad: float = 0.1
     """Largest error of the joints at the start that the plan does not know."""
     probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
@@ -94,8 +107,8 @@ class SimulatedJump:
     """Row at which the robot is kicked; 0: it is not."""
     kick: np.ndarray
     """Change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    wrong_crouch: bool
-    """Whether the plan does not know the crouch it starts from."""
+    unseen: bool
+    """Whether the plan does not know the ground and the crouch it starts from."""
 
 
 @dataclass(frozen=True)
@@ -124,21 +137,23 @@ class ShiftSimulator:
         landed, landings, deviations = [], [], []
         for jump in jumps:
             motion = self._simulate(jump, replayer)
-            landing, deviation = self._landing(motion), self._deviations(jump, motion, config, rng)
+            landing, deviation = self._landing(motion), self._deviations(jump, motion, rng)
             if abs(landing[2]) <= UPRIGHT_RAD:
                 landed.append(jump)
                 landings.append(landing)
                 deviations.append(deviation)
         if not landed:
             fell = f"falls in all of {len(jumps)} simulated jumps"
-            raise InputError("land.method_settings", fell, "at least one that lands", "simulate smaller kicks")
+            raise InputError(
+                "land.method_settings", fell, "at least one that lands", "simulate smaller kicks and shifts"
+            )
         return ShiftedJumps(
             goal=np.array([jump.goal for jump in landed]),
             stance_pitch=np.array([jump.stance_pitch for jump in landed]),
             landing=np.array(landings),
             shift=np.array([jump.shift for jump in landed]),
             deviation=np.array(deviations),
-            disturbed=np.array([float(jump.wrong_crouch or jump.kick_row > 0) for jump in landed]),
+            disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in landed]),
         )
 
     def authority(self, config: SimulatedShiftsConfig) -> Authority:
@@ -148,7 +163,7 @@ class ShiftSimulator:
         straight line between the goals.
         """
         replayer = Replayer(self.robot, terrain_slots=1, threads=1)
-        (start,) = self._starts([MotionPlan("level", self.level)], replayer)
+        (start,) = prepare([MotionPlan("level", self.level)], replayer, self.effects, Course())
         of_goals = []
         for x in config.probed_x_m:
             goal = np.array([x, 0.0, 0.0])
@@ -199,36 +214,32 @@ class ShiftSimulator:
         goal = rng.uniform(*np.transpose([config.x_m, config.z_m, config.pitch_rad]))
         block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
         plans = [MotionPlan(f"goal_{number}", self.level, block_m)]
-        plans += [self._in_wrong_crouch(plans[0], config.crouch_error_rad, rng) for _ in range(config.jumps // 2)]
-        starts = self._starts(plans, replayer)
+        plans += [self._unseen(plans[0], config, rng) for _ in range(config.jumps // 2)]
+        starts = prepare(plans, replayer, self.effects, Course())
         stance = ground_pitch(starts[0].start, self.robot)
         plan = self._plan(goal, stance)
         if plan is None:
             return []
         jumps = []
-        unshifted = np.zeros((self.grid.updates, GOAL_AXES))
         for jump in range(config.jumps):
-            kicked, wrong = jump > 0 and jump % 4 != 1, bool(jump % 2)
-            kick_row = round(float(rng.uniform(*config.kick_between_s)) / plan.reference.period_s) if kicked else 0
+            share = rng.uniform(config.smallest_share, 1.0)
+            shift = share * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
+            kick_row = (
+                round(float(rng.uniform(*config.kick_between_s)) / plan.reference.period_s) if jump % 4 > 1 else 0
+            )
             kick = rng.uniform(-1, 1, 3) * config.kick
-            start = starts[(jump + 1) // 2 if wrong else 0]
-            jumps.append(SimulatedJump(start, plan, goal, stance, unshifted, kick_row, kick, wrong))
+            unseen = bool(jump % 2)
+            start = starts[(jump + 1) // 2 if unseen else 0]
+            jumps.append(SimulatedJump(start, plan, goal, stance, shift, kick_row, kick, unseen))
         return jumps
 
-    def _starts(self, plans: Sequence[MotionPlan], replayer: Replayer) -> list[PreparedRun]:
-        """Starts after standing in the first pose of the plan, as a robot does: a wrong crouch is nearly righted."""
-        ready = prepare(plans, replayer, self.effects, Course())
-        stands = [
-            Rollout(hold_first_command(one.commanded, GoalChoice.stand_s), self.effects, first_state=one.start)
-            for one in ready
-        ]
-        stood = replayer.true_motions(stands)
-        return [replace(one, start=motion.last_state) for one, motion in zip(ready, stood, strict=True)]
-
-    def _in_wrong_crouch(self, known: MotionPlan, largest_rad: float, rng: np.random.Generator) -> MotionPlan:
-        """The same jump from a crouch that its plan does not know."""
-        task = JumpTask("wrong_crouch", 0.0, crouch_error_rad=largest_rad)
-        return replace(known, crouch_error_rad=task.crouch_error(self.robot, rng))
+    def _unseen(self, known: MotionPlan, config: SimulatedShiftsConfig, rng: np.random.Generator) -> MotionPlan:
+        """The same jump from ground and crouch that its plan does not know."""
+        front_m, rear_m = (
+            round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)
+        )
+        wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
+        return MotionPlan(known.name, known.reference, front_m, rear_m, wrong)
 
     def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:
         """The true motion up to the scheduled landing."""
@@ -259,13 +270,8 @@ class ShiftSimulator:
         pitch = pitch_of(motion.base_quaternion[row]) + left_s * motion.base_angular_velocity[row, 1]
         return np.array([x, z - self.level["base_pos_z"][0], pitch])
 
-    def _deviations(
-        self, jump: SimulatedJump, motion: Motion, config: SimulatedShiftsConfig, rng: np.random.Generator
-    ) -> np.ndarray:
-        """Deviation from the shifted plan at each update as a controller measures it, with its past, (updates, 24).
-
-        Not finite until a kick can be seen.
-        """
+    def _deviations(self, jump: SimulatedJump, motion: Motion, rng: np.random.Generator) -> np.ndarray:
+        """Deviation from the shifted plan at each update as a controller measures it, (updates, 10)."""
         position, velocity = motion.base_position, motion.base_velocity
         state = np.column_stack(
             [
@@ -288,21 +294,18 @@ class ShiftSimulator:
         ) / np.sqrt(self.average_rows)
         start = noise.base_pos_m * rng.standard_normal()
         """Error of where the jump began, from which x counts."""
-        held_off = rng.standard_normal(DEVIATIONS) * config.held_off
-        found = np.full((self.grid.updates, WITH_PAST), np.nan)
-        row_of = [round(update * self.grid.period_s / period) for update in range(self.grid.updates)]
+        found = np.full((self.grid.updates, DEVIATIONS), np.nan)
+        row_of = {update: round(update * self.grid.period_s / period) for update in range(self.grid.updates)}
         unfit = jump.kick_row + self.average_rows + self.late_rows if jump.kick_row else -1
-        history = DeviationHistory(self.grid.updates, self.grid.period_s)
-        for update, (row, offset) in enumerate(zip(row_of, pair_feet(self.robot, motion.qpos[row_of]), strict=True)):
+        row_of = {update: row for update, row in row_of.items() if row > unfit}
+        offsets = pair_feet(self.robot, motion.qpos[list(row_of.values())])
+        for (update, row), offset in zip(row_of.items(), offsets, strict=True):
             rows = np.arange(max(0, row - self.average_rows + 1), row + 1)
             base = state[np.maximum(rows - self.late_rows, 0)]
             trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
             feet = offset - jump.plan.at("foot", row, shifts[row])
             trunk[0] += start
-            deviation = np.concatenate([trunk + spread * rng.standard_normal(len(trunk)), feet]) + held_off
-            with_past = history.at(update, deviation)
-            if row > unfit:
-                found[update] = with_past
+            found[update] = np.concatenate([trunk + spread * rng.standard_normal(6), feet])
         return found
 
 

@@ -15,8 +15,6 @@ from pathlib import Path
 import numpy as np
 
 ROUNDING_S = 1e-6
-POSTURE = [0, 1, 2, 6, 7, 8, 9]
-"""Places of what is no rate in a deviation: x, z and pitch of the trunk, and the feet."""
 VIOLATION = 1e-9
 """Violation of a constraint, in the norm of the Hessian, that counts as none."""
 DEPENDENT = 1e-18
@@ -49,7 +47,6 @@ class Controller:
         self._stood: list[tuple[float, float]] = []
         self._change, self._changed_s, self._level = np.zeros(4), 0.0, 0.0
         self._updates, self._latest = 0, np.zeros((0, 10))
-        self._known = np.zeros((self.n["UPDATES"], 10))
         self._used_s: float | None = None
         self._seen_s: float | None = None
         self._start_s: float | None = None
@@ -245,21 +242,11 @@ class Controller:
         found: np.ndarray = goal + np.append(1.0, at) @ t["landing_trend"] + kernel @ t["landing_dual"]
         return found
 
-    def _deviation(self, update: int) -> np.ndarray:
-        """With its past: change of posture lately, and rates; change from the turn until then; posture at the turn."""
-        mean = self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
-        if np.isfinite(mean).all():
-            self._known[update:] = mean
-        then, turned = (self._known[self.t[name][update], POSTURE] for name in ("lately", "turned"))
-        lately = mean.copy()
-        lately[POSTURE] -= then
-        return np.concatenate([lately, then - turned, turned])
-
     def _chosen(self, update: int, before: np.ndarray) -> np.ndarray:
         """Change of the shift at an update; zero where it cannot be computed."""
-        t, deviation = self.t, self._deviation(update)
         if not self._stance_known:
             return np.zeros(3)
+        t, deviation = self.t, self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
         if not np.isfinite(deviation).all():
             self.counts["not_finite"] += 1
             return np.zeros(3)

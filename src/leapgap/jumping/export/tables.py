@@ -13,14 +13,12 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.border import LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
-from leapgap.jumping.control.deviation_recorder import WITH_PAST, PastUpdates
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftPlanner
 from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.leg_chains import LegChains
 from leapgap.jumping.control.shift_efforts import Efforts
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import GOAL_AXES
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback, features
 from leapgap.jumping.experiments.landing_model import LandingModel
 from leapgap.robot.model import Robot
@@ -43,9 +41,7 @@ MEANING = {
     "landing_scale": "by which goal and stance are divided",
     "landing_sample": "goals and stances of the kernel, divided by the scale",
     "landing_dual": "their weights",
-    "lately": "update with which a deviation at each update is compared",
-    "turned": "update with which that one is compared",
-    "feedback": "change of the landing by 1, goal, stance and the deviation with its past, at each update",
+    "feedback": "change of the landing by 1, goal, stance and the ten deviations, at each update",
     "feedback_covariance": "of that prediction, on the same inputs, in units of matters",
     "scatter": "standard deviation of held-out landings at each update, in units of matters",
     "matters": "landing errors that count alike in the model",
@@ -100,7 +96,6 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         plan_tables(tracker),
         stance_tables(tracker),
         model_tables(model),
-        past_tables(planner.grid),
         program_tables(planner),
         leg_tables(tracker.robot),
     ]
@@ -206,18 +201,9 @@ def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
     }
 
 
-def past_tables(grid: ShiftGrid) -> dict[str, np.ndarray]:
-    """The updates that tell the past of a deviation."""
-    past, updates = PastUpdates(grid.period_s), range(grid.updates)
-    return {
-        "lately": np.array([past.lately(update) for update in updates], np.int32),
-        "turned": np.array([past.turned(update) for update in updates], np.int32),
-    }
-
-
 def input_scaling(model: LandingFeedback) -> np.ndarray:
-    """T with φ = [1, goal, stance, deviation] T, (29, 29)."""
-    inputs = 1 + GOAL_AXES + 1 + WITH_PAST
+    """T with φ = [1, goal, stance, deviation] T, (15, 15)."""
+    inputs = 1 + GOAL_AXES + 1 + DEVIATIONS
     raw = np.concatenate([np.zeros((1, inputs - 1)), np.eye(inputs - 1)])
     goal, stance, deviation = raw[:, :3], raw[:, 3], raw[:, 4:]
     phi = features(goal, stance, deviation, model.config.landing)

@@ -1,8 +1,8 @@
 """The landing model of a goal-shift controller as an ONNX graph, for batches of any length.
 
-Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``deviation`` with its past (n, 24) and ``update`` (n,);
-outputs ``landing`` (n, 3), if the goal stays what it is, and ``spread`` (n, 3), its standard deviation. Double
-precision. What the model is for stands in the metadata, as JSON under ``leapgap``.
+Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``deviation`` (n, 10) and ``update`` (n,); outputs
+``landing`` (n, 3), if the goal stays what it is, and ``spread`` (n, 3), its standard deviation. Double precision. What
+the model is for stands in the metadata, as JSON under ``leapgap``.
 """
 
 import json
@@ -32,10 +32,10 @@ def serialise(tables: Mapping[str, np.ndarray], about: Mapping[str, object]) -> 
     trend = tables["landing_trend"]
     landing = graph.node("Add", graph.node("MatMul", at, constant(trend[1:] + np.eye(4)[:, :3])), constant(trend[0]))
     landing = graph.node("Add", landing, graph.node("MatMul", near, constant(tables["landing_dual"])))
-    count = tables["feedback"].shape[1]
-    to_inputs = np.eye(count)[1:]
+    to_inputs = np.zeros((14, 15))
+    to_inputs[:4, 1:5], to_inputs[4:, 5:] = np.eye(4), np.eye(10)
     inputs = graph.node("MatMul", graph.node("Concat", at, "deviation", axis=1), constant(to_inputs))
-    inputs = graph.node("Unsqueeze", graph.node("Add", inputs, constant(np.eye(count)[0])), axis)
+    inputs = graph.node("Unsqueeze", graph.node("Add", inputs, constant(np.eye(15)[0])), axis)
 
     def of_update(name: str) -> str:
         return graph.node("Gather", constant(tables[name]), "update", axis=0)
@@ -54,7 +54,7 @@ def serialise(tables: Mapping[str, np.ndarray], about: Mapping[str, object]) -> 
             [
                 helper.make_tensor_value_info("goal", TensorProto.DOUBLE, ["n", 3]),
                 helper.make_tensor_value_info("stance", TensorProto.DOUBLE, ["n", 1]),
-                helper.make_tensor_value_info("deviation", TensorProto.DOUBLE, ["n", count - 5]),
+                helper.make_tensor_value_info("deviation", TensorProto.DOUBLE, ["n", 10]),
                 helper.make_tensor_value_info("update", TensorProto.INT64, ["n"]),
             ],
             [helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["n", 3]) for name in ("landing", "spread")],

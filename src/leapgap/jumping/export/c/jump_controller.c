@@ -8,9 +8,7 @@
 #include "tables.h"
 
 #define STATE 6                                     /* x z pitch and their rates */
-#define MEASURED (STATE + 4)                        /* trunk, then feet: front x z, rear x z */
-#define POSTURE (MEASURED - 3)                      /* without the rates */
-#define DEVIATIONS (MEASURED + 2 * POSTURE)         /* with their past */
+#define DEVIATIONS (STATE + 4)                      /* trunk, then feet: front x z, rear x z */
 #define INPUTS (1 + 3 + 1 + DEVIATIONS)             /* of the landing model: 1, goal, stance, deviation */
 #define ROUNDING_S 1e-6
 
@@ -24,8 +22,7 @@ static struct {
     JumpAuthority authority;          /* for this goal */
     double change[4], changed_s;      /* of goal and stance from those of the plan, and since when */
     double shift[UPDATES][3];
-    double latest[KEPT][MEASURED];
-    double known[UPDATES][MEASURED]; /* deviation at each update, or at the last one before that was measured */
+    double latest[KEPT][DEVIATIONS];
     JumpCommand last;
     JumpCounts counts;
 } now;
@@ -162,7 +159,7 @@ static void plan_at(int row, int first, int count, const double moved[4], double
 /* Keep how far trunk and feet are from the shifted plan. */
 static void measure(double time_s, const JumpEstimate *e, const double moved[4]) {
     const double *p = e->base_position, *q = e->base_quaternion, *v = e->base_velocity;
-    double deviation[MEASURED], planned[MEASURED], feet[2][3];
+    double deviation[DEVIATIONS], planned[DEVIATIONS], feet[2][3];
     double sine = 2 * (q[0] * q[2] - q[3] * q[1]);
     deviation[0] = (p[0] - now.x) * now.forward[0] + (p[1] - now.y) * now.forward[1];
     deviation[1] = p[2] - now.level;
@@ -175,36 +172,20 @@ static void measure(double time_s, const JumpEstimate *e, const double moved[4])
         deviation[STATE + 2 * pair] = feet[pair][0] * now.forward[0] + feet[pair][1] * now.forward[1];
         deviation[STATE + 2 * pair + 1] = feet[pair][2];
     }
-    plan_at(row_at(time_s), OF_STATE, MEASURED, moved, planned);
-    for (int i = 0; i < MEASURED; i++) now.latest[now.next][i] = deviation[i] - planned[i];
+    plan_at(row_at(time_s), OF_STATE, DEVIATIONS, moved, planned);
+    for (int i = 0; i < DEVIATIONS; i++) now.latest[now.next][i] = deviation[i] - planned[i];
     now.next = (now.next + 1) % KEPT;
     if (now.kept < KEPT) now.kept++;
 }
 
-static int are_finite(const double *values, int count) {
-    int finite = 1;
-    for (int i = 0; i < count; i++) finite = finite && isfinite(values[i]);
-    return finite;
-}
-
-/* Deviation at an update, by the mean of what was kept, with its past; whether it is finite. Change of posture lately and
-   rates; change of posture from the turn until then; posture at the turn. */
-static int deviation_at(int update, double deviation[DEVIATIONS]) {
-    static const int posture[POSTURE] = {0, 1, 2, 6, 7, 8, 9};
-    double mean[MEASURED];
-    for (int i = 0; i < MEASURED; i++) {
-        mean[i] = now.kept ? 0 : NAN;
+/* Mean of what was kept; whether it is finite. */
+static int mean_deviation(double mean[DEVIATIONS]) {
+    int finite = now.kept > 0;
+    for (int i = 0; i < DEVIATIONS; i++) {
+        mean[i] = 0;
         for (int k = 0; k < now.kept; k++) mean[i] += now.latest[k][i];
         mean[i] /= now.kept ? now.kept : 1;
-    }
-    const int finite = are_finite(mean, MEASURED);
-    for (int t = update; finite && t < UPDATES; t++) memcpy(now.known[t], mean, sizeof mean);
-    memcpy(deviation, mean, sizeof mean);
-    for (int i = 0; i < POSTURE; i++) {
-        const double then = now.known[lately[update]][posture[i]], before = now.known[turned[update]][posture[i]];
-        deviation[posture[i]] -= then;
-        deviation[MEASURED + i] = then - before;
-        deviation[MEASURED + POSTURE + i] = before;
+        finite = finite && isfinite(mean[i]);
     }
     return finite;
 }
@@ -259,6 +240,12 @@ static void predict(int update, const double before[3], const double deviation[D
 
 /* ---- stance that was not seen before the jump ---- */
 
+static int are_finite(const double *values, int count) {
+    int finite = 1;
+    for (int i = 0; i < count; i++) finite = finite && isfinite(values[i]);
+    return finite;
+}
+
 /* Take in the stance while all feet stand; at the end choose goal and target for it. */
 static void measure_stance(double time_s, const JumpEstimate *e) {
     double feet[2][3], goal[3], state[STATE], pitch, share;
@@ -294,9 +281,8 @@ static void measure_stance(double time_s, const JumpEstimate *e) {
 /* Choose the shift from this update on; where that is not possible it stays. */
 static void choose_shift(int update, const double before[3]) {
     double deviation[DEVIATIONS], landing[3], change[3] = {0, 0, 0};
-    const int finite = deviation_at(update, deviation);
     if (now.stance_known) {
-        if (!finite) now.counts.not_finite++;
+        if (!mean_deviation(deviation)) now.counts.not_finite++;
         else {
             predict(update, before, deviation, landing);
             const JumpProgram program = {update, &now.authority, landing, now.target, before, now.change};
