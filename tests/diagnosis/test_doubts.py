@@ -1,15 +1,17 @@
 """Answers that leave much are told as a part where another cause surely acts: on logs of plain MuJoCo."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.decision import Conclusion, Judgement, with_doubt
+from leapgap.diagnosis.decision import Conclusion, Judgement, steps_of
 from leapgap.diagnosis.decision_thresholds import DecisionThresholds
+from leapgap.diagnosis.doubts import of_causes, partly_where_another_acts, without_uncertain
 from leapgap.diagnosis.hypotheses import list_hypotheses
-from leapgap.diagnosis.joint_fit import JointFit
+from leapgap.diagnosis.joint_fit import JointFit, part
 from leapgap.robot.model import Robot
 from tests.diagnosis.joint_fits import joint_fit_in_parts
 from tests.diagnosis.two_link_arm import torque_driven_arm
@@ -38,7 +40,7 @@ def named_armature(robot: Robot, inertia: float, friction_nm: float = 0.0) -> tu
 def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.3)
     assert judgement.selected.at_bound
-    found = with_doubt(judgement, fit, DecisionThresholds())
+    found = partly_where_another_acts(judgement, fit, DecisionThresholds())
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
     assert any("ends at its range" in note for note in fit.notes)
 
@@ -46,12 +48,65 @@ def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(robot: Robot) 
 def test_what_leaves_short_pieces_far_from_noise_is_told_as_a_part(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.02, friction_nm=1.0)
     assert not judgement.selected.at_bound
-    found = with_doubt(judgement, fit, DecisionThresholds())
+    found = partly_where_another_acts(judgement, fit, DecisionThresholds())
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
     assert any("short pieces stay" in note for note in fit.notes)
 
 
 def test_what_fits_within_its_range_stays(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.02)
-    assert with_doubt(judgement, fit, DecisionThresholds()) is judgement
+    assert partly_where_another_acts(judgement, fit, DecisionThresholds()) is judgement
     assert not fit.notes
+
+
+def friction_with_armature(robot: Robot, inertia: float) -> tuple[Judgement, JointFit]:
+    """The answer `joint_friction` and `armature` on logs of an arm with friction and so much more armature, kg·m²."""
+
+    def worn(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[:] += 0.3
+        model.dof_armature[:] += inertia
+
+    fit = joint_fit_in_parts(robot, worn)
+    kinds = ("joint_friction", "armature")
+    both = tuple(h for h in list_hypotheses(list(kinds), robot, None) if h.location == "all")
+    assert tuple(h.name for h in both) == kinds
+    found = fit.fit(both, np.array([0.2, 0.002]), 8)
+    conclusion = Conclusion("named", (("joint_friction",), ("armature",)), (part(found, [0]), found), (1.0, 1.0))
+    return Judgement(SimpleNamespace(), np.ones(1), conclusion), fit
+
+
+def test_a_further_cause_that_logs_do_not_tell_is_left_out(robot: Robot) -> None:
+    judgement, fit = friction_with_armature(robot, 0.0)
+    found = without_uncertain(judgement, fit, DecisionThresholds(), 0.05)
+    assert found.conclusion.answer == (("joint_friction",),) and found.conclusion.verdict == "named"
+    assert found.selected.names == ("joint_friction",) and found.selected.numbers == pytest.approx(0.3, rel=0.03)
+    assert fit.notes == ["left out, since its number is hardly known: armature"]
+
+
+def test_a_further_cause_that_logs_tell_stays(robot: Robot) -> None:
+    judgement, fit = friction_with_armature(robot, 0.01)
+    assert judgement.selected.numbers == pytest.approx([0.3, 0.01], rel=0.1)
+    assert without_uncertain(judgement, fit, DecisionThresholds(), 0.05) is judgement
+    assert not fit.notes
+
+
+def test_what_closes_much_and_is_hardly_known_leaves_a_part(robot: Robot) -> None:
+    judgement, fit = friction_with_armature(robot, 0.05)
+    strict = DecisionThresholds(least_known=21.0, enough_jointly=1.0)  # no number is known so well
+    found = without_uncertain(judgement, fit, strict, 0.05)
+    assert found.conclusion.answer == (("joint_friction",),) and found.conclusion.verdict == "partly"
+
+
+def test_causes_that_stay_behind_one_left_out_are_fitted_anew(robot: Robot) -> None:
+    judgement, fit = friction_with_armature(robot, 0.0)
+    conclusion = judgement.conclusion
+    (damping,) = (h for h in list_hypotheses(["joint_damping"], robot, None) if h.location == "all")
+    three = fit.fit((*conclusion.steps[-1].hypotheses, damping), np.array([0.2, 0.002, 0.1]), 8)
+    strict = DecisionThresholds(least_known=1e-9)
+    answer = (("joint_friction",), ("armature",), ("joint_damping",))
+    some = replace(judgement, conclusion=Conclusion("named", answer, steps_of(three), (1.0, 1.0, 1.0)))
+    assert without_uncertain(some, fit, strict, 0.05) is some
+    kept = of_causes(some.conclusion, fit, [0, 2])
+    assert kept.answer == (("joint_friction",), ("joint_damping",)) and len(kept.steps) == 2
+    assert kept.steps[-1].names == ("joint_friction", "joint_damping")
+    assert kept.steps[-1].numbers == pytest.approx([0.3, 0.0], abs=0.02)

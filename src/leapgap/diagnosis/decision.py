@@ -358,28 +358,6 @@ def with_numbers_of_whole_logs(judgement: Judgement, fit: JointFit) -> Judgement
     return replace(judgement, conclusion=replace(conclusion, steps=steps_of(whole)))
 
 
-def with_doubt(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
-    """The judgement, told as ``partly`` where much is left and another cause surely acts.
-
-    One does where a number ends at its range, for no value that a robot may have fits then; and where short pieces, in
-    which errors have no time to grow, stay far from the robot's.
-    """
-    conclusion, gap = judgement.conclusion, fit.judging
-    if conclusion.verdict not in ("named", "ambiguous") or not conclusion.steps or not gap.has_gap:
-        return judgement
-    (squares,) = gap.squares([judgement.selected])
-    if gap.closure_value(squares) >= thresholds.enough_jointly:
-        return judgement
-    if judgement.selected.at_bound:
-        note = "a number of the answer ends at its range: another cause may act in place of its effect"
-    elif fit.in_parts and (left := fit.share_and_rest(judgement.selected)[1]) > thresholds.most_left_named:
-        note = f"short pieces stay {np.sqrt(left):.0f} times as far from the logs as noise explains: another cause acts"
-    else:
-        return judgement
-    fit.notes.append(note)
-    return replace(judgement, conclusion=replace(conclusion, verdict="partly"))
-
-
 def steps_of(fit: FullRolloutFit) -> tuple[FullRolloutFit, ...]:
     """Fits of the first one, two, … causes of a fit, and itself last."""
     return (*(part(fit, range(k)) for k in range(1, len(fit.hypotheses))), fit)

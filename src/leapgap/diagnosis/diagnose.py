@@ -12,8 +12,9 @@ from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
-from leapgap.diagnosis.decision import Judgement, judge, judge_jointly, with_doubt
+from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
+from leapgap.diagnosis.doubts import with_doubts
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
@@ -235,7 +236,7 @@ def find_answer(
         judgement = judge_slow_causes(judgement, joint, hypotheses, settings.doubts)
         hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
-    judgement = with_doubt(judgement, joint, settings.doubts)
+    judgement = with_doubts(judgement, joint, settings.doubts, settings.model_error)
     by_source = None
     if clock is not None:
         by_source = closure_by_source(joint, judgement.selected)

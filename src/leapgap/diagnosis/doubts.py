@@ -1,0 +1,93 @@
+"""What an answer may not claim: causes whose numbers are hardly known, and all of a gap where another cause acts."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.decision import Conclusion, Judgement, named_or_ambiguous, steps_of
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
+from leapgap.diagnosis.joint_fit import JointFit
+
+
+def with_doubts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float) -> Judgement:
+    """The judgement without what its answer may not claim; ``model_error`` as in ``Settings``."""
+    return partly_where_another_acts(without_uncertain(judgement, fit, thresholds, model_error), fit, thresholds)
+
+
+def without_uncertain(
+    judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float
+) -> Judgement:
+    """The judgement without further causes whose numbers are hardly known.
+
+    Beside a large cause, a small one can fit what its simulation, the tolerances of the model or a cause without a name
+    leave. What truly acts beside it is known several times better. Where the rest closes clearly less, something acts
+    that is not known: the verdict is ``partly``.
+    """
+    conclusion, selected, gap = judgement.conclusion, judgement.selected, fit.judging
+    if not fit.in_parts or len(conclusion.answer) < 2:
+        return judgement
+    sizes = spreads_from_nominal(selected, model_error)
+    kept = [k for k, size in enumerate(sizes) if k == 0 or size >= thresholds.least_known]
+    if len(kept) == len(sizes):
+        return judgement
+    names = " and ".join(h.label for k, h in enumerate(selected.hypotheses) if k not in kept)
+    fit.notes.append(f"left out, since its number is hardly known: {names}")
+    found = replace(judgement, conclusion=of_causes(conclusion, fit, kept))
+    (before, after) = gap.squares([selected, found.selected])
+    closes = gap.closure_value(after)
+    lost = gap.closure_value(before) - closes
+    fit.progress(f"without {names}, hardly known: closes {lost:.2f} less")
+    if lost < fit.plan.least_part or closes >= thresholds.enough_jointly or conclusion.verdict == "partly":
+        return found
+    return replace(found, conclusion=replace(found.conclusion, verdict="partly"))
+
+
+def spreads_from_nominal(candidate: Candidate, model_error: float) -> list[float]:
+    """By how many standard deviations each hypothesis differs from nominal, by its best known number.
+
+    As in a report's intervals, a share ``model_error`` of a departure counts as error of the simulation.
+    """
+    spread = np.sqrt(np.maximum(np.diag(candidate.covariance), 0.0))
+    found = []
+    for h, numbers, own in zip(candidate.hypotheses, candidate.split(), candidate.split(spread), strict=True):
+        departs = np.abs(numbers - h.nominal)
+        found.append(float(np.max(departs / np.maximum(np.hypot(own, model_error * departs), np.finfo(float).tiny))))
+    return found
+
+
+def of_causes(conclusion: Conclusion, fit: JointFit, kept: Sequence[int]) -> Conclusion:
+    """A conclusion with some of its causes, in their order; they are fitted anew but where they are its first ones."""
+    selected = conclusion.steps[-1]
+    if list(kept) == list(range(len(kept))):
+        steps = conclusion.steps[: len(kept)]
+    else:
+        numbers = np.concatenate([selected.split()[k] for k in kept])
+        steps = steps_of(fit.fit(tuple(selected.hypotheses[k] for k in kept), numbers, fit.plan.steps))
+    answer = tuple(conclusion.answer[k] for k in kept)
+    sure = tuple(conclusion.probabilities[k] for k in kept)
+    verdict = named_or_ambiguous(answer) if conclusion.verdict == "ambiguous" else conclusion.verdict
+    return Conclusion(verdict, answer, steps, sure, conclusion.other_simulation)
+
+
+def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
+    """The judgement, told as ``partly`` where much is left and another cause surely acts.
+
+    One does where a number ends at its range, for no value that a robot may have fits then; and where short pieces, in
+    which errors have no time to grow, stay far from the robot's.
+    """
+    conclusion, gap = judgement.conclusion, fit.judging
+    if conclusion.verdict not in ("named", "ambiguous") or not conclusion.steps or not gap.has_gap:
+        return judgement
+    (squares,) = gap.squares([judgement.selected])
+    if gap.closure_value(squares) >= thresholds.enough_jointly:
+        return judgement
+    if judgement.selected.at_bound:
+        note = "a number of the answer ends at its range: another cause may act in place of its effect"
+    elif fit.in_parts and (left := fit.share_and_rest(judgement.selected)[1]) > thresholds.most_left_named:
+        note = f"short pieces stay {np.sqrt(left):.0f} times as far from the logs as noise explains: another cause acts"
+    else:
+        return judgement
+    fit.notes.append(note)
+    return replace(judgement, conclusion=replace(conclusion, verdict="partly"))
