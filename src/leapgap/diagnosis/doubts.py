@@ -19,27 +19,26 @@ def with_doubts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresho
 def without_uncertain(
     judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float
 ) -> Judgement:
-    """The judgement without further causes whose numbers are hardly known.
+    """The judgement without causes whose numbers are hardly known; the best known one stays.
 
     Beside a large cause, a small one can fit what its simulation, the tolerances of the model or a cause without a name
-    leave. What truly acts beside it is known several times better. Where the rest closes clearly less, something acts
-    that is not known: the verdict is ``partly``.
+    leave. What truly acts is known several times better. Where the rest closes clearly less, something acts that is not
+    known: the verdict is ``partly``.
     """
-    conclusion, selected, gap = judgement.conclusion, judgement.selected, fit.judging
+    conclusion, selected = judgement.conclusion, judgement.selected
     if not fit.in_parts or len(conclusion.answer) < 2:
         return judgement
     sizes = spreads_from_nominal(selected, model_error)
-    kept = [k for k, size in enumerate(sizes) if k == 0 or size >= thresholds.least_known]
+    kept = [k for k, size in enumerate(sizes) if size >= min(thresholds.least_known, max(sizes))]
     if len(kept) == len(sizes):
         return judgement
     names = " and ".join(h.label for k, h in enumerate(selected.hypotheses) if k not in kept)
     fit.notes.append(f"left out, since its number is hardly known: {names}")
-    found = replace(judgement, conclusion=of_causes(conclusion, fit, kept))
-    (before, after) = gap.squares([selected, found.selected])
-    closes = gap.closure_value(after)
-    lost = gap.closure_value(before) - closes
-    fit.progress(f"without {names}, hardly known: closes {lost:.2f} less")
-    if lost < fit.plan.least_part or closes >= thresholds.enough_jointly or conclusion.verdict == "partly":
+    at = fit.by_steps_of(selected) or fit
+    found = replace(judgement, conclusion=of_causes(conclusion, at, kept))
+    closed, closes = (at.judging.closure_value(own) for own in at.judging.squares([selected, found.selected]))
+    fit.progress(f"without {names}, hardly known: closes {closes:.2f}, {closed:.2f} before")
+    if closed - closes < fit.plan.least_part or closes >= thresholds.enough_jointly:
         return found
     return replace(found, conclusion=replace(found.conclusion, verdict="partly"))
 
@@ -58,17 +57,19 @@ def spreads_from_nominal(candidate: Candidate, model_error: float) -> list[float
 
 
 def of_causes(conclusion: Conclusion, fit: JointFit, kept: Sequence[int]) -> Conclusion:
-    """A conclusion with some of its causes, in their order; they are fitted anew but where they are its first ones."""
+    """A conclusion with some of its causes, fitted anew by the steps of the simulation that explain the logs."""
     selected = conclusion.steps[-1]
-    if list(kept) == list(range(len(kept))):
-        steps = conclusion.steps[: len(kept)]
-    else:
-        numbers = np.concatenate([selected.split()[k] for k in kept])
-        steps = steps_of(fit.fit(tuple(selected.hypotheses[k] for k in kept), numbers, fit.plan.steps))
+    hypotheses = tuple(selected.hypotheses[k] for k in kept)
+    some = selected.indices(kept)
+    candidate = Candidate(
+        hypotheses, selected.numbers[some], selected.covariance[np.ix_(some, some)], selected.fold_numbers[:, some]
+    )
+    by_short_steps = fit.judging is not fit.heldout_gap
+    again = fit.by_short_steps(candidate) if by_short_steps else fit.fit(hypotheses, candidate.numbers, fit.plan.steps)
     answer = tuple(conclusion.answer[k] for k in kept)
     sure = tuple(conclusion.probabilities[k] for k in kept)
     verdict = named_or_ambiguous(answer) if conclusion.verdict == "ambiguous" else conclusion.verdict
-    return Conclusion(verdict, answer, steps, sure, conclusion.other_simulation)
+    return Conclusion(verdict, answer, steps_of(again), sure, conclusion.other_simulation)
 
 
 def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
