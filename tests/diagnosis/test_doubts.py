@@ -59,18 +59,18 @@ def test_what_fits_within_its_range_stays(robot: Robot) -> None:
     assert not fit.notes
 
 
-def friction_with_armature(robot: Robot, inertia: float) -> tuple[Judgement, JointFit]:
-    """The answer `joint_friction` and `armature` on logs of an arm with friction and so much more armature, kg·m²."""
+def friction_with_armature(robot: Robot, inertia: float, friction_nm: float = 0.3) -> tuple[Judgement, JointFit]:
+    """The answer `joint_friction` and `armature` on logs of an arm with so much more armature, kg·m², and friction."""
 
     def worn(model: mujoco.MjModel) -> None:
-        model.dof_frictionloss[:] += 0.3
+        model.dof_frictionloss[:] += friction_nm
         model.dof_armature[:] += inertia
 
     fit = joint_fit_in_parts(robot, worn)
     kinds = ("joint_friction", "armature")
     both = tuple(h for h in list_hypotheses(list(kinds), robot, None) if h.location == "all")
     assert tuple(h.name for h in both) == kinds
-    found = fit.fit(both, np.array([0.2, 0.002]), 8)
+    found = fit.fit(both, np.array([0.7 * friction_nm, 0.002]), 8)
     conclusion = Conclusion("named", (("joint_friction",), ("armature",)), (part(found, [0]), found), (1.0, 1.0))
     return Judgement(SimpleNamespace(), np.ones(1), conclusion), fit
 
@@ -91,7 +91,7 @@ def test_a_further_cause_that_logs_tell_stays(robot: Robot) -> None:
 
 
 def test_what_closes_much_and_is_hardly_known_leaves_a_part(robot: Robot) -> None:
-    judgement, fit = friction_with_armature(robot, 0.05)
+    judgement, fit = friction_with_armature(robot, 0.02, friction_nm=1.0)
     strict = DecisionThresholds(least_known=21.0, enough_jointly=1.0)  # no number is known so well
     found = without_uncertain(judgement, fit, strict, 0.05)
     assert len(found.conclusion.answer) == 1 and found.conclusion.verdict == "partly"
