@@ -87,7 +87,8 @@ def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: D
     if judgement.selected.at_bound:
         note = "a number of the answer ends at its range: another cause may act in place of its effect"
     elif fit.in_parts and (left := fit.share_and_rest(judgement.selected)[1]) > thresholds.most_left_named:
-        note = f"short pieces stay {np.sqrt(left):.0f} times as far from the logs as noise explains: another cause acts"
+        noise = f"{np.sqrt(left):.0f} times as far from the logs as noise explains"
+        note = f"short pieces stay {noise}: another cause acts as well, or a number is off"
     else:
         return judgement
     fit.notes.append(note)
