@@ -10,7 +10,10 @@ import pytest
 
 from tests.code import ROOT, modules
 
-pytestmark = [pytest.mark.skipif(not find_spec("mkdocs"), reason="no mkdocs: pip install -e '.[docs]'"), pytest.mark.long]
+pytestmark = [
+    pytest.mark.skipif(not find_spec("mkdocs"), reason="no mkdocs: pip install -e '.[docs]'"),
+    pytest.mark.long,
+]
 LOADED = re.compile(r"<(?:script|img|iframe)[^>]*\ssrc=[\"']?(https?:)?//|<link[^>]*\shref=[\"']?(https?:)?//")
 
 
