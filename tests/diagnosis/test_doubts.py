@@ -13,7 +13,7 @@ from leapgap.diagnosis.doubts import of_causes, partly_where_another_acts, witho
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, part
 from leapgap.robot.model import Robot
-from tests.diagnosis.joint_fits import joint_fit_in_parts
+from tests.diagnosis.joint_fits import Change, joint_fit_in_parts
 from tests.diagnosis.two_link_arm import torque_driven_arm
 
 
@@ -22,14 +22,19 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return torque_driven_arm(tmp_path_factory.mktemp("arm"))
 
 
-def named_armature(robot: Robot, inertia: float, friction_nm: float = 0.0) -> tuple[Judgement, JointFit]:
-    """The judgement `armature` on logs of an arm with so much more of it, kg·m², and of friction at both joints."""
+def more(inertia: float, friction_nm: float) -> Change:
+    """So much more armature, kg·m², and friction at both joints."""
 
-    def more(model: mujoco.MjModel) -> None:
+    def change(model: mujoco.MjModel) -> None:
         model.dof_armature[:] += inertia
         model.dof_frictionloss[:] += friction_nm
 
-    fit = joint_fit_in_parts(robot, more)
+    return change
+
+
+def named_armature(robot: Robot, inertia: float, friction_nm: float = 0.0) -> tuple[Judgement, JointFit]:
+    """The judgement `armature` on logs of an arm with so much more of it, and of friction."""
+    fit = joint_fit_in_parts(robot, more(inertia, friction_nm))
     (armature,) = (h for h in list_hypotheses(["armature"], robot, None) if h.location == "all")
     begin = np.minimum(inertia, 0.9 * armature.bounds[1])
     found = fit.fit((armature,), np.ravel(begin), 8)
@@ -60,13 +65,8 @@ def test_what_fits_within_its_range_stays(robot: Robot) -> None:
 
 
 def friction_with_armature(robot: Robot, inertia: float, friction_nm: float = 0.3) -> tuple[Judgement, JointFit]:
-    """The answer `joint_friction` and `armature` on logs of an arm with so much more armature, kg·m², and friction."""
-
-    def worn(model: mujoco.MjModel) -> None:
-        model.dof_frictionloss[:] += friction_nm
-        model.dof_armature[:] += inertia
-
-    fit = joint_fit_in_parts(robot, worn)
+    """The answer `joint_friction` and `armature` on logs of an arm with so much more armature and friction."""
+    fit = joint_fit_in_parts(robot, more(inertia, friction_nm))
     kinds = ("joint_friction", "armature")
     both = tuple(h for h in list_hypotheses(list(kinds), robot, None) if h.location == "all")
     assert tuple(h.name for h in both) == kinds

@@ -38,17 +38,21 @@ class Candidate:
     @property
     def sensible(self) -> bool:
         """Whether every hypothesis differs from nominal and no number is at the end of its range."""
-        spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        departs = [
-            (np.abs(n - h.nominal) > LEAST_SPREADS * s).any()
-            for h, n, s in zip(self.hypotheses, self.split(), self.split(spread), strict=True)
-        ]
-        return all(departs) and not self.at_bound
+        departs = np.abs(self.departs) > LEAST_SPREADS * self.spread()
+        return all(own.any() for own in self.split(departs)) and not self.at_bound
 
     @property
     def departs(self) -> np.ndarray:
         """Departures of the fitted numbers from those at which the effects are absent, (numbers,)."""
         return np.asarray(self.numbers - np.concatenate([np.zeros(0), *(h.nominal for h in self.hypotheses)]))
+
+    def spread(self, model_error: float = 0.0) -> np.ndarray:
+        """Standard deviations of the numbers, (numbers,).
+
+        A share ``model_error`` of each departure from nominal counts as error of the simulation, as in ``Settings``.
+        """
+        fitted = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return np.hypot(fitted, model_error * np.abs(self.departs))
 
     @property
     def ends(self) -> np.ndarray:

@@ -329,7 +329,7 @@ def with_numbers_by_short_steps(judgement: Judgement, fit: JointFit, thresholds:
     conclusion, gap = judgement.conclusion, fit.judging
     if gap is fit.heldout_gap or not conclusion.steps:
         return judgement
-    whole = fit.by_short_steps(judgement.selected)
+    whole = fit.by_short_steps(judgement.selected.hypotheses, judgement.selected.numbers)
     (before,) = gap.squares([judgement.selected])
     sure = gap.share_better(whole.heldout, before)
     surely_worse = sure < 1 - fit.plan.least_sure

@@ -46,26 +46,20 @@ def without_uncertain(
 def spreads_from_nominal(candidate: Candidate, model_error: float) -> list[float]:
     """By how many standard deviations each hypothesis differs from nominal, by its best known number.
 
-    As in a report's intervals, a share ``model_error`` of a departure counts as error of the simulation.
+    ``model_error`` counts as in a report's intervals.
     """
-    spread = np.sqrt(np.maximum(np.diag(candidate.covariance), 0.0))
-    found = []
-    for h, numbers, own in zip(candidate.hypotheses, candidate.split(), candidate.split(spread), strict=True):
-        departs = np.abs(numbers - h.nominal)
-        found.append(float(np.max(departs / np.maximum(np.hypot(own, model_error * departs), np.finfo(float).tiny))))
-    return found
+    spread = np.maximum(candidate.spread(model_error), np.finfo(float).tiny)
+    return [float(own.max()) for own in candidate.split(np.abs(candidate.departs) / spread)]
 
 
 def of_causes(conclusion: Conclusion, fit: JointFit, kept: Sequence[int]) -> Conclusion:
     """A conclusion with some of its causes, fitted anew by the steps of the simulation that explain the logs."""
     selected = conclusion.steps[-1]
-    hypotheses = tuple(selected.hypotheses[k] for k in kept)
-    some = selected.indices(kept)
-    candidate = Candidate(
-        hypotheses, selected.numbers[some], selected.covariance[np.ix_(some, some)], selected.fold_numbers[:, some]
-    )
-    by_short_steps = fit.judging is not fit.heldout_gap
-    again = fit.by_short_steps(candidate) if by_short_steps else fit.fit(hypotheses, candidate.numbers, fit.plan.steps)
+    hypotheses, numbers = tuple(selected.hypotheses[k] for k in kept), selected.numbers[selected.indices(kept)]
+    if fit.judging is fit.heldout_gap:
+        again = fit.fit(hypotheses, numbers, fit.plan.steps)
+    else:
+        again = fit.by_short_steps(hypotheses, numbers)
     answer = tuple(conclusion.answer[k] for k in kept)
     sure = tuple(conclusion.probabilities[k] for k in kept)
     verdict = named_or_ambiguous(answer) if conclusion.verdict == "ambiguous" else conclusion.verdict

@@ -176,15 +176,15 @@ class JointFit:
         """The same by the usual steps of the simulation, whose error is not looked for."""
         return replace(self, near=None, made={None: self.likelihood.with_step_known()}, losses={})
 
-    def by_short_steps(self, candidate: Candidate) -> FullRolloutFit:
-        """The fit of the effects of a candidate from its numbers, by short steps of the simulation."""
+    def by_short_steps(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray) -> FullRolloutFit:
+        """The fit of a set of effects from some numbers, by short steps of the simulation."""
         short = self.short.with_steps(self.judging.replayer.largest_step_s)
         beside = self.likelihood.beside.without_step()
         made: dict[int | None, JointLikelihood] = {None: JointLikelihood(self.judging, short, beside)}
         fine = replace(
             self, near=None, heldout_gap=self.judging, short=short, short_gap=None, ends=[], made=made, losses={}
         )
-        return fine.fit(candidate.hypotheses, candidate.numbers, FINE_FITS, settled=FINE_SETTLED)
+        return fine.fit(hypotheses, numbers, FINE_FITS, settled=FINE_SETTLED)
 
     def by_whole_logs(self, candidate: Candidate) -> FullRolloutFit:
         """The fit of the effects of a candidate from its numbers, by the usual steps."""

@@ -211,9 +211,8 @@ def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any],
 def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExperiment | None:
     """The experiment that shrinks the interval of the least sure number of the answer most; None where all are sure."""
     answer = forecaster.answer
-    spread = np.sqrt(np.maximum(np.diag(answer.covariance), 0.0))
-    nominal = np.concatenate([h.nominal for h in answer.hypotheses])
-    unsure = spread / np.maximum(np.abs(answer.numbers - nominal), 1e-12)
+    spread = answer.spread()
+    unsure = spread / np.maximum(np.abs(answer.departs), 1e-12)
     which = int(unsure.argmax())
     if unsure[which] < UNSURE:
         return None

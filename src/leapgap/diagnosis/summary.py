@@ -52,8 +52,7 @@ def cause_of(
 ) -> Cause:
     """One hypothesis of a fit as a cause of the report; ``figures`` are those of the fit."""
     hypothesis, numbers = fit.hypotheses[which], fit.split()[which]
-    spread = fit.split(np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))[which]
-    half = SIGMAS * np.hypot(spread, model_error * np.abs(numbers - hypothesis.nominal))
+    half = SIGMAS * fit.split(fit.spread(model_error))[which]
 
     parameters = {}
     for p in hypothesis.effect_parameters:
