@@ -215,7 +215,7 @@ class SearchInParts(JointSearch):
         fit, rivals = self.with_exchanges(fit, hypotheses, none_gap)
         if (simpler := self.with_one_for_several(fit, none_gap)) is not None:
             fit, rivals = self.with_exchanges(simpler, [*hypotheses, *self.last], none_gap)
-        return self.ordered(fit, rivals)
+        return self.ordered(self.without_opposites(fit), rivals)
 
     def fit_in_parts(self, hypotheses: Sequence[Hypothesis], near: FullRolloutFit) -> FullRolloutFit:
         """The fit of all effects, with one number for the whole robot where its parts need none of their own."""
@@ -374,6 +374,19 @@ class SearchInParts(JointSearch):
         closes = self.joint.closes(again)
         self.joint.progress(f"{wide[other].label} for {name}: loss {again.loss:.0f}, closes {closes:.2f}")
         return again
+
+    def without_opposites(self, fit: FullRolloutFit) -> FullRolloutFit:
+        """The fit without the one of two effects against each other that is needed less, the others fitted anew."""
+        while (pair := self.opposites(fit)) is not None:
+            each = range(len(fit.hypotheses))
+            fit = min((self.fit_part(fit, [k for k in each if k != one]) for one in pair), key=lambda one: one.loss)
+        return fit
+
+    def opposites(self, fit: FullRolloutFit) -> tuple[int, int] | None:
+        """Indices of two effects of a fit that act against each other; None where no two do."""
+        effects = fit.typical_effects(self.joint.heldout_gap.names)
+        pairs = itertools.permutations(range(len(effects)), 2)
+        return next((p for p in pairs if effects[p[0]].is_against(effects[p[1]], fit.hypotheses[p[0]].robot)), None)
 
     def lasting(self, fit: FullRolloutFit) -> list[int]:
         """Indices of the effects of a fit that the others do not undo."""

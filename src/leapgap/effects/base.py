@@ -263,6 +263,10 @@ class Effect(ABC):
         """Whether other effects of a set undo it, so that the two are no causes but the form of one."""
         return False
 
+    def is_against(self, other: "Effect", robot: Robot) -> bool:
+        """Whether another effect acts against it at the same place, so that logs tell little but the two together."""
+        return False
+
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
         """The motion that the log reports when ``motion`` is the true one.
 

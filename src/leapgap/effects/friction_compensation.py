@@ -53,3 +53,13 @@ class FrictionCompensation(Effect):
             if isinstance(other, JointFriction):
                 friction[robot.joints_at(other.location)] += other.torque_nm
         return bool(friction[robot.joints_at(self.location)].mean() > MOST_FRICTION * self.torque_nm)
+
+    def is_against(self, other: Effect, robot: Robot) -> bool:
+        """Whether the other is more friction, or less of it, at a joint that this torque helps, or hinders.
+
+        Where both are larger by the same, a joint moves as before; only how it sticks at rest differs, which a
+        simulation of friction knows least.
+        """
+        if not isinstance(other, JointFriction) or self.torque_nm * other.torque_nm <= 0:
+            return False
+        return bool(set(robot.joints_at(self.location)) & set(robot.joints_at(other.location)))
