@@ -21,7 +21,7 @@ from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
-from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, SIMULATED, kind_of
+from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, kind_of
 from tests.benchmarks.tick.timings import load
 from tests.jumping.export.conftest import new_tracker, raw, record_jump
 
@@ -77,7 +77,7 @@ def main() -> None:
     before = load()
     jump = record_jump(robot, plan_reference(Target(0.5), planar_robot(robot), ContactSchedule()), late=True)
     with tempfile.TemporaryDirectory() as name:
-        tracker = new_tracker(robot, simulated=SIMULATED, own=OWN, late=True)
+        tracker = new_tracker(robot, own=OWN, late=True)
         tables = write_controller(tracker, Path(name), {})
         times = tick_times(Path(name), raw(jump.estimates), repeats)
     updates = int(tables.numbers["UPDATES"])

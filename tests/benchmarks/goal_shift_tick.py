@@ -26,7 +26,7 @@ from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
-from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, SIMULATED, kind_of
+from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, kind_of
 from tests.benchmarks.tick.timings import Timings, load
 from tests.jumping.export.conftest import new_tracker, record_jump
 
@@ -71,7 +71,7 @@ def main() -> None:
 
 def tracker(robot: Robot) -> ShiftTracker:
     """A controller before its jump."""
-    return new_tracker(robot, simulated=SIMULATED, own=OWN, late=True)
+    return new_tracker(robot, own=OWN, late=True)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan
+from leapgap.jumping.control.sudden_change import CalmMotion
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.planar import planar_robot
@@ -220,13 +221,17 @@ class Law:
         """Where a jump lands that nothing disturbs: on its goal, x, z and pitch, (3,)."""
         return goal
 
-    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        """Off the goal by the trunk's deviation."""
-        return goal + deviation[:3]
+    @property
+    def calm(self) -> CalmMotion:
+        """Deviations stay what they are, to a hundredth of what is typical: much counts as sudden."""
+        stays = np.vstack([np.zeros(10), np.eye(10)])
+        spread = 0.01 * np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
+        updates = len(self.authority)
+        return CalmMotion(np.tile(stays, (updates, 1, 1)), np.tile(np.diag(spread**-2.0), (updates, 1, 1)))
 
-    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        """A centimetre, a centimetre and 30 mrad."""
-        return np.array([0.01, 0.01, 0.03])
+    def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
+        """The trunk's deviation since."""
+        return since[:3]
 
 
 def shift_tracker(robot: Robot, reference: Reference, gains: PhaseGains, late: bool = False) -> ShiftTracker:

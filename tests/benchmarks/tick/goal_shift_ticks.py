@@ -2,8 +2,8 @@
 
 UPDATE_TICKS, STANCE_TICK = 25, 49
 KINDS = ("measures_stance", "decides", "updates", "others")
-SIMULATED, OWN = 108, 36
-"""Numbers of jumps that a robot learned from that practised."""
+OWN = 36
+"""Number of jumps that a robot learned from that practised."""
 
 
 def kind_of(tick: int, updates: int) -> str:

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, believe
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner
 from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan
+from leapgap.jumping.control.sudden_change import CalmMotion
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -37,11 +38,12 @@ class Law:
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         return goal
 
-    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        return goal
+    @property
+    def calm(self) -> CalmMotion:
+        raise NotImplementedError  # the QP does not ask for it
 
-    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        return np.array([0.01, 0.01, 0.03])
+    def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
+        return np.zeros(3)
 
 
 def error_of_shifts() -> np.ndarray:
@@ -175,30 +177,6 @@ def test_on_the_rear_feet_alone_nothing_is_shifted_any_more(plan: ShiftedPlan) -
 def test_on_the_target_nothing_is_shifted(plan: ShiftedPlan) -> None:
     found = solve(plan, FREE, 5, TARGET)
     np.testing.assert_allclose(found[:-3], 0, atol=1e-6)
-
-
-def test_small_changes_are_not_believed_and_large_ones_are() -> None:
-    expected, spread = np.array([0.6, 0.02, 0.0]), np.array([0.01, 0.01, 0.03])
-
-    def believed_cm(change_m: float, certain: float = 1.0) -> float:
-        predicted = expected + np.array([change_m, 0, 0])
-        return 100 * float((believe(expected, predicted, spread / certain, 3.0) - expected)[0])
-
-    assert believed_cm(0.01) == 0  # one standard deviation: noise
-    assert believed_cm(0.1) == pytest.approx(10 * (1 - (3 / 100) ** 2))
-    assert believed_cm(-0.1) == -believed_cm(0.1)
-    assert believed_cm(0.1, certain=0.1) == 0  # the same change, but the model does not know that state
-    assert np.array_equal(believe(expected, expected, spread, 3.0), expected)
-
-
-def test_noise_alone_moves_nothing_and_a_clear_change_counts_nearly_in_full() -> None:
-    """Of 1000 draws of noise in all three components one in twenty may count; six deviations are no noise."""
-    spread, disbelief = np.array([0.01, 0.02, 0.03]), GoalShiftConfig().disbelief
-    noise = spread * np.random.default_rng(0).standard_normal((1000, 3))
-    believed = np.array([believe(np.zeros(3), one, spread, disbelief) for one in noise])
-    assert np.mean(believed.any(axis=1)) < 0.05
-    clear = np.array([6 * spread[0], 0.0, 0.0])
-    assert believe(np.zeros(3), clear, spread, disbelief)[0] > 0.9 * clear[0]
 
 
 def test_pitch_is_a_limit_before_distance(plan: ShiftedPlan) -> None:

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from leapgap.errors import InputError
 from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.sudden_change import CalmMotion
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
@@ -16,7 +18,6 @@ from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
 from leapgap.jumping.experiments.simulated_shifts import (
-    NO_KICK,
     ShiftDraws,
     ShiftSimulator,
     SimulatedJump,
@@ -73,11 +74,11 @@ def test_simulated_and_closed_loop_jumps_agree(bench: Bench, method: GoalShiftMe
     simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
     replayer = Replayer(bench.robot, threads=1)
     (start,) = prepare([MotionPlan("level", bench.level)], replayer, (), Course())
-    simulated = SimulatedJump(start, plan, jump.goal, 0.0, shift, 0, NO_KICK, False)
+    simulated = SimulatedJump(start, plan, shift)
     motion = simulator._simulate(simulated, replayer)
     apart = np.abs(simulator._landing(motion) - measured.landing[0])
     assert (apart < [0.004, 0.004, 0.015]).all(), apart
-    deviations = simulator._deviations(simulated, motion, np.random.default_rng(0))
+    deviations = simulator._deviations(simulated, motion)
     typical = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, 0.01, 0.01, 0.01, 0.01])
     off = np.abs(deviations - measured.deviation[0])[2:] / typical  # the first 50 ms still differ by the stand before
     assert np.median(off) < 0.05, np.median(off, axis=0)
@@ -127,19 +128,46 @@ def test_a_jump_without_shifts_measures_what_joint_pd_measures(bench: Bench, met
     np.testing.assert_array_equal(own.landing, shifted.landing)
 
 
+def kicks(**changed: object) -> SimulatedShiftsConfig:
+    """One goal on flat ground, without shifts."""
+    plain = SimulatedShiftsConfig(goals=1, x_m=(0.5, 0.5), z_m=(0.0, 0.0), pitch_rad=(0.0, 0.0), share=(0.0, 0.0))
+    return replace(plain, **changed)  # type: ignore[arg-type]
+
+
 def test_jumps_that_fall_are_not_learned_from(bench: Bench, method: GoalShiftMethod) -> None:
-    """Every second jump is kicked head over heels; the others, from ground that they know, land upright."""
+    """Kicked head over heels, of some kicks forward and some back: none that fell is there."""
     assert method.planner is not None
     simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
-    still = ShiftDraws((0.0, 0.0, 0.0))
-    config = SimulatedShiftsConfig(
-        goals=1, jumps=4, x_m=(0.5, 0.5), z_m=(0.0, 0.0), pitch_rad=(0.0, 0.0), shifts=still, kick=(0.0, 0.0, 25.0),
-        unseen_front_m=(0.0, 0.0), unseen_rear_m=(0.0, 0.0), crouch_error_rad=0.0,
-    )  # fmt: skip
-    found = simulator.run(config, np.random.default_rng(1))
-    assert len(found) == 2
-    assert not found.disturbed[0]
-    assert np.abs(found.landing[:, 2]).max() < 0.3
+    found = simulator.kicked(kicks(kicks=6, kick=(0.0, 0.0, 12.0)), np.random.default_rng(1))
+    assert len(found.landing) < 12
+    assert np.abs(found.landing[:, 2]).max() < 1.0
+    with pytest.raises(InputError, match="no simulated jump that lands"):
+        simulator.kicked(kicks(goals=0), np.random.default_rng(1))
+
+
+def test_a_kick_in_flight_moves_the_landing_by_its_velocity_times_the_rest_of_the_flight(
+    bench: Bench, method: GoalShiftMethod
+) -> None:
+    """Nothing acts in flight but gravity; the landing is 1.2 s after the start."""
+    assert method.planner is not None
+    simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
+    replayer = Replayer(bench.robot, threads=1)
+    jump = simulator._draw(0, replayer, kicks(), np.random.default_rng(2))[0]
+    calm = simulator._simulate(jump, replayer)
+    kicked = simulator._kicked(jump, calm, 1000, np.array([0.2, 0.1, 0.0]), replayer)
+    moved = simulator._landing(kicked) - simulator._landing(calm)
+    np.testing.assert_allclose(moved, [0.2 * 0.2, 0.1 * 0.2, 0.0], atol=1e-3)
+
+
+def test_what_a_kick_adds_is_counted_from_the_jump_without_it(bench: Bench, method: GoalShiftMethod) -> None:
+    """A faster trunk while four feet stand shows at the next update, and not before."""
+    assert method.planner is not None
+    simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 5, 0, SILENT)
+    found = simulator.kicked(kicks(kicks=3, kick=(0.3, 0.0, 0.0), kick_between_s=(0.3, 0.3)), np.random.default_rng(3))
+    assert found.kicked_s == pytest.approx(np.full(6, 0.3))
+    assert np.isnan(found.since[:, :13]).all() and np.isfinite(found.since[:, 13:]).all()
+    assert (np.sign(found.since[:, 13, 3]) == np.sign(found.since[:, 13, 0])).all()
+    assert np.abs(found.since[:, 13, 3]).max() > 0.02
 
 
 def test_held_shifts_move_the_landing_as_far_as_practice_finds(bench: Bench, method: GoalShiftMethod) -> None:
@@ -167,11 +195,12 @@ class Pessimist:
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         return goal - np.array([0.06, 0.0, 0.0])
 
-    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        return self.expect(goal, stance)
+    calm = CalmMotion(
+        np.tile(np.vstack([np.zeros(10), np.eye(10)]), (GRID.updates, 1, 1)), 1e12 * np.ones((32, 10, 10))
+    )
 
-    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        return np.full(3, 0.003)
+    def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
+        return np.zeros(3)
 
 
 def test_what_was_known_before_the_jump_is_not_corrected_in_it(bench: Bench, method: GoalShiftMethod) -> None:

@@ -23,10 +23,12 @@ from leapgap.jumping.experiments.goal_shift_jump import shifted_plan, stance_slo
 from leapgap.jumping.experiments.landing_feedback import (
     Authority,
     FeedbackConfig,
+    KickedJumps,
     LandingFeedback,
-    ShiftedJumps,
-    learn_feedback,
+    learn_calm,
+    learn_change,
 )
+from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.export.write import write_controller
@@ -61,15 +63,31 @@ class Recorder(ShiftTracker):
         return answer
 
 
-def jumps(count: int, short_m: float, rng: np.random.Generator) -> ShiftedJumps:
-    """Robots that land ``short_m`` short, and fly on by their excess velocity."""
+def landings(count: int, short_m: float, rng: np.random.Generator) -> LandingSamples:
+    """Jumps that end ``short_m`` short of their goals, and off by a wave besides."""
     goal = rng.uniform([0.3, 0.0, -0.1], [0.8, 0.1, 0.1], (count, 3))
-    shift = np.cumsum(0.01 * rng.uniform(-1, 1, (count, UPDATES, 3)), axis=1)
-    deviation = rng.standard_normal((count, 1, 10)) + 0.1 * rng.standard_normal((count, UPDATES, 10))
-    deviation *= [0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4]
-    landing = goal + shift.mean(axis=1) - [short_m, 0, 0]
-    landing[:, 0] += FLIGHT_S * deviation[:, :, 3].mean(axis=1) + 0.02 * np.sin(8 * goal[:, 0])
-    return ShiftedJumps(goal, rng.uniform(-0.1, 0.1, count), landing, shift, deviation, np.zeros(count))
+    landing = goal - [short_m, 0, 0]
+    landing[:, 0] += 0.02 * np.sin(8 * goal[:, 0])
+    return LandingSamples(goal, rng.uniform(-0.1, 0.1, count), landing)
+
+
+def calm_deviations(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Deviations (count, updates, 10) that stay what they are, but for a little noise."""
+    found = rng.standard_normal((count, 1, 10)) + 0.05 * rng.standard_normal((count, UPDATES, 10))
+    return found * [0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4]
+
+
+def kicked(count: int, rng: np.random.Generator) -> KickedJumps:
+    """Kicked robots that fly on by the velocity that was added, and turn by a fifth of the pitch rate."""
+    kicked_s = rng.uniform(0.1, 0.5, count)
+    since = 0.3 * rng.standard_normal((count, UPDATES, 10)) * [0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4]
+    since[np.arange(UPDATES) * 0.025 <= kicked_s[:, None] + 0.01] = np.nan
+    last = since[:, -1]
+    since += last[:, None] - 0.9 * since
+    landing = np.column_stack(
+        [FLIGHT_S * last[:, 3], FLIGHT_S * last[:, 4] + last[:, 1], last[:, 2] + 0.2 * last[:, 5]]
+    )
+    return KickedJumps(kicked_s, since, landing)
 
 
 @cache
@@ -91,21 +109,26 @@ def without_stance(plan: ShiftedPlan) -> ShiftedPlan:
 
 
 @cache
-def learned(simulated: int, own: int) -> LandingFeedback:
-    """A model that was learned from own jumps on top of one of simulated jumps, once."""
+def learned(own: int) -> LandingFeedback:
+    """A model that was learned from so many jumps of a robot, and ten times as many simulated kicks, once."""
     rng, fading = np.random.default_rng(3), 1.6 * (1 - np.arange(UPDATES) / UPDATES) / UPDATES
     near = fading[:, None, None] * (np.eye(3) + 0.1 * rng.standard_normal((UPDATES, 3, 3)))
     far = near * np.linspace(1.3, 0.8, UPDATES)[:, None, None]
     shifts = Authority(np.stack([near, far]), 0.01 * near[None], np.array([0.5, 0.7]))
-    config = FeedbackConfig(bias=1.0, change=1.0)
-    other = learn_feedback(jumps(simulated, 0.0, rng), shifts, config)
-    return learn_feedback(jumps(own, 0.02, rng), shifts, config, other)
+    config = FeedbackConfig()
+    base = LandingModel(landings(2 * own, 0.0, rng), AimConfig())
+    return LandingFeedback(
+        LandingModel(landings(own, 0.02, rng), AimConfig(), base),
+        shifts,
+        learn_calm(calm_deviations(own, rng), config),
+        learn_change(kicked(10 * own, rng), 0.025, config),
+    )
 
 
 def new_tracker(
-    robot: Robot, kind: type[ShiftTracker] = ShiftTracker, simulated: int = 60, own: int = 30, late: bool = False
+    robot: Robot, kind: type[ShiftTracker] = ShiftTracker, own: int = 30, late: bool = False
 ) -> ShiftTracker:
-    """A controller with four plans, and a model of a robot that was learned on top of that of another one.
+    """A controller with four plans, and a model whose landings were learned on top of those of another robot.
 
     ``late``: with a fifth plan from another stance, which it measures; the more the ground rises, the farther it goes.
     """
@@ -119,7 +142,7 @@ def new_tracker(
         GOAL,
         STANCE,
         TARGET,
-        learned(simulated, own).planned_to(GOAL),
+        learned(own).planned_to(GOAL),
         late=LateStance(TILTS, goals) if late else None,
     )
 

@@ -143,13 +143,12 @@ def test_the_onnx_graph_predicts_the_landing(jump: RecordedJump, folder: Path) -
     model, rng = jump.tracker.model, np.random.default_rng(1)
     assert isinstance(model, LandingFeedback)
     goal, stance = GOAL + 0.03 * rng.standard_normal((40, 3)), rng.uniform(-0.2, 0.2, (40, 1))
-    deviation, update = 0.05 * rng.standard_normal((40, 10)), rng.integers(0, 32, 40)
+    since, update, age = 0.05 * rng.standard_normal((40, 10)), rng.integers(0, 32, 40), rng.integers(1, 6, 40)
     session = onnxruntime.InferenceSession(str(folder / "landing_model.onnx"), providers=["CPUExecutionProvider"])
-    landing, spread = session.run(None, {"goal": goal, "stance": stance, "deviation": deviation, "update": update})
+    (landing,) = session.run(None, {"goal": goal, "stance": stance, "since": since, "update": update, "age": age})
     for i in range(40):
-        at = int(update[i]), goal[i], float(stance[i, 0]), deviation[i]
-        np.testing.assert_allclose(landing[i], model.predict(*at), rtol=0, atol=1e-9)
-        np.testing.assert_allclose(spread[i], model.spread(*at), rtol=0, atol=1e-9)
+        expected = model.expect(goal[i], float(stance[i, 0])) + model.change(int(update[i]), int(age[i]), since[i])
+        np.testing.assert_allclose(landing[i], expected, rtol=0, atol=1e-9)
 
 
 def test_no_memory_is_allocated_and_main_is_ten_lines(folder: Path, program: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from leapgap.jumping.control.deviation_recorder import DeviationRecorder, Observation
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor, believe
+from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.late_stance import LateStance, StanceMeter, Transition
@@ -16,6 +16,7 @@ from leapgap.jumping.control.qp import Qp, QpConfig, solver
 from leapgap.jumping.control.reference import StartFrame
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.sudden_change import ChangeWatch
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.rigid_body import Z
 from leapgap.robot.model import Robot
@@ -57,6 +58,7 @@ class ShiftTracker(JumpController):
         if self.planner is not None:
             self.planner.prepare()
         self.solver = solver(QP)
+        self.watch = None if model is None else ChangeWatch(model.calm, config.sudden)
         shape = (self.grid.updates, GOAL_AXES)
         self.exploration = np.zeros(shape) if exploration is None else exploration
         self.shifts = np.zeros(shape)
@@ -141,29 +143,32 @@ class ShiftTracker(JumpController):
         self.recorder.measure(np.concatenate([state, foot]))
 
     def _update(self, update: int, before: np.ndarray) -> None:
-        """Choose the shift from this update on: the first of the QP's, or the one before where it has none."""
+        """Choose the shift from this update on: the one before, until something sudden has happened."""
         deviation = self.recorder.keep(update)
         explored = self.exploration[update] - (self.exploration[update - 1] if update else 0.0)
         self.shifts[update:] = before + explored
-        if self.model is None or self.planner is None or self.late is not None:
+        if self.watch is None or self.late is not None:
             return
+        since = self.watch.since(update, deviation)
+        if not np.isfinite(deviation).all():
+            self.count_fallback(NOT_FINITE)
+        elif since is not None and update < self.grid.free_updates:
+            self._shift_goal(update, before, since)
+
+    def _shift_goal(self, update: int, before: np.ndarray, since: np.ndarray) -> None:
+        """Take the first shift of the QP, by what a sudden change has added to the deviation, (10,)."""
         result = guarded_solve(
-            lambda: self._problem(update, before, deviation), self.solver, SolutionRequirements(), self.clock
+            lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
         )
         if result.fault is None and result.solution is not None:
             self.shifts[update:] += result.solution.x[:GOAL_AXES]
-            return
-        self.count_fallback(result.fault or NOT_FINITE)
+        else:
+            self.count_fallback(result.fault or NOT_FINITE)
 
-    def _problem(self, update: int, before: np.ndarray, deviation: np.ndarray) -> Qp | None:
-        if not np.isfinite(deviation).all():
-            return None
-        assert self.model is not None and self.planner is not None
-        goal = self.goal + before
-        now = (update, goal, self.stance_pitch, deviation)
+    def _problem(self, update: int, before: np.ndarray, since: np.ndarray) -> Qp:
+        assert self.model is not None and self.planner is not None and self.watch is not None
         authority = self.model.authority
-        expected = self.model.expect(self.goal, self.stance_pitch)
-        expected = expected + np.einsum("tij,tj->i", authority[:update], self.shifts[:update])
-        expected += authority[update:].sum(axis=0) @ before
-        landing = believe(expected, self.model.predict(*now), self.model.spread(*now), self.config.disbelief)
+        landing = self.model.expect(self.goal, self.stance_pitch) + self.model.change(update, self.watch.age, since)
+        landing = landing + np.einsum("tij,tj->i", authority[:update], self.shifts[:update])
+        landing += authority[update:].sum(axis=0) @ before
         return self.planner.problem(update, landing, before)

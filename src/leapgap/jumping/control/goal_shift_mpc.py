@@ -1,6 +1,7 @@
 """MPC whose input is the goal of the jump: shifts of the plan's goal that make the robot land on its target.
 
-At each update the landing is predicted from the measured state, and a QP chooses the shifts δ of the remaining steps:
+Once something sudden has happened in the jump, the landing is predicted at each update from what has come of it, and a
+QP chooses the shifts δ of the remaining steps:
 
     min ‖p + Σ_k G_k (δ_k − δ_before) − target‖²_M + Σ_k ‖δ_k − δ_{k−1}‖²_R + Σ_q ‖Σ_k E_qk (δ_k − δ_before)‖²_M
 
@@ -24,6 +25,7 @@ from leapgap.jumping.control.qp import Qp
 from leapgap.jumping.control.shift_efforts import EffortLimits, Efforts, efforts_of
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.sudden_change import CalmMotion, ChangeRule
 
 PITCH, HEIGHT, EFFORT = 0, 1, 2
 """Slacks of the QP: of the landing's pitch, of its height, and of forces and torques."""
@@ -50,11 +52,13 @@ class LandingPredictor(Protocol):
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         """Landing, (3,), of a jump to one constant goal (3,) in which nothing unexpected happens."""
 
-    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        """Landing, (3,), by what was measured, if the goal stays ``goal`` (3,) from this update on."""
+    @property
+    def calm(self) -> CalmMotion:
+        """How the robot goes on off its plan while nothing happens."""
 
-    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        """Standard deviation of that prediction, (3,), m, m, rad."""
+    def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
+        """Change of the landing, (3,), m, m, rad, by what a sudden change has added to the deviation (10,) ``age``
+        updates after it."""
 
 
 @dataclass(frozen=True)
@@ -95,23 +99,10 @@ class GoalShiftConfig:
     """Violations of a force limit, N, and of a torque limit, N·m, that cost ``slack_weight``. Plans are often at a
     limit already, and a linear shift of them then breaks it a little."""
     slack_weight: float = 100.0
-    disbelief: float = 9.0
-    """Measured changes of the landing up to this count nothing, in squared standard deviations; see ``believe``. Noise
-    alone has 3 on average, and exceeds 9 in 3 of 100 updates."""
+    sudden: ChangeRule = field(default_factory=ChangeRule)
+    """What counts as sudden. Before that no shift moves the goal, which was chosen with all that was known."""
     average_s: float = 0.01
     """Time over which the measured deviation from the plan is averaged."""
-
-
-def believe(expected: np.ndarray, predicted: np.ndarray, spread: np.ndarray, disbelief: float) -> np.ndarray:
-    """The landing (3,) to reckon with: what was expected before the jump, and a share of what was measured since.
-
-    The share is max(0, 1 − (disbelief / q)²), where q sums the squares of predicted − expected, each divided by its
-    standard deviation. Changes within the noise, or of which the model knows too little, count nothing. The share rises
-    faster than that of James and Stein, 1 − disbelief / q, so that clear changes count nearly in full.
-    """
-    change = predicted - expected
-    q = float(np.sum((change / spread) ** 2))
-    return expected + max(0.0, 1 - (disbelief / max(q, 1e-9)) ** 2) * change
 
 
 @dataclass(frozen=True)

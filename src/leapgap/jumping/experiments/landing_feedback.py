@@ -1,13 +1,13 @@
-"""Predicts the landing while the robot still pushes: from the goal, from what the robot does, and from shifts to come.
+"""What is learned for goal-shift MPC: how a robot goes on while nothing happens, and how a kick moves its landing.
 
-At update j the goal is γ: the planned one plus the shift δ_{j−1} so far. The landing is learned directly, not composed
-of short steps, so that no error grows on the way to it:
+A jump in which nothing happens lands where the landing model of the goal says. After a kick, the landing differs by
 
-    landing = L(γ, stance) + W_jᵀ φ_j(γ, stance, deviation) + Σ_{i ≥ j} G_i (δ_i − δ_{j−1})
+    Wᵀ (d − d₀) + Σ_i G_i δ_i
 
-``L`` is the landing model of jumps with one constant goal, ``G_i`` what a shift during update i does to the landing,
-and φ_j holds a one, goal, stance, and how far trunk and feet are from the shifted plan. ``W`` is a ridge regression
-towards the same model of another robot: the identified one, which was simulated.
+where d is the deviation of trunk and feet from the shifted plan, d₀ what it would be without the kick, and G_i what a
+shift during update i does. d₀ goes on from the deviation before the kick as in the robot's own jumps. W is learned
+directly at the landing, not composed of short steps, so that no error grows on the way: from simulated jumps of the
+identified robot, each with and without a kick.
 """
 
 import itertools
@@ -18,34 +18,30 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
+from leapgap.jumping.control.shifted_plan import DEVIATIONS
+from leapgap.jumping.control.sudden_change import CalmMotion
+from leapgap.jumping.experiments.landing_model import LandingModel
 
-TRUNK_SCALE = (0.01, 0.01, 0.04, 0.1, 0.1, 0.4)
-"""Typical deviation of x, z, pitch and their rates; m, m, rad, m/s, m/s, rad/s."""
-FOOT_SCALE = 0.01
-"""Typical deviation of a foot from the plan, relative to the base, m."""
+SCALE = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
+"""Typical deviation of x, z and pitch, of their rates, and of the feet relative to the base; m, m, rad, per s, m."""
+MATTERS = np.array([0.01, 0.03, 0.1])
+"""Landing errors that count alike; m, m, rad."""
+FIRST, LATER = 0, 1
+"""Models by the age of a kick. At the first update after it, transients are in the state that are gone at the next."""
 
 
 @dataclass(frozen=True)
 class FeedbackConfig:
-    """How the model of a robot is learned."""
+    """How the models of a robot are learned: deviations in units of ``SCALE``, landings in those of ``MATTERS``."""
 
-    landing: AimConfig = field(default_factory=lambda: AimConfig(noise=0.5))
-    noise: float = 1.2
-    """Standard deviation of a simulated, shifted landing, in units of ``landing.matters``."""
-    own_noise: float = 0.5
-    """The same of the robot's own, unshifted jumps."""
-    bias: float = 3.0
-    """Standard deviation of the change of the constant from the prior model, in units of ``landing.matters``."""
-    change: float = 0.1
-    """The same for the other weights, per typical change of their input. It is small: undisturbed jumps deviate by a
-    tenth of what kicks do, and weights that explain their scatter miss kicks and unseen ground by centimetres."""
-    first_change: float = 3.0
-    """The same for a robot without a prior model."""
-    doubt_share: float = 0.5
-    """Share of what the weights leave open that counts as error of a prediction."""
-    free_bias: float = 30.0
-    """The same for the constant of a robot without a prior model."""
+    calm_noise: float = 0.03
+    """Standard deviation of what is unexpected of a deviation from update to update, before any jump."""
+    calm_change: float = 0.3
+    """The same of how the deviation of one update differs in the next by each of the ten."""
+    calm_prior: float = 4.0
+    """So many jumps count what is known before any jump."""
+    weight: float = 1.0
+    """Standard deviation of what a deviation does to the landing, before any simulated jump, at a noise of one."""
 
 
 @dataclass(frozen=True)
@@ -125,11 +121,7 @@ class ShiftedJumps:
     shift: np.ndarray
     """Shift of the goal from each update on, (n, T, 3), m, m, rad."""
     deviation: np.ndarray
-    """Deviation from the shifted plan at each update, (n, T, 10); not finite where the jump is not to be learned from:
-    before it is disturbed."""
-    disturbed: np.ndarray
-    """1 where something happened that the plan did not reckon with, else 0, (n,). Only the others teach what shifts do,
-    and where constant goals lead."""
+    """Deviation from the shifted plan at each update, (n, T, 10); not finite where an update did not come."""
 
     def __len__(self) -> int:
         return len(self.goal)
@@ -149,18 +141,26 @@ class ShiftedJumps:
         """The inverse of ``to_json``."""
         return ShiftedJumps(**{name: np.array(values, dtype=float) for name, values in raw.items()})
 
-    @property
-    def undisturbed(self) -> np.ndarray:
-        """Whether nothing unexpected happened, bool, (n,)."""
-        return self.disturbed == 0
 
-    def goal_at(self, update: int) -> np.ndarray:
-        """Goals just before an update, (n, 3)."""
-        return self.goal + self.shift_before(update)
+@dataclass(frozen=True)
+class KickedJumps:
+    """n simulated jumps, each compared with the same jump without its kick, at T updates."""
 
-    def shift_before(self, update: int) -> np.ndarray:
-        """Shifts just before an update, (n, 3)."""
-        return self.shift[:, update - 1] if update else np.zeros_like(self.goal)
+    kicked_s: np.ndarray
+    """Time of the kick since the start of the jump, (n,)."""
+    since: np.ndarray
+    """Deviation from the shifted plan, less that without the kick, (n, T, 10); not finite until the kick shows."""
+    landing: np.ndarray
+    """Change of the landing by the kick, (n, 3), m, m, rad."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The arrays as lists; what is not finite becomes null."""
+        return {one.name: null_where_not_finite(getattr(self, one.name)) for one in fields(self)}
+
+    @staticmethod
+    def from_json(raw: Mapping[str, Any]) -> "KickedJumps":
+        """The inverse of ``to_json``."""
+        return KickedJumps(**{name: np.array(values, dtype=float) for name, values in raw.items()})
 
 
 def held_effects(authority: np.ndarray) -> np.ndarray:
@@ -184,33 +184,16 @@ def null_where_not_finite(values: np.ndarray) -> Any:
     return found.tolist()
 
 
-def features(goal: np.ndarray, stance_pitch: np.ndarray, deviation: np.ndarray, config: AimConfig) -> np.ndarray:
-    """φ of n jumps at one update, (n, 15), each divided by its typical change."""
-    scale = np.array(config.scale)
-    centre = np.array([0.55, 0.0, 0.0])
-    parts = [
-        np.ones((len(goal), 1)),
-        (goal - centre) / scale[:3],
-        stance_pitch[:, None] / scale[3],
-        deviation[:, :6] / np.array(TRUNK_SCALE),
-        deviation[:, 6:] / FOOT_SCALE,
-    ]
-    return np.concatenate(parts, axis=1)
-
-
 @dataclass(frozen=True)
 class LandingFeedback:
     """The learned model of one robot; see the module."""
 
-    config: FeedbackConfig
     landing: LandingModel
     shifts: Authority
-    weights: np.ndarray
-    """W of each update, (T, 15, 3), in units of ``matters``."""
-    covariance: np.ndarray
-    """Posterior covariance of a column of W, (T, 15, 15), in squared units of ``matters``."""
-    scatter: np.ndarray
-    """Standard deviation of held-out landings at each update, (T, 3), in units of ``matters``."""
+    calm: CalmMotion
+    by_change: np.ndarray
+    """W of each update, (T, 2, 10, 3), m, m, rad by m, rad and per s: of the first update after a kick, and of later
+    ones."""
     planned_x_m: float = 0.55
     """Distance of the planned goal, which decides what shifts do."""
 
@@ -228,89 +211,64 @@ class LandingFeedback:
         """By how much G may be off in q independent ways, (q, T, 3, 3)."""
         return self.shifts.error
 
-    @cached_property
-    def matters(self) -> np.ndarray:
-        """Landing errors that count alike, (3,), m, m, rad."""
-        return np.array(self.config.landing.matters)
-
-    def predict(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        """Landing, (3,), if the goal stays ``goal`` (3,) from this update on."""
-        phi = features(goal[None], np.array([stance]), deviation[None], self.config.landing)[0]
-        return self.landing.landing(goal, stance) + phi @ self.weights[update] * self.matters
-
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         """Landing, (3,), of a jump to one constant goal in which nothing unexpected happens."""
         return self.landing.landing(goal, stance)
 
-    def spread(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> np.ndarray:
-        """Standard deviation of ``predict``, (3,): scatter of held-out jumps, and what the weights leave open."""
-        doubt = self.doubt(update, goal, stance, deviation)
-        return self.matters * np.hypot(self.scatter[update], self.config.doubt_share * doubt)
-
-    def doubt(self, update: int, goal: np.ndarray, stance: float, deviation: np.ndarray) -> float:
-        """Standard deviation of the prediction by what the weights leave open, in units of ``matters``."""
-        phi = features(goal[None], np.array([stance]), deviation[None], self.config.landing)[0]
-        return float(np.sqrt(phi @ self.covariance[update] @ phi))
+    def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
+        """Change of the landing, (3,), by what a sudden change has added to the deviation (10,), ``age`` updates on."""
+        found: np.ndarray = since @ self.by_change[update, FIRST if age == 1 else LATER]
+        return found
 
 
-def learn_feedback(
-    jumps: ShiftedJumps,
-    shifts: Authority,
-    config: FeedbackConfig,
-    prior: LandingFeedback | None = None,
-    landing: LandingModel | None = None,
-) -> LandingFeedback:
-    """Fit the model to jumps, with a model of a similar robot as prior; what shifts do is known from simulation.
+def learn_calm(deviation: np.ndarray, config: FeedbackConfig) -> CalmMotion:
+    """How deviations (n, T, 10) of n jumps in which nothing happens go on from each update to the next.
 
-    ``landing`` is the model of constant goals where it was learned from the same undisturbed jumps, in their order.
+    A linear law, which is drawn towards none of them changing. Its errors are those of jumps left out.
     """
-    matters, authority = np.array(config.landing.matters), shifts.at(jumps.goal[:, 0])
-    constant = jumps.landing - np.einsum("ntij,ntj->ni", authority, jumps.shift)
-    own = jumps.undisturbed
-    if landing is None:
-        samples = LandingSamples(jumps.goal[own], jumps.stance_pitch[own], constant[own])
-        landing = LandingModel(samples, config.landing, None if prior is None else prior.landing)
-    at_goal = predictions(landing, jumps.goal, jumps.stance_pitch)
-    left_out, trusted = constant - at_goal, np.ones(len(jumps))
-    left_out[own] = landing.dual / np.diag(landing.inverse)[:, None]
-    trusted[own] = landing.sample_weights
-    fits = []
-    for update in range(authority.shape[1]):
-        goal, before = jumps.goal_at(update), jumps.shift_before(update)
-        later = np.einsum("ntij,ntj->ni", authority[:, :update], jumps.shift[:, :update])
-        later -= np.einsum("ntij,nj->ni", authority[:, :update], before)
-        # landing − L(γ) − Σ_{i ≥ j} G_i (δ_i − δ_before), with L(goal) predicted from the other jumps
-        gained = np.einsum("ntij,nj->ni", authority, before)
-        moved = predictions(landing, goal, jumps.stance_pitch) - at_goal
-        residual = (left_out + later + gained - moved) / matters
-        usable = np.isfinite(jumps.deviation[:, update]).all(axis=1)
-        weight = trusted * usable
-        phi = features(goal, jumps.stance_pitch, np.nan_to_num(jumps.deviation[:, update]), config.landing)
-        mean = np.zeros((phi.shape[1], 3)) if prior is None else prior.weights[update]
-        change = config.first_change if prior is None else config.change
-        deviation = np.full(phi.shape[1], change)
-        deviation[0] = config.free_bias if prior is None else config.bias
-        fit = Ridge(phi, residual - phi @ mean, weight, deviation, config.noise if prior is None else config.own_noise)
-        uncertain = fit.covariance if prior is None else fit.covariance + prior.covariance[update]
-        fits.append((mean + fit.weights, uncertain, fit.scatter))
-    weights, covariance, scatter = (np.array(part) for part in zip(*fits, strict=True))
-    return LandingFeedback(config, landing, shifts, weights, covariance, scatter)
+    updates = deviation.shape[1]
+    carry = np.zeros((updates, 1 + DEVIATIONS, DEVIATIONS))
+    carry[:, 1:] = np.eye(DEVIATIONS)
+    precision = np.zeros((updates, DEVIATIONS, DEVIATIONS))
+    prior = np.diag([1e-6, *[(config.calm_noise / config.calm_change) ** 2] * DEVIATIONS])
+    for update in range(1, updates):
+        before, now = deviation[:, update - 1] / SCALE, deviation[:, update] / SCALE
+        usable = np.isfinite(before).all(axis=1) & np.isfinite(now).all(axis=1)
+        inputs = np.column_stack([np.ones(usable.sum()), before[usable]])
+        stays = carry[update].copy()
+        inner = np.linalg.inv(inputs.T @ inputs + prior)
+        law = stays + inner @ inputs.T @ (now[usable] - inputs @ stays)
+        leverage = np.einsum("ni,ij,nj->n", inputs, inner, inputs)
+        left = (now[usable] - inputs @ law) / np.maximum(1 - leverage, 0.05)[:, None]
+        known = left.T @ left + config.calm_prior * config.calm_noise**2 * np.eye(DEVIATIONS)
+        precision[update] = np.linalg.inv(known / (usable.sum() + config.calm_prior)) / np.outer(SCALE, SCALE)
+        carry[update] = law * SCALE / np.concatenate([[1.0], SCALE])[:, None]
+    return CalmMotion(carry, precision)
 
 
-class Ridge:
-    """Bayesian linear regression with weights of mean zero and the given standard deviations."""
+def learn_change(kicked: KickedJumps, period_s: float, config: FeedbackConfig) -> np.ndarray:
+    """What deviations by a kick do to the landing, ``LandingFeedback.by_change``, by simulated jumps.
 
-    def __init__(
-        self, inputs: np.ndarray, outputs: np.ndarray, weight: np.ndarray, deviation: np.ndarray, noise: float
-    ) -> None:
-        weighted = inputs.T * (weight / noise**2)
-        self.covariance = np.linalg.inv(weighted @ inputs + np.diag(deviation**-2.0))
-        self.weights = self.covariance @ weighted @ outputs
-        leverage = np.einsum("ni,ij,nj->n", inputs, self.covariance, inputs) * weight / noise**2
-        errors = (outputs - inputs @ self.weights) / np.maximum(1 - leverage, 0.05)[:, None]
-        self.scatter = np.sqrt(np.average(errors**2, axis=0, weights=weight + 1e-9))
+    Where too few of them were kicked just before an update, the first model there is the later one.
+    """
+    updates = kicked.since.shape[1]
+    found = np.zeros((updates, 2, DEVIATIONS, 3))
+    outputs = kicked.landing / MATTERS
+    for update in range(updates):
+        shows = np.isfinite(kicked.since[:, update]).all(axis=1)
+        inputs = np.nan_to_num(kicked.since[:, update]) / SCALE
+        first = shows & (kicked.kicked_s >= (update - 1) * period_s - 1e-9)
+        later = ridge(inputs[shows], outputs[shows], config.weight)
+        enough = first.sum() > 2 * DEVIATIONS
+        # Just after a kick the state tells much of it, so that its weights need no drawing towards none.
+        of_first = ridge(inputs[first], outputs[first], 10 * config.weight) if enough else later
+        for age, weights in ((FIRST, of_first), (LATER, later)):
+            found[update, age] = weights * MATTERS / SCALE[:, None]
+    return found
 
 
-def predictions(landing: LandingModel, goal: np.ndarray, stance_pitch: np.ndarray) -> np.ndarray:
-    """Landings of constant goals, (n, 3)."""
-    return np.array([landing.landing(g, s) for g, s in zip(goal, stance_pitch, strict=True)]).reshape(-1, 3)
+def ridge(inputs: np.ndarray, outputs: np.ndarray, deviation: float) -> np.ndarray:
+    """Weights (inputs, outputs) of a linear regression with noise one, drawn towards zero."""
+    inner = inputs.T @ inputs + np.eye(inputs.shape[1]) / deviation**2
+    weights: np.ndarray = np.linalg.solve(inner, inputs.T @ outputs)
+    return weights

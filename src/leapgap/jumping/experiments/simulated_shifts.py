@@ -1,7 +1,8 @@
-"""Jumps of the identified robot in simulation, many at once: shifted at random, and some of them kicked.
+"""Jumps of the identified robot in simulation: what shifts of the goal do to the landing, and what kicks do.
 
-They give the prior of the landing's model: what a robot does is nominal physics plus what its own jumps teach. Commands
-are known beforehand, so whole jumps roll out without a Python loop.
+Each kicked jump is compared with the same jump without the kick, so that nothing else counts: not the goal, not the
+shifts on the way, not what the simulation has wrong in both. Commands are known beforehand, so whole jumps roll out
+without a Python loop.
 """
 
 from dataclasses import dataclass, field, replace
@@ -13,11 +14,10 @@ from leapgap.errors import InputError
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
-from leapgap.jumping.experiments.landing_feedback import Authority, ShiftedJumps
-from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.landing_feedback import Authority, KickedJumps
 from leapgap.jumping.experiments.trial_spec import UPRIGHT_RAD
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import Gains, to_jump
@@ -36,7 +36,6 @@ from leapgap.simulation.sensors import SensorNoise
 
 TOUCHES_M = 0.002
 """A foot this close to the ground touches it."""
-NO_KICK = np.zeros(3)
 LEAVES_WITHIN_S = 0.05
 """Feet near the ground within this time after the take-off have not left it yet."""
 
@@ -60,33 +59,24 @@ class ShiftDraws:
 
 @dataclass(frozen=True)
 class SimulatedShiftsConfig:
-    """How many jumps are simulated, and what is drawn for them.
+    """How many jumps are simulated, and what is drawn for them."""
 
-    Of the jumps to each goal, every second one starts from ground and crouch of its own that its plan does not know,
-    and two of every four are kicked.
-    """
-
-    goals: int = 36
-    """Number of goals that are planned."""
-    jumps: int = 12
-    """Jumps to each goal."""
-    x_m: tuple[float, float] = (0.25, 0.85)
+    goals: int = 18
+    """Number of goals that are planned; each is jumped to without shifts, and with random ones."""
+    kicks: int = 40
+    """Number of kicks of each of these jumps, one at a time."""
+    x_m: tuple[float, float] = (0.35, 0.8)
     z_m: tuple[float, float] = (-0.04, 0.15)
     pitch_rad: tuple[float, float] = (-0.15, 0.15)
     """Ranges of goals; z from the height of a robot that stands on level ground."""
     block_m: tuple[float, float] = (0.0, 0.07)
     """Height of a block under the front feet in every second goal, which the plan reckons with."""
     shifts: ShiftDraws = field(default_factory=ShiftDraws)
-    smallest_share: float = 0.2
-    """Shifts of a jump are drawn from ``shifts``, scaled by a share between this and one."""
+    share: tuple[float, float] = (0.2, 0.6)
+    """Random shifts of a jump are scaled by a share in this range."""
     kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
     """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    kick_between_s: tuple[float, float] = (0.05, 0.7)
-    unseen_front_m: tuple[float, float] = (0.0, 0.06)
-    unseen_rear_m: tuple[float, float] = (0.0, 0.04)
-    """Heights of blocks under the feet that the plan does not know."""
-    crouch_error_rad: float = 0.1
-    """Largest error of the joints at the start that the plan does not know."""
+    kick_between_s: tuple[float, float] = (0.1, 0.5)
     probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
     """Distances of the goals at which the effect of shifts is found by differences."""
     probes: tuple[float, float, float] = (0.03, 0.03, 0.06)
@@ -99,16 +89,8 @@ class SimulatedJump:
 
     start: PreparedRun
     plan: ShiftedPlan
-    goal: np.ndarray
-    stance_pitch: float
     shift: np.ndarray
     """Shift of the goal from each update on, (updates, 3)."""
-    kick_row: int
-    """Row at which the robot is kicked; 0: it is not."""
-    kick: np.ndarray
-    """Change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    unseen: bool
-    """Whether the plan does not know the ground and the crouch it starts from."""
 
 
 @dataclass(frozen=True)
@@ -127,34 +109,30 @@ class ShiftSimulator:
     """Delay of the base's state, in rows."""
     noise: SensorNoise
 
-    def run(self, config: SimulatedShiftsConfig, rng: np.random.Generator) -> ShiftedJumps:
-        """Plan goals, simulate jumps to them, and read what a controller could have measured.
+    def kicked(self, config: SimulatedShiftsConfig, rng: np.random.Generator) -> KickedJumps:
+        """Plan goals, simulate jumps to them with and without kicks, and read what a controller could have measured.
 
         Jumps that fall are left out, as those of the robot itself are: how a fall ends says nothing about landings.
         """
-        replayer = Replayer(self.robot, terrain_slots=2, threads=1)
-        jumps = [jump for number in range(config.goals) for jump in self._draw(number, replayer, config, rng)]
-        landed, landings, deviations = [], [], []
-        for jump in jumps:
-            motion = self._simulate(jump, replayer)
-            landing, deviation = self._landing(motion), self._deviations(jump, motion, rng)
-            if abs(landing[2]) <= UPRIGHT_RAD:
-                landed.append(jump)
-                landings.append(landing)
-                deviations.append(deviation)
-        if not landed:
-            fell = f"falls in all of {len(jumps)} simulated jumps"
-            raise InputError(
-                "land.method_settings", fell, "at least one that lands", "simulate smaller kicks and shifts"
-            )
-        return ShiftedJumps(
-            goal=np.array([jump.goal for jump in landed]),
-            stance_pitch=np.array([jump.stance_pitch for jump in landed]),
-            landing=np.array(landings),
-            shift=np.array([jump.shift for jump in landed]),
-            deviation=np.array(deviations),
-            disturbed=np.array([float(jump.unseen or jump.kick_row > 0) for jump in landed]),
-        )
+        replayer = Replayer(self.robot, terrain_slots=1, threads=1)
+        kicked_s, since, changes = [], [], []
+        for jump in (one for number in range(config.goals) for one in self._draw(number, replayer, config, rng)):
+            calm = self._simulate(jump, replayer)
+            landing, deviation = self._landing(calm), self._deviations(jump, calm)
+            if abs(landing[2]) > UPRIGHT_RAD:
+                continue
+            for _ in range(config.kicks):
+                row = round(float(rng.uniform(*config.kick_between_s)) / jump.plan.reference.period_s)
+                motion = self._kicked(jump, calm, row, rng.uniform(-1, 1, 3) * config.kick, replayer)
+                own = self._landing(motion)
+                if abs(own[2]) <= UPRIGHT_RAD:
+                    kicked_s.append(row * jump.plan.reference.period_s)
+                    since.append(self._since(self._deviations(jump, motion) - deviation, row, rng))
+                    changes.append(own - landing)
+        if not changes:
+            found, do = "no simulated jump that lands", "simulate more goals, or smaller kicks"
+            raise InputError("land.method_settings", found, "one or more", do)
+        return KickedJumps(np.array(kicked_s), np.array(since), np.array(changes))
 
     def authority(self, config: SimulatedShiftsConfig) -> Authority:
         """What a shift during each update does to the landing: differences of jumps shifted from that update on.
@@ -169,9 +147,7 @@ class ShiftSimulator:
             goal = np.array([x, 0.0, 0.0])
             plan = self._plan(goal, 0.0)
             if plan is not None:
-                jump = SimulatedJump(
-                    start, plan, goal, 0.0, np.zeros((self.grid.updates, GOAL_AXES)), 0, NO_KICK, False
-                )
+                jump = SimulatedJump(start, plan, np.zeros((self.grid.updates, GOAL_AXES)))
                 of_goals.append((x, self._differences(jump, replayer, config.probes)))
         if not of_goals:
             raise InputError("land.method_settings", "no plan to any of probed_x_m", "at least one", "name other ones")
@@ -213,45 +189,26 @@ class ShiftSimulator:
         """The jumps to one random goal; none where it has no plan."""
         goal = rng.uniform(*np.transpose([config.x_m, config.z_m, config.pitch_rad]))
         block_m = round(float(rng.uniform(*config.block_m)), 4) if number % 2 else 0.0
-        plans = [MotionPlan(f"goal_{number}", self.level, block_m)]
-        plans += [self._unseen(plans[0], config, rng) for _ in range(config.jumps // 2)]
-        starts = prepare(plans, replayer, self.effects, Course())
-        stance = ground_pitch(starts[0].start, self.robot)
-        plan = self._plan(goal, stance)
+        (start,) = prepare([MotionPlan(f"goal_{number}", self.level, block_m)], replayer, self.effects, Course())
+        plan = self._plan(goal, ground_pitch(start.start, self.robot))
         if plan is None:
             return []
-        jumps = []
-        for jump in range(config.jumps):
-            share = rng.uniform(config.smallest_share, 1.0)
-            shift = share * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
-            kick_row = (
-                round(float(rng.uniform(*config.kick_between_s)) / plan.reference.period_s) if jump % 4 > 1 else 0
-            )
-            kick = rng.uniform(-1, 1, 3) * config.kick
-            unseen = bool(jump % 2)
-            start = starts[(jump + 1) // 2 if unseen else 0]
-            jumps.append(SimulatedJump(start, plan, goal, stance, shift, kick_row, kick, unseen))
-        return jumps
-
-    def _unseen(self, known: MotionPlan, config: SimulatedShiftsConfig, rng: np.random.Generator) -> MotionPlan:
-        """The same jump from ground and crouch that its plan does not know."""
-        front_m, rear_m = (
-            round(float(rng.uniform(*heights)), 4) for heights in (config.unseen_front_m, config.unseen_rear_m)
-        )
-        wrong = JumpTask("unseen", 0.0, crouch_error_rad=config.crouch_error_rad).crouch_error(self.robot, rng)
-        return MotionPlan(known.name, known.reference, front_m, rear_m, wrong)
+        unshifted = np.zeros((self.grid.updates, GOAL_AXES))
+        drawn = rng.uniform(*config.share) * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
+        return [SimulatedJump(start, plan, shift) for shift in (unshifted, drawn)]
 
     def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:
         """The true motion up to the scheduled landing."""
-        trial = self._rollout(jump)
-        if not jump.kick_row:
-            return replayer.true_motions([trial])[0]
-        before = replayer.true_motions([trial], jump.kick_row + 1)[0]
+        return replayer.true_motions([self._rollout(jump)])[0]
+
+    def _kicked(self, jump: SimulatedJump, calm: Motion, row: int, kick: np.ndarray, replayer: Replayer) -> Motion:
+        """The true motion with a sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
+        before = first_rows(calm, row + 1)
         state = before.last_state
         velocity = state[self.robot.model.nq :]
-        velocity[[0, 2]] += jump.kick[:2]
-        velocity[ANGULAR_VELOCITY_SLICE][1] += jump.kick[2]
-        return continued(before, state, trial, replayer)
+        velocity[[0, 2]] += kick[:2]
+        velocity[ANGULAR_VELOCITY_SLICE][1] += kick[2]
+        return continued(before, state, self._rollout(jump), replayer)
 
     def _rollout(self, jump: SimulatedJump) -> Rollout:
         return Rollout(commanded_log(jump, self.grid, self.robot), self.effects, first_state=jump.start.start)
@@ -270,8 +227,8 @@ class ShiftSimulator:
         pitch = pitch_of(motion.base_quaternion[row]) + left_s * motion.base_angular_velocity[row, 1]
         return np.array([x, z - self.level["base_pos_z"][0], pitch])
 
-    def _deviations(self, jump: SimulatedJump, motion: Motion, rng: np.random.Generator) -> np.ndarray:
-        """Deviation from the shifted plan at each update as a controller measures it, (updates, 10)."""
+    def _deviations(self, jump: SimulatedJump, motion: Motion) -> np.ndarray:
+        """Deviation from the shifted plan at each update as a controller without noise measures it, (updates, 10)."""
         position, velocity = motion.base_position, motion.base_velocity
         state = np.column_stack(
             [
@@ -284,28 +241,31 @@ class ShiftSimulator:
             ]
         )
         period = jump.plan.reference.period_s
+        rows = self._rows(period)
+        windows = np.maximum(rows[:, None] - np.arange(self.average_rows), 0)
         shifts = shift_at(jump.shift, self.grid, period * np.arange(len(state)))[0]
+        slopes, planned = jump.plan.slopes, jump.plan.reference
+        trunk = planned.state[windows] + np.einsum("uri,iurj->urj", shifts[windows], slopes["state"][:, windows])
+        feet = planned.foot[rows] + np.einsum("ui,iuj->uj", shifts[rows], slopes["foot"][:, rows])
+        measured = state[np.maximum(windows - self.late_rows, 0)]
+        return np.concatenate(
+            [(measured - trunk).mean(axis=1), pair_feet(self.robot, motion.qpos[rows]) - feet], axis=1
+        )
+
+    def _rows(self, period_s: float) -> np.ndarray:
+        """The row of each update, (updates,)."""
+        rows: np.ndarray = np.round(np.arange(self.grid.updates) * self.grid.period_s / period_s).astype(int)
+        return rows
+
+    def _since(self, change: np.ndarray, row: int, rng: np.random.Generator) -> np.ndarray:
+        """A change of deviations (updates, 10) by a kick as it is measured, once it shows: with the noise of both."""
         noise = self.noise
-        spread = np.array(
-            [
-                *(noise.base_pos_m, noise.base_pos_m, noise.base_angle_rad),
-                *(noise.base_linvel_m_s, noise.base_linvel_m_s, noise.base_angvel_rad_s),
-            ]
-        ) / np.sqrt(self.average_rows)
-        start = noise.base_pos_m * rng.standard_normal()
-        """Error of where the jump began, from which x counts."""
-        found = np.full((self.grid.updates, DEVIATIONS), np.nan)
-        row_of = {update: round(update * self.grid.period_s / period) for update in range(self.grid.updates)}
-        unfit = jump.kick_row + self.average_rows + self.late_rows if jump.kick_row else -1
-        row_of = {update: row for update, row in row_of.items() if row > unfit}
-        offsets = pair_feet(self.robot, motion.qpos[list(row_of.values())])
-        for (update, row), offset in zip(row_of.items(), offsets, strict=True):
-            rows = np.arange(max(0, row - self.average_rows + 1), row + 1)
-            base = state[np.maximum(rows - self.late_rows, 0)]
-            trunk = (base - np.array([jump.plan.at("state", int(r), shifts[r]) for r in rows])).mean(axis=0)
-            feet = offset - jump.plan.at("foot", row, shifts[row])
-            trunk[0] += start
-            found[update] = np.concatenate([trunk + spread * rng.standard_normal(6), feet])
+        spread = (
+            [noise.base_pos_m] * 2 + [noise.base_angle_rad] + [noise.base_linvel_m_s] * 2 + [noise.base_angvel_rad_s]
+        )
+        found = change.copy()
+        found[:, : len(spread)] += np.sqrt(2 / self.average_rows) * rng.standard_normal((len(found), 6)) * spread
+        found[self._rows(self.level.info.sample_period_s) <= row + self.average_rows + self.late_rows] = np.nan
         return found
 
 

@@ -135,7 +135,7 @@ def shifted_jumps(outcome: TrialOutcome) -> ShiftedJumps | None:
     if not rows:
         return None
     goal, stance, landing, shift, deviation = (np.array(column) for column in zip(*rows, strict=True))
-    return ShiftedJumps(goal, stance, landing, shift, deviation, disturbed=np.zeros(len(rows)))
+    return ShiftedJumps(goal, stance, landing, shift, deviation)
 
 
 def upright_jumps(outcome: TrialOutcome) -> Iterator[tuple[GoalDirectedJump, np.ndarray]]:

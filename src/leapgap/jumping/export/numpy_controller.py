@@ -47,6 +47,9 @@ class Controller:
         self._stood: list[tuple[float, float]] = []
         self._change, self._changed_s, self._level = np.zeros(4), 0.0, 0.0
         self._updates, self._latest = 0, np.zeros((0, 10))
+        self._watched, self._age = -1, 0  # last update, and updates since something sudden, from 1 on
+        self._calm: np.ndarray | None = None  # deviation at the last update, without what was sudden
+        self._recent: list[float] = []
         self._used_s: float | None = None
         self._seen_s: float | None = None
         self._start_s: float | None = None
@@ -243,26 +246,49 @@ class Controller:
         return found
 
     def _chosen(self, update: int, before: np.ndarray) -> np.ndarray:
-        """Change of the shift at an update; zero where it cannot be computed."""
+        """Change of the shift at an update; zero until something sudden has happened, or where it has no solution."""
         if not self._stance_known:
             return np.zeros(3)
-        t, deviation = self.t, self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
+        deviation = self._latest.mean(axis=0) if len(self._latest) else np.full(10, np.nan)
+        since = self._since_change(update, deviation)
         if not np.isfinite(deviation).all():
             self.counts["not_finite"] += 1
+        if since is None or update >= self.n["FREE_UPDATES"]:
             return np.zeros(3)
-        goal = self.goal + before
         held = np.concatenate([self.shift[:update], np.tile(before, (len(self.shift) - update, 1))])
-        expected = self._landing(self.goal) + np.einsum("tij,tj->i", self.authority, held)
-        inputs = np.concatenate([[1.0], goal, [self.pitch], deviation])
-        doubt = max(inputs @ t["feedback_covariance"][update] @ inputs, 0.0)
-        spread = t["matters"] * np.sqrt(t["scatter"][update] ** 2 + doubt)
-        changed = self._landing(goal) + inputs @ t["feedback"][update] - expected
-        share = max(0.0, 1 - (self.n["DISBELIEF"] / max(float(np.sum((changed / spread) ** 2)), 1e-9)) ** 2)
-        found = self._solve(update, expected + share * changed, before)
+        landing = self._landing(self.goal) + since @ self.t["by_change"][update, int(self._age > 1)]
+        found = self._solve(update, landing + np.einsum("tij,tj->i", self.authority, held), before)
         if found is None:
             self.counts["not_solved"] += 1
             return np.zeros(3)
         return found[:3]
+
+    def _since_change(self, update: int, deviation: np.ndarray) -> np.ndarray | None:
+        """What a sudden change has added to the deviation; None before, and where that is not finite."""
+        gap, self._watched = update - self._watched, update
+        finite = bool(np.isfinite(deviation).all())
+        if self._calm is None:
+            self._calm = deviation if finite else None
+            return None
+        carry, calm = self.t["carry"], self._calm
+        for passed in range(update - gap + 1, update + 1):
+            calm = carry[passed, 0] + calm @ carry[passed, 1:]
+        if self._age:
+            self._age += gap
+        elif finite and gap == 1 and self._is_sudden(update, deviation - calm):
+            self._age = 1
+        elif finite:
+            calm = deviation
+        self._calm = calm
+        return deviation - calm if self._age and finite else None
+
+    def _is_sudden(self, update: int, left: np.ndarray) -> bool:
+        """Whether what is unexpected of a deviation surprises more than that of the updates before."""
+        n, surprise = self.n, float(left @ self.t["precision"][update] @ left) / len(left)
+        known = len(self._recent) == n["RECENT"]
+        usual = max(1.0, *self._recent) if known else np.inf
+        self._recent = [*self._recent, surprise][-n["RECENT"] :]
+        return surprise > n["LEAST_SURPRISE"] and surprise > n["TIMES_RECENT"] * usual
 
     def _solve(self, update: int, landing: np.ndarray, before: np.ndarray) -> np.ndarray | None:
         """Shifts of all steps and slacks of this update's quadratic program; None where it has no solution."""

@@ -18,8 +18,8 @@ from leapgap.jumping.control.goal_shift_mpc import GoalShiftPlanner
 from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.leg_chains import LegChains
 from leapgap.jumping.control.shift_efforts import Efforts
-from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES
-from leapgap.jumping.experiments.landing_feedback import LandingFeedback, features
+from leapgap.jumping.control.sudden_change import RECENT
+from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.experiments.landing_model import LandingModel
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
@@ -41,10 +41,9 @@ MEANING = {
     "landing_scale": "by which goal and stance are divided",
     "landing_sample": "goals and stances of the kernel, divided by the scale",
     "landing_dual": "their weights",
-    "feedback": "change of the landing by 1, goal, stance and the ten deviations, at each update",
-    "feedback_covariance": "of that prediction, on the same inputs, in units of matters",
-    "scatter": "standard deviation of held-out landings at each update, in units of matters",
-    "matters": "landing errors that count alike in the model",
+    "carry": "deviation at each update from 1 and the ten of the update before, while nothing happens",
+    "precision": "inverse covariance of what is left",
+    "by_change": "change of the landing by what is sudden in the ten deviations, at its first update and later",
     "matters_of_target": "landing errors that cost alike",
     "steps_of_update": "number of steps of the horizon",
     "edges_of_update": "first update of each step, and the end of the last one",
@@ -126,7 +125,9 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         "FREE_UPDATES": planner.grid.free_updates,
         "AUTHORITY_DOUBT": config.authority_doubt,
         "TIMING_DOUBT": config.timing_doubt_s / config.period_s,
-        "DISBELIEF": config.disbelief,
+        "LEAST_SURPRISE": config.sudden.least_surprise,
+        "TIMES_RECENT": config.sudden.times_recent,
+        "RECENT": RECENT,
         "LARGEST_PITCH_RAD": config.largest_pitch_rad,
         "BELOW_TARGET_M": config.below_target_m,
         "TORQUE_NM": config.torque_nm,
@@ -186,28 +187,15 @@ def stance_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
 
 
 def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
-    """The landing model and its feedback, on unscaled inputs."""
-    config = model.config
-    turn = input_scaling(model)
-    doubt = config.doubt_share**2 * model.covariance
+    """The landing model, what shifts do, and what a sudden change does."""
     return {
         **landing_tables(model.landing),
         "authority": model.shifts.mean,
         "authority_x": model.shifts.x_m,
-        "feedback": np.einsum("ki,tij->tkj", turn, model.weights) * model.matters,
-        "feedback_covariance": np.einsum("ki,tij,lj->tkl", turn, doubt, turn),
-        "scatter": model.scatter,
-        "matters": model.matters,
+        "carry": model.calm.carry,
+        "precision": model.calm.precision,
+        "by_change": model.by_change,
     }
-
-
-def input_scaling(model: LandingFeedback) -> np.ndarray:
-    """T with φ = [1, goal, stance, deviation] T, (15, 15)."""
-    inputs = 1 + GOAL_AXES + 1 + DEVIATIONS
-    raw = np.concatenate([np.zeros((1, inputs - 1)), np.eye(inputs - 1)])
-    goal, stance, deviation = raw[:, :3], raw[:, 3], raw[:, 4:]
-    phi = features(goal, stance, deviation, model.config.landing)
-    return np.concatenate([phi[:1], phi[1:] - phi[0]])
 
 
 def landing_tables(model: LandingModel) -> dict[str, np.ndarray]:

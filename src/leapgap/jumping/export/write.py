@@ -15,7 +15,7 @@ from leapgap.jumping.learning import landing_graph
 from leapgap.jumping.learning.windows import write_npz
 from leapgap.output_folder import package_version
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 C_FILES = ("jump_controller.h", "jump_controller.c", "jump_program.h", "jump_program.c", "main.c")
 PER_LINE = 8
 """Numbers in a line of a table in C."""

@@ -1,8 +1,9 @@
 """The landing model of a goal-shift controller as an ONNX graph, for batches of any length.
 
-Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``deviation`` (n, 10) and ``update`` (n,); outputs
-``landing`` (n, 3), if the goal stays what it is, and ``spread`` (n, 3), its standard deviation. Double precision. What
-the model is for stands in the metadata, as JSON under ``leapgap``.
+Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``since`` (n, 10), what a sudden change has added to the
+deviation from the plan, ``update`` (n,) and ``age`` (n,), the updates since the change, from 1 on; output ``landing``
+(n, 3), if the goal stays what it is. Double precision. What the model is for stands in the metadata, as JSON under
+``leapgap``.
 """
 
 import json
@@ -32,21 +33,13 @@ def serialise(tables: Mapping[str, np.ndarray], about: Mapping[str, object]) -> 
     trend = tables["landing_trend"]
     landing = graph.node("Add", graph.node("MatMul", at, constant(trend[1:] + np.eye(4)[:, :3])), constant(trend[0]))
     landing = graph.node("Add", landing, graph.node("MatMul", near, constant(tables["landing_dual"])))
-    to_inputs = np.zeros((14, 15))
-    to_inputs[:4, 1:5], to_inputs[4:, 5:] = np.eye(4), np.eye(10)
-    inputs = graph.node("MatMul", graph.node("Concat", at, "deviation", axis=1), constant(to_inputs))
-    inputs = graph.node("Unsqueeze", graph.node("Add", inputs, constant(np.eye(15)[0])), axis)
-
-    def of_update(name: str) -> str:
-        return graph.node("Gather", constant(tables[name]), "update", axis=0)
-
-    change = graph.node("Squeeze", graph.node("MatMul", inputs, of_update("feedback")), axis)
+    weights = tables["by_change"]
+    ages = constant(np.int64(weights.shape[1]))
+    later = graph.node("Min", graph.node("Sub", "age", constant(np.int64(1))), constant(np.int64(1)))
+    at_age = graph.node("Add", graph.node("Mul", "update", ages), later)
+    own = graph.node("Gather", constant(weights.reshape(-1, *weights.shape[2:])), at_age, axis=0)
+    change = graph.node("Squeeze", graph.node("MatMul", graph.node("Unsqueeze", "since", axis), own), axis)
     graph.node("Add", landing, change, out="landing")
-    turned = graph.node("MatMul", inputs, of_update("feedback_covariance"))
-    doubt = graph.node("ReduceSum", graph.node("Mul", turned, inputs), middle, keepdims=0)
-    scatter = of_update("scatter")
-    variance = graph.node("Add", graph.node("Mul", scatter, scatter), graph.node("Max", doubt, constant(double(0.0))))
-    graph.node("Mul", graph.node("Sqrt", variance), constant(tables["matters"]), out="spread")
     model = helper.make_model(
         helper.make_graph(
             graph.nodes,
@@ -54,10 +47,11 @@ def serialise(tables: Mapping[str, np.ndarray], about: Mapping[str, object]) -> 
             [
                 helper.make_tensor_value_info("goal", TensorProto.DOUBLE, ["n", 3]),
                 helper.make_tensor_value_info("stance", TensorProto.DOUBLE, ["n", 1]),
-                helper.make_tensor_value_info("deviation", TensorProto.DOUBLE, ["n", 10]),
+                helper.make_tensor_value_info("since", TensorProto.DOUBLE, ["n", 10]),
                 helper.make_tensor_value_info("update", TensorProto.INT64, ["n"]),
+                helper.make_tensor_value_info("age", TensorProto.INT64, ["n"]),
             ],
-            [helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["n", 3]) for name in ("landing", "spread")],
+            [helper.make_tensor_value_info("landing", TensorProto.DOUBLE, ["n", 3])],
             graph.constants,
         ),
         opset_imports=[helper.make_opsetid("", OPSET)],

@@ -17,8 +17,10 @@ from leapgap.jumping.experiments.held_shifts import HeldShiftsConfig, measure_he
 from leapgap.jumping.experiments.landing_feedback import (
     Authority,
     FeedbackConfig,
-    ShiftedJumps,
-    learn_feedback,
+    KickedJumps,
+    LandingFeedback,
+    learn_calm,
+    learn_change,
 )
 from leapgap.jumping.experiments.landing_model import LandingModel
 from leapgap.jumping.experiments.method import Method
@@ -67,14 +69,15 @@ class LearnedGoalMpcSettings(MethodSettings):
         if learned.jumps is None:
             return method
         landing = LandingModel(learned.samples, settings.practice.aim)
-        simulated, shifts = self._simulated(bench, learned, own)
+        kicked, shifts = self._simulated(bench, learned, own)
         grid = ShiftGrid(learned.planner.schedule, self.mpc.period_s, on_rear_feet=self.mpc.on_rear_feet)
         shifts = shifts.measured(measure_held_shifts(bench, method, landing, grid, self.held, own))
-        prior = learn_feedback(simulated, shifts, self.model)
-        return replace(method, feedback=learn_feedback(learned.jumps, shifts, self.model, prior, landing))
+        calm = learn_calm(learned.jumps.deviation, self.model)
+        by_change = learn_change(kicked, self.mpc.period_s, self.model)
+        return replace(method, feedback=LandingFeedback(landing, shifts, calm, by_change))
 
-    def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[ShiftedJumps, Authority]:
-        """Jumps of the identified robot in simulation and what shifts do to it, from the cache where they are there."""
+    def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[KickedJumps, Authority]:
+        """Kicked jumps of the identified robot and what shifts do to it, from the cache where they are there."""
         effects = identified.effects
         if self.identify_feet:
             effects = identify_contact_effects(bench, identified.logs, folder)
@@ -93,14 +96,14 @@ class LearnedGoalMpcSettings(MethodSettings):
         )
         place = f"{bench.hardware}/{folder}/simulated"
         found = bench.runner.value(place, simulate, simulator, self.simulated, bench.seed)
-        return ShiftedJumps.from_json(found["jumps"]), Authority(
+        return KickedJumps.from_json(found["kicked"]), Authority(
             **{name: np.array(part) for name, part in found["authority"].items()}
         )
 
 
 def simulate(simulator: ShiftSimulator, config: SimulatedShiftsConfig, seed: int) -> Mapping[str, Any]:
-    """The simulated jumps and the authority of shifts, in a form that a JSON file can hold."""
+    """The kicked jumps and the authority of shifts, in a form that a JSON file can hold."""
     shifts = simulator.authority(config)
-    jumps = simulator.run(config, np.random.default_rng([seed, 11]))
+    kicked = simulator.kicked(config, np.random.default_rng([seed, 11]))
     authority = {one.name: getattr(shifts, one.name).tolist() for one in fields(shifts)}
-    return {"jumps": jumps.to_json(), "authority": authority}
+    return {"kicked": kicked.to_json(), "authority": authority}

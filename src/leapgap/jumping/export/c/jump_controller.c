@@ -9,7 +9,6 @@
 
 #define STATE 6                                     /* x z pitch and their rates */
 #define DEVIATIONS (STATE + 4)                      /* trunk, then feet: front x z, rear x z */
-#define INPUTS (1 + 3 + 1 + DEVIATIONS)             /* of the landing model: 1, goal, stance, deviation */
 #define ROUNDING_S 1e-6
 
 static struct {
@@ -23,6 +22,10 @@ static struct {
     double change[4], changed_s;      /* of goal and stance from those of the plan, and since when */
     double shift[UPDATES][3];
     double latest[KEPT][DEVIATIONS];
+    int watched, has_calm, age;       /* last update, and updates since something sudden, from 1 on */
+    double calm[DEVIATIONS];          /* deviation at the last update, without what was sudden */
+    double recent[RECENT];            /* surprises of the last updates */
+    int surprises;
     JumpCommand last;
     JumpCounts counts;
 } now;
@@ -49,6 +52,7 @@ static void aim(const double goal[3]) {
 void jump_reset(void) {
     memset(&now, 0, sizeof now);
     now.seen_s = NAN;
+    now.watched = -1;
     now.stance_known = MEASURED_UNTIL_S == 0;
     now.pitch = STANCE_PITCH_RAD;
     aim(planned_goal);
@@ -208,34 +212,52 @@ static void landing_of(const double goal[3], double landing[3]) {
     }
 }
 
-/* Landing to reckon with: what was expected before the jump, and the share of what was measured that can be believed. */
-static void predict(int update, const double before[3], const double deviation[DEVIATIONS], double landing[3]) {
-    double expected[3], predicted[3], goal[3], in[INPUTS], squared = 0, doubt = 0;
-    for (int i = 0; i < 3; i++) goal[i] = now.goal[i] + before[i];
-    landing_of(now.goal, expected);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            for (int t = 0; t < update; t++) expected[i] += now.authority.by_update[t][i][j] * now.shift[t][j];
-            for (int t = update; t < UPDATES; t++) expected[i] += now.authority.by_update[t][i][j] * before[j];
-        }
-    in[0] = 1;
-    for (int i = 0; i < 3; i++) in[1 + i] = goal[i];
-    in[4] = now.pitch;
-    for (int i = 0; i < DEVIATIONS; i++) in[5 + i] = deviation[i];
-    landing_of(goal, predicted);
-    for (int k = 0; k < INPUTS; k++) {
-        double sum = 0;
-        for (int i = 0; i < 3; i++) predicted[i] += in[k] * feedback[update][k][i];
-        for (int l = 0; l < INPUTS; l++) sum += feedback_covariance[update][k][l] * in[l];
-        doubt += in[k] * sum;
-    }
+/* Landing to reckon with: that of the goal, what shifts do to it, and what was sudden. */
+static void predict(int update, const double before[3], const double since[DEVIATIONS], double landing[3]) {
+    landing_of(now.goal, landing);
     for (int i = 0; i < 3; i++) {
-        double deviates = matters[i] * sqrt(scatter[update][i] * scatter[update][i] + (doubt > 0 ? doubt : 0));
-        squared += (predicted[i] - expected[i]) * (predicted[i] - expected[i]) / (deviates * deviates);
+        for (int j = 0; j < 3; j++) {
+            for (int t = 0; t < update; t++) landing[i] += now.authority.by_update[t][i][j] * now.shift[t][j];
+            for (int t = update; t < UPDATES; t++) landing[i] += now.authority.by_update[t][i][j] * before[j];
+        }
+        for (int k = 0; k < DEVIATIONS; k++) landing[i] += since[k] * by_change[update][now.age > 1][k][i];
     }
-    double doubted = DISBELIEF / (squared > 1e-9 ? squared : 1e-9);
-    double share = 1 - doubted * doubted;
-    for (int i = 0; i < 3; i++) landing[i] = expected[i] + (share > 0 ? share : 0) * (predicted[i] - expected[i]);
+}
+
+/* ---- what is sudden ---- */
+
+/* Whether what is unexpected of a deviation surprises more than that of the updates before. */
+static int is_sudden(int update, const double left[DEVIATIONS]) {
+    double surprise = 0, usual = 1;
+    for (int i = 0; i < DEVIATIONS; i++)
+        for (int j = 0; j < DEVIATIONS; j++) surprise += left[i] * precision[update][i][j] * left[j] / DEVIATIONS;
+    for (int k = 0; k < RECENT; k++) usual = fmax(usual, now.recent[k]);
+    now.recent[now.surprises % RECENT] = surprise;
+    return now.surprises++ >= RECENT && surprise > LEAST_SURPRISE && surprise > TIMES_RECENT * usual;
+}
+
+/* What a sudden change has added to the deviation; whether there was one and the deviation is finite. */
+static int since_change(int update, const double deviation[DEVIATIONS], int finite, double since[DEVIATIONS]) {
+    const int last = now.watched, gap = update - last;
+    now.watched = update;
+    if (!now.has_calm) {
+        now.has_calm = finite;
+        if (finite) memcpy(now.calm, deviation, sizeof now.calm);
+        return 0;
+    }
+    for (int u = last + 1; u <= update; u++) {
+        double next[DEVIATIONS];
+        for (int i = 0; i < DEVIATIONS; i++) {
+            next[i] = carry[u][0][i];
+            for (int k = 0; k < DEVIATIONS; k++) next[i] += now.calm[k] * carry[u][1 + k][i];
+        }
+        memcpy(now.calm, next, sizeof next);
+    }
+    for (int i = 0; i < DEVIATIONS; i++) since[i] = deviation[i] - now.calm[i];
+    if (now.age) now.age += gap;
+    else if (finite && gap == 1 && is_sudden(update, since)) now.age = 1;
+    else if (finite) memcpy(now.calm, deviation, sizeof now.calm);
+    return now.age && finite;
 }
 
 /* ---- stance that was not seen before the jump ---- */
@@ -278,13 +300,14 @@ static void measure_stance(double time_s, const JumpEstimate *e) {
 
 /* ---- commands ---- */
 
-/* Choose the shift from this update on; where that is not possible it stays. */
+/* Choose the shift from this update on; it stays until something sudden has happened, or where that is not possible. */
 static void choose_shift(int update, const double before[3]) {
-    double deviation[DEVIATIONS], landing[3], change[3] = {0, 0, 0};
+    double deviation[DEVIATIONS], since[DEVIATIONS], landing[3], change[3] = {0, 0, 0};
     if (now.stance_known) {
-        if (!mean_deviation(deviation)) now.counts.not_finite++;
-        else {
-            predict(update, before, deviation, landing);
+        const int finite = mean_deviation(deviation);
+        if (!finite) now.counts.not_finite++;
+        if (since_change(update, deviation, finite, since) && update < FREE_UPDATES) {
+            predict(update, before, since, landing);
             const JumpProgram program = {update, &now.authority, landing, now.target, before, now.change};
             if (!jump_program_solve(&program, change)) now.counts.not_solved++;
         }
