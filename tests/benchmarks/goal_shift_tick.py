@@ -2,9 +2,9 @@
 
 The estimates of one jump from unseen blocks with a kick, in closed loop, are given to new controllers, one jump each.
 Kinds of ticks: those in the first 49 ms, in which the stance is measured; the one at 49 ms, which chooses goal and
-target for it; the later updates, one in 25 ticks, each of which predicts the landing and solves a program; all others,
-the first thirty of which prepare the programs for that goal. The model is as large as that of a robot that practised
-(108 simulated and 36 own jumps).
+target for it; the updates until the kick, one in 25 ticks, which watch for something sudden; those after it, each of
+which predicts the landing and solves a program; all others, the first thirty of which prepare the programs for that
+goal. The landing model is as large as that of a robot that practised 36 jumps.
 ``python -m tests.benchmarks.goal_shift_tick --json <file>``.
 """
 
@@ -26,7 +26,7 @@ from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
-from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, kind_of
+from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, SUDDEN_TICK, UPDATE_TICKS, kind_of
 from tests.benchmarks.tick.timings import Timings, load
 from tests.jumping.export.conftest import new_tracker, record_jump
 
@@ -41,6 +41,8 @@ def follow_jump(tracker: ShiftTracker, estimates: list[StateEstimate], timed: di
     gc.enable()
     if tracker.fallbacks or tracker.late is not None:
         raise SystemExit(f"a jump that measures nothing: {dict(tracker.fallbacks)}")
+    if tracker.watch is None or tracker.watch.age != tracker.grid.updates - SUDDEN_TICK // UPDATE_TICKS:
+        raise SystemExit("the kick does not show at its update")
 
 
 def main() -> None:

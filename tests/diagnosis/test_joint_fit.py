@@ -57,6 +57,22 @@ def test_a_wrong_effect_is_exchanged_for_the_right_one(arm: tuple[Robot, HeldOut
     assert again is fit and rivals == {}
 
 
+def test_of_friction_and_a_torque_against_it_the_one_that_logs_need_stays(
+    arm: tuple[Robot, HeldOutGap, ShortRollouts],
+) -> None:
+    """Joints with friction of 0.3, told as 0.4 and a torque of 0.1 that makes up for it."""
+    robot, gap, short = arm
+    names = ("joint_damping", "friction_compensation", "joint_friction", "armature")
+    every = {h.name: h for h in list_hypotheses([*names], robot, None) if h.location == "all"}
+    search = SearchInParts(JointFit(gap, short, (), in_parts=True))
+    start = search.joint.fit(tuple(every[name] for name in names), np.array([0.25, 0.1, 0.4, 0.02]), 1)
+    assert start.split()[1] > 0.02 and search.opposites(start) == (1, 2)
+    fit = search.without_opposites(start)
+    found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
+    assert found == pytest.approx({"joint_damping": 0.25, "joint_friction": 0.3, "armature": 0.02}, rel=0.1)
+    assert search.without_opposites(fit) is fit
+
+
 def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
     """The armature as some evidence has it, half as large as it is: others are fitted around it."""
     robot, gap, short = arm

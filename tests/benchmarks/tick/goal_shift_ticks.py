@@ -1,7 +1,8 @@
-"""Kinds of ticks of a goal-shift jump that measures its stance late."""
+"""Kinds of ticks of a goal-shift jump that measures its stance late, and is kicked at 0.3 s."""
 
-UPDATE_TICKS, STANCE_TICK = 25, 49
-KINDS = ("measures_stance", "decides", "updates", "others")
+UPDATE_TICKS, STANCE_TICK, SUDDEN_TICK = 25, 49, 325
+"""The kick shows at the update that is tick 325."""
+KINDS = ("measures_stance", "decides", "watches", "updates", "others")
 OWN = 36
 """Number of jumps that a robot learned from that practised."""
 
@@ -12,4 +13,6 @@ def kind_of(tick: int, updates: int) -> str:
         return "measures_stance"
     if tick == STANCE_TICK:
         return "decides"
-    return "updates" if tick % UPDATE_TICKS == 0 and tick < UPDATE_TICKS * updates else "others"
+    if tick % UPDATE_TICKS or tick >= UPDATE_TICKS * updates:
+        return "others"
+    return "watches" if tick < SUDDEN_TICK else "updates"
