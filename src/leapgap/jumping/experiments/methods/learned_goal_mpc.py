@@ -52,9 +52,6 @@ class LearnedGoalMpcSettings(MethodSettings):
     model: FeedbackConfig = field(default_factory=FeedbackConfig)
     simulated: SimulatedShiftsConfig = field(default_factory=SimulatedShiftsConfig)
     held: HeldShiftsConfig = field(default_factory=HeldShiftsConfig)
-    identify_feet: bool = False
-    """Whether the softness of the feet is identified for the simulated jumps: what kicks and unseen ground do depends
-    on it. Off: the simulated robot has the feet of the nominal one."""
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
         """Make the training jumps, and fit the model of the landing to them."""
@@ -78,10 +75,8 @@ class LearnedGoalMpcSettings(MethodSettings):
 
     def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[KickedJumps, Authority]:
         """Kicked jumps of the identified robot and what shifts do to it, from the cache where they are there."""
-        effects = identified.effects
-        if self.identify_feet:
-            effects = identify_contact_effects(bench, identified.logs, folder)
-            print(f"{bench.hardware}: simulated with {json.dumps(to_config(effects))}", flush=True)
+        effects = identify_contact_effects(bench, identified.logs, folder)
+        print(f"{bench.hardware}: simulated with {json.dumps(to_config(effects))}", flush=True)
         sensing = bench.world.sensing
         period = bench.level.info.sample_period_s
         simulator = ShiftSimulator(
