@@ -13,7 +13,7 @@ SMALL = (
     "size=tiny",
     "land.practice={identify_jumps: 1, random_jumps: 4, rounds: []}",
     "+land.method_settings.learned_goal_mpc={kind: learned_goal_mpc,"
-    " simulated: {goals: 4, jumps: 4, probed_x_m: [0.5]}, held: {distances_m: [0.5], last_updates: 1}}",
+    " simulated: {goals: 4, kicks: 6, probed_x_m: [0.5]}, held: {distances_m: [0.5], last_updates: 1}}",
     "export.target=[0.5,0.0]",
     "executor=local",
 )
