@@ -40,7 +40,7 @@ from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, Controller, StateEstimate
 from tests.conftest import A1_BODY
-from tests.jumping.control.simple_models import estimate
+from tests.jumping.control.simple_models import estimate, unchanging
 
 MOTOR_NM = 33.5
 """Largest torque of the A1's motors."""
@@ -223,11 +223,8 @@ class Law:
 
     @property
     def calm(self) -> CalmMotion:
-        """Deviations stay what they are, to a hundredth of what is typical: much counts as sudden."""
-        stays = np.vstack([np.zeros(10), np.eye(10)])
-        spread = 0.01 * np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
-        updates = len(self.authority)
-        return CalmMotion(np.tile(stays, (updates, 1, 1)), np.tile(np.diag(spread**-2.0), (updates, 1, 1)))
+        """Deviations stay what they are, so narrowly that much counts as sudden."""
+        return unchanging(len(self.authority), share=0.01)
 
     def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
         """The trunk's deviation since."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.sudden_change import CalmMotion
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBody, X, Z, advance
 from leapgap.jumping.task import ContactSchedule
@@ -79,3 +80,10 @@ class Counting(PredictionModel):
     def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
         self.asked.append(len(contact))
         return self.inner.affine(situation, contact)
+
+
+def unchanging(updates: int, share: float) -> CalmMotion:
+    """Deviations stay what they are, to a share of what is typical of each."""
+    stays = np.vstack([np.zeros(10), np.eye(10)])
+    spread = share * np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
+    return CalmMotion(np.tile(stays, (updates, 1, 1)), np.tile(np.diag(spread**-2.0), (updates, 1, 1)))

@@ -15,6 +15,7 @@ from leapgap.jumping.control.sudden_change import CalmMotion
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
+from tests.jumping.control.simple_models import unchanging
 
 UPDATES, FLIGHT_S = 32, 0.4
 TARGET = np.array([0.5, 0.0, 0.0])
@@ -34,10 +35,7 @@ class Flight:
 
     @property
     def calm(self) -> CalmMotion:
-        """Deviations stay what they are, to a twentieth of what is typical."""
-        stays = np.vstack([np.zeros(10), np.eye(10)])
-        spread = 0.05 * np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
-        return CalmMotion(np.tile(stays, (UPDATES, 1, 1)), np.tile(np.diag(spread**-2.0), (UPDATES, 1, 1)))
+        return unchanging(UPDATES, share=0.05)
 
     def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
         return np.array([FLIGHT_S * since[3], 0.0, 0.0])

@@ -7,7 +7,6 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.sudden_change import CalmMotion
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
@@ -18,11 +17,13 @@ from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
 from leapgap.jumping.experiments.simulated_shifts import (
+    Kick,
     ShiftDraws,
     ShiftSimulator,
     SimulatedJump,
     SimulatedShiftsConfig,
     bends,
+    draw_push,
     shift_at,
 )
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -35,6 +36,7 @@ from leapgap.simulation.controller import StateEstimate
 from leapgap.simulation.open_loop import Course, MotionPlan, prepare
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
+from tests.jumping.control.simple_models import unchanging
 
 GRID = ShiftGrid(ContactSchedule())
 SILENT = SensorNoise(0, 0, 0, 0, 0, 0)
@@ -145,8 +147,15 @@ def test_jumps_that_fall_are_not_learned_from(bench: Bench, method: GoalShiftMet
         simulator.kicked(kicks(goals=0), np.random.default_rng(1))
 
 
-def test_a_kick_in_flight_moves_the_landing_by_its_velocity_times_the_rest_of_the_flight(
-    bench: Bench, method: GoalShiftMethod
+@pytest.mark.parametrize(
+    ("kicks_in_flight", "rest_s"),
+    [
+        ([Kick(1000, np.array([0.2, 0.1, 0.0]))], 0.2),
+        ([Kick(row, np.array([0.04, 0.02, 0.0])) for row in (910, 930, 950, 970, 990)], 0.25),
+    ],
+)
+def test_a_kick_or_push_in_flight_moves_the_landing_by_its_velocity_times_the_rest_of_the_flight(
+    bench: Bench, method: GoalShiftMethod, kicks_in_flight: list[Kick], rest_s: float
 ) -> None:
     """Nothing acts in flight but gravity; the landing is 1.2 s after the start."""
     assert method.planner is not None
@@ -154,17 +163,25 @@ def test_a_kick_in_flight_moves_the_landing_by_its_velocity_times_the_rest_of_th
     replayer = Replayer(bench.robot, threads=1)
     jump = simulator._draw(0, replayer, kicks(), np.random.default_rng(2))[0]
     calm = simulator._simulate(jump, replayer)
-    kicked = simulator._kicked(jump, calm, 1000, np.array([0.2, 0.1, 0.0]), replayer)
+    kicked = simulator._kicked(calm, kicks_in_flight, simulator._rollout(jump), replayer)
     moved = simulator._landing(kicked) - simulator._landing(calm)
-    np.testing.assert_allclose(moved, [0.2 * 0.2, 0.1 * 0.2, 0.0], atol=1e-3)
+    np.testing.assert_allclose(moved, [0.2 * rest_s, 0.1 * rest_s, 0.0], atol=1e-3)
+
+
+def test_a_push_is_spread_evenly_over_its_time() -> None:
+    config = SimulatedShiftsConfig(push=(0.6, 0.2, 0.0), push_s=(0.12, 0.12), kick_between_s=(0.3, 0.3))
+    push = draw_push(config, 0.001, np.random.default_rng(0))
+    assert [kick.row for kick in push] == [310, 330, 350, 370, 390, 410]
+    assert len({tuple(kick.change) for kick in push}) == 1
+    assert (np.abs(6 * push[0].change) <= config.push).all() and push[0].change[0] != 0
 
 
 def test_what_a_kick_adds_is_counted_from_the_jump_without_it(bench: Bench, method: GoalShiftMethod) -> None:
     """A faster trunk while four feet stand shows at the next update, and not before."""
     assert method.planner is not None
     simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 5, 0, SILENT)
-    found = simulator.kicked(kicks(kicks=3, kick=(0.3, 0.0, 0.0), kick_between_s=(0.3, 0.3)), np.random.default_rng(3))
-    assert found.kicked_s == pytest.approx(np.full(6, 0.3))
+    config = kicks(kicks=3, kick=(0.3, 0.0, 0.0), push=(0.9, 0.0, 0.0), push_s=(0.06, 0.06), kick_between_s=(0.3, 0.3))
+    found = simulator.kicked(config, np.random.default_rng(3))
     assert np.isnan(found.since[:, :13]).all() and np.isfinite(found.since[:, 13:]).all()
     assert (np.sign(found.since[:, 13, 3]) == np.sign(found.since[:, 13, 0])).all()
     assert np.abs(found.since[:, 13, 3]).max() > 0.02
@@ -195,9 +212,7 @@ class Pessimist:
     def expect(self, goal: np.ndarray, stance: float) -> np.ndarray:
         return goal - np.array([0.06, 0.0, 0.0])
 
-    calm = CalmMotion(
-        np.tile(np.vstack([np.zeros(10), np.eye(10)]), (GRID.updates, 1, 1)), 1e12 * np.ones((32, 10, 10))
-    )
+    calm = unchanging(GRID.updates, share=1e-4)
 
     def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
         return np.zeros(3)

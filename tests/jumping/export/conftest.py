@@ -87,7 +87,7 @@ def kicked(count: int, rng: np.random.Generator) -> KickedJumps:
     landing = np.column_stack(
         [FLIGHT_S * last[:, 3], FLIGHT_S * last[:, 4] + last[:, 1], last[:, 2] + 0.2 * last[:, 5]]
     )
-    return KickedJumps(kicked_s, since, landing)
+    return KickedJumps(since, landing)
 
 
 @cache
@@ -121,7 +121,7 @@ def learned(own: int) -> LandingFeedback:
         LandingModel(landings(own, 0.02, rng), AimConfig(), base),
         shifts,
         learn_calm(calm_deviations(own, rng), config),
-        learn_change(kicked(10 * own, rng), 0.025, config),
+        learn_change(kicked(10 * own, rng), config),
     )
 
 

@@ -143,7 +143,7 @@ def test_the_onnx_graph_predicts_the_landing(jump: RecordedJump, folder: Path) -
     model, rng = jump.tracker.model, np.random.default_rng(1)
     assert isinstance(model, LandingFeedback)
     goal, stance = GOAL + 0.03 * rng.standard_normal((40, 3)), rng.uniform(-0.2, 0.2, (40, 1))
-    since, update, age = 0.05 * rng.standard_normal((40, 10)), rng.integers(0, 32, 40), rng.integers(1, 6, 40)
+    since, update, age = 0.05 * rng.standard_normal((40, 20)), rng.integers(0, 32, 40), rng.integers(1, 6, 40)
     session = onnxruntime.InferenceSession(str(folder / "landing_model.onnx"), providers=["CPUExecutionProvider"])
     (landing,) = session.run(None, {"goal": goal, "stance": stance, "since": since, "update": update, "age": age})
     for i in range(40):

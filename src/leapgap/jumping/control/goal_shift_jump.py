@@ -156,7 +156,7 @@ class ShiftTracker(JumpController):
             self._shift_goal(update, before, since)
 
     def _shift_goal(self, update: int, before: np.ndarray, since: np.ndarray) -> None:
-        """Take the first shift of the QP, by what a sudden change has added to the deviation, (10,)."""
+        """Take the first shift of the QP, by what a sudden change has added to the deviation, (20,)."""
         result = guarded_solve(
             lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
         )

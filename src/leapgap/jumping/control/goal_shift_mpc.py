@@ -57,8 +57,8 @@ class LandingPredictor(Protocol):
         """How the robot goes on off its plan while nothing happens."""
 
     def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
-        """Change of the landing, (3,), m, m, rad, by what a sudden change has added to the deviation (10,) ``age``
-        updates after it."""
+        """Change of the landing, (3,), m, m, rad, by what a sudden change has added to the deviation now and at the
+        update before, (20,), ``age`` updates after it."""
 
 
 @dataclass(frozen=True)

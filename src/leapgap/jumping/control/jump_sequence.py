@@ -48,8 +48,8 @@ class SequenceConfig:
 class JumpSequence(Controller):
     """Makes the given jumps in their order and lands after each; stands after the last.
 
-    The touch-down of both pairs ends a flight, early or late. ``jump_starts_s`` holds the start of each jump, ``phase``
-    the present phase, and ``fallbacks`` the count of fallback commands of all parts by reason.
+    The touch-down of both pairs ends a flight, early or late. ``phase`` holds the present phase, and ``fallbacks`` the
+    count of fallback commands of all parts by reason.
     """
 
     def __init__(self, jumps: Sequence[JumpController], robot: Robot, config: SequenceConfig, body: RigidBody) -> None:
@@ -62,7 +62,6 @@ class JumpSequence(Controller):
         self._own_fallbacks: Counter[str] = Counter()
         self.phase: Phase = "jump"
         self.number = 0
-        self.jump_starts_s: list[float] = []
         self.landings_s: list[float] = []
         self.landing: LandingMpc | None = None
         self._fallbacks_before: Counter[str] = Counter()
@@ -95,8 +94,6 @@ class JumpSequence(Controller):
         self._notice_touch(estimate)
         self._switch(estimate)
         if self.phase == "jump":
-            if len(self.jump_starts_s) == self.number:
-                self.jump_starts_s.append(estimate.time_s)
             return self.jumps[self.number].command(estimate)
         if self.phase == "landing" and self.landing is not None:
             return self.landing.command(estimate)
@@ -112,8 +109,10 @@ class JumpSequence(Controller):
         """Enter the next phase when the present one is over."""
         now, config = estimate.time_s, self.config
         lasted = now - self._phase_since_s + ROUNDING_S
-        if self.phase == "jump" and len(self.jump_starts_s) > self.number:
-            schedule = self.jumps[self.number].reference.schedule
+        jump = self.jumps[self.number]
+        if self.phase == "jump" and jump.start_s is not None:
+            # A jump may stand first, to measure its stance and to become still.
+            lasted, schedule = now - jump.start_s + ROUNDING_S, jump.reference.schedule
             may_touch = lasted >= schedule.take_off_s + config.earliest_touch_s
             if may_touch and now - self._both_since_s + ROUNDING_S >= config.confirm_s:
                 self._land(now)

@@ -12,18 +12,20 @@ import numpy as np
 
 from leapgap.jumping.control.shifted_plan import DEVIATIONS
 
-RECENT = 4
-"""Number of updates that a sudden change is compared with."""
+RECENT = 5
+"""Number of updates before an update of which all but the last are compared with it: a push that began just before the
+last one has shown a little in that already."""
 
 
 @dataclass(frozen=True)
 class ChangeRule:
     """When something is taken for a sudden change."""
 
-    least_surprise: float = 20.0
-    """Smallest surprise of the update at which it shows. In practice jumps the largest is 2."""
-    times_recent: float = 6.0
-    """It is larger than the largest of the updates before by this factor: a crouch far from the planned one surprises
+    least_surprise: float = 12.0
+    """Smallest surprise of the update at which it shows. In practice jumps the largest is 2, in later jumps without
+    a kick 10."""
+    times_recent: float = 5.0
+    """It is larger than the largest of the recent updates by this factor: a crouch far from the planned one surprises
     as much, but from the start on."""
 
 
@@ -41,9 +43,9 @@ class CalmMotion:
         found: np.ndarray = self.carry[update, 0] + before @ self.carry[update, 1:]
         return found
 
-    def surprise(self, update: int, before: np.ndarray, now: np.ndarray) -> float:
-        """Mean square of what is unexpected of a deviation, in squared standard deviations: 1 while nothing happens."""
-        left = now - self.carried(update, before)
+    def surprise(self, update: int, left: np.ndarray) -> float:
+        """Mean square of what is unexpected of a deviation, ``left`` (10,), in squared standard deviations: 1 while
+        nothing happens."""
         return float(left @ self.precision[update] @ left) / DEVIATIONS
 
 
@@ -59,10 +61,14 @@ class ChangeWatch:
         self._recent: deque[float] = deque(maxlen=RECENT)
         self._calm: np.ndarray | None = None
         """The deviation (10,) at the last update; since a change, what it would be without that."""
+        self._since = np.zeros(DEVIATIONS)
+        """What a change had added to it then."""
         self._update = -1
 
     def since(self, update: int, deviation: np.ndarray) -> np.ndarray | None:
-        """What a sudden change has added to the deviation (10,) at an update; None while nothing has happened.
+        """What a sudden change has added to the deviation (10,) at an update and at the last one before, (20,).
+
+        It is None while nothing has happened.
 
         Updates come in turn; those that are missing or not finite are gone over.
         """
@@ -71,21 +77,24 @@ class ChangeWatch:
         if self._calm is None:
             self._calm = deviation if finite else None
             return None
-        before = calm = self._calm
+        calm = self._calm
         for passed in range(update - gap + 1, update + 1):
             calm = self.calm.carried(passed, calm)
         if self.age:
             self.age += gap
-        elif finite and gap == 1 and self._is_sudden(self.calm.surprise(update, before, deviation)):
+        elif finite and gap == 1 and self._is_sudden(self.calm.surprise(update, deviation - calm)):
             self.age = 1
         elif finite:
             calm = deviation
         self._calm = calm
-        return deviation - calm if self.age and finite else None
+        if not (self.age and finite):
+            return None
+        before, self._since = self._since, deviation - calm
+        return np.concatenate([self._since, before])
 
     def _is_sudden(self, surprise: float) -> bool:
-        """Whether an update surprises more than those before it; it is remembered."""
+        """Whether an update surprises more than the recent ones; it is remembered."""
         known = len(self._recent) == RECENT
-        usual = max(1.0, *self._recent) if known else np.inf
+        usual = max(1.0, *list(self._recent)[:-1]) if known else np.inf
         self._recent.append(surprise)
         return surprise > self.rule.least_surprise and surprise > self.rule.times_recent * usual

@@ -7,6 +7,7 @@ import numpy as np
 
 from leapgap.jumping.control.deviation_recorder import Observation, ObservedJointPd
 from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.landing import stand
 from leapgap.jumping.control.late_stance import ground_pitch
 from leapgap.jumping.control.leg_kinematics import LegKinematics
@@ -89,6 +90,36 @@ class JumpPlanner:
 
 
 @dataclass(frozen=True)
+class Stand:
+    """How long a robot stands before it jumps: until it is still, since a robot that swings lands elsewhere.
+
+    The limits are six standard deviations and more of what a robot at rest measures with ``SensorNoise``.
+    """
+
+    measured_s: float = 0.06
+    """Time over which the stance is measured, and the robot must be still; no stand is shorter."""
+    longest_s: float = 0.4
+    """A robot that is not still by then jumps all the same."""
+    still_m_s: float = 0.02
+    """Largest velocity of a base that is still along any axis, mean over a third of that time."""
+    still_rad_s: float = 0.03
+    """The same of its turning rates."""
+
+    def is_over(self, estimates: Sequence[StateEstimate]) -> bool:
+        """Whether a robot with these estimates since it began to stand, one or more, may jump now."""
+        stood_s = estimates[-1].time_s - estimates[0].time_s
+        if stood_s < self.measured_s - ROUNDING_S:
+            return False
+        return stood_s >= self.longest_s - ROUNDING_S or self._is_still(latest(estimates, self.measured_s))
+
+    def _is_still(self, estimates: Sequence[StateEstimate]) -> bool:
+        """Whether the base is slow in each third of some estimates: where it turns back, it is so for a moment."""
+        largest = np.repeat([self.still_m_s, self.still_rad_s], 3)
+        rates = np.array([(*one.base_velocity, *one.base_angular_velocity) for one in estimates])
+        return all((np.abs(third.mean(axis=0)) <= largest).all() for third in np.array_split(rates, 3))
+
+
+@dataclass(frozen=True)
 class GoalChoice:
     """Where a goal-directed jump goes, and how that is decided."""
 
@@ -98,8 +129,7 @@ class GoalChoice:
     """Goal (3,) for a target and the pitch of the stance, rad."""
     stance_is_seen: bool = True
     """Whether the stance is measured; else it is taken for level."""
-    stand_s: float = 0.06
-    """Time of standing before the jump, in which the stance is measured."""
+    stand: Stand = field(default_factory=Stand)
     observation: Observation = field(default_factory=Observation)
     """When deviations from the plan are kept."""
 
@@ -124,10 +154,12 @@ class GoalDirectedJump(JumpController):
         """Stand, then plan and jump."""
         if self.tracker is not None:
             return self.tracker.command(estimate)
-        if not self._stood or estimate.time_s - self._stood[0].time_s < self.choice.stand_s - 1e-9:
+        stand = self.choice.stand
+        if not self._stood or not stand.is_over([*self._stood, estimate]):
             self._stood.append(estimate)
             return self._standing(estimate)
-        self.tracker = self.plan_from(stance_pitch(self._stood, self.legs) if self.choice.stance_is_seen else 0.0)
+        stance = latest(self._stood, stand.measured_s)
+        self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
         self.start_s = estimate.time_s
         return self.tracker.command(estimate)
 
@@ -180,6 +212,13 @@ class GoalDirectedJump(JumpController):
         return self.tracker.feed_forward(time_s, estimate, frame)
 
 
-def stance_pitch(estimates: list[StateEstimate], legs: LegKinematics) -> float:
+def latest(estimates: Sequence[StateEstimate], duration_s: float) -> Sequence[StateEstimate]:
+    """Those of the last ``duration_s``, which come one a control tick."""
+    since_s = estimates[-1].time_s - duration_s + ROUNDING_S
+    first = next(i for i, estimate in enumerate(estimates) if estimate.time_s > since_s)
+    return estimates[first:]
+
+
+def stance_pitch(estimates: Sequence[StateEstimate], legs: LegKinematics) -> float:
     """Pitch of the ground under a robot in the crouch, rad, nose-down; mean over the estimates."""
     return float(np.mean([ground_pitch(estimate, legs) for estimate in estimates]))

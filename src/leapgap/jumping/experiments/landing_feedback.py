@@ -4,22 +4,22 @@ A jump in which nothing happens lands where the landing model of the goal says. 
 
     Wᵀ (d − d₀) + Σ_i G_i δ_i
 
-where d is the deviation of trunk and feet from the shifted plan, d₀ what it would be without the kick, and G_i what a
-shift during update i does. d₀ goes on from the deviation before the kick as in the robot's own jumps. W is learned
-directly at the landing, not composed of short steps, so that no error grows on the way: from simulated jumps of the
-identified robot, each with and without a kick.
+where d is the deviation of trunk and feet from the shifted plan now and at the update before, d₀ what it would be
+without the kick, and G_i what a shift during update i does. d₀ goes on from the deviation before the kick as in the
+robot's own jumps. W is learned directly at the landing, not composed of short steps, so that no error grows on the way:
+from simulated jumps of the identified robot, each with and without a kick or a push.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from leapgap.jumping.control.shifted_plan import DEVIATIONS
 from leapgap.jumping.control.sudden_change import CalmMotion
+from leapgap.jumping.experiments.array_record import ArrayRecord
 from leapgap.jumping.experiments.landing_model import LandingModel
 
 SCALE = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
@@ -40,8 +40,10 @@ class FeedbackConfig:
     """The same of how the deviation of one update differs in the next by each of the ten."""
     calm_prior: float = 4.0
     """So many jumps count what is known before any jump."""
-    weight: float = 1.0
+    weight: float = 3.0
     """Standard deviation of what a deviation does to the landing, before any simulated jump, at a noise of one."""
+    whole_m: float = 0.05
+    """A kick that moves the landing farther along x is scaled down to that, so that large ones do not count most."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class HeldShifts:
 
 
 @dataclass(frozen=True)
-class Authority:
+class Authority(ArrayRecord):
     """What a shift does to the landing of jumps to g goals, and in how many ways that may be off."""
 
     mean: np.ndarray
@@ -109,7 +111,7 @@ class Authority:
 
 
 @dataclass(frozen=True)
-class ShiftedJumps:
+class ShiftedJumps(ArrayRecord):
     """n jumps with T updates each."""
 
     goal: np.ndarray
@@ -132,35 +134,15 @@ class ShiftedJumps:
         names = [one.name for one in fields(ShiftedJumps)]
         return ShiftedJumps(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def to_json(self) -> dict[str, Any]:
-        """The arrays as lists; what is not finite becomes null."""
-        return {one.name: null_where_not_finite(getattr(self, one.name)) for one in fields(self)}
-
-    @staticmethod
-    def from_json(raw: Mapping[str, Any]) -> "ShiftedJumps":
-        """The inverse of ``to_json``."""
-        return ShiftedJumps(**{name: np.array(values, dtype=float) for name, values in raw.items()})
-
 
 @dataclass(frozen=True)
-class KickedJumps:
+class KickedJumps(ArrayRecord):
     """n simulated jumps, each compared with the same jump without its kick, at T updates."""
 
-    kicked_s: np.ndarray
-    """Time of the kick since the start of the jump, (n,)."""
     since: np.ndarray
     """Deviation from the shifted plan, less that without the kick, (n, T, 10); not finite until the kick shows."""
     landing: np.ndarray
     """Change of the landing by the kick, (n, 3), m, m, rad."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The arrays as lists; what is not finite becomes null."""
-        return {one.name: null_where_not_finite(getattr(self, one.name)) for one in fields(self)}
-
-    @staticmethod
-    def from_json(raw: Mapping[str, Any]) -> "KickedJumps":
-        """The inverse of ``to_json``."""
-        return KickedJumps(**{name: np.array(values, dtype=float) for name, values in raw.items()})
 
 
 def held_effects(authority: np.ndarray) -> np.ndarray:
@@ -177,13 +159,6 @@ def of_held(held: np.ndarray) -> np.ndarray:
     return -np.diff(held, axis=-3)
 
 
-def null_where_not_finite(values: np.ndarray) -> Any:
-    """Nested lists of the values, with None for those that are not finite."""
-    found = values.astype(object)
-    found[~np.isfinite(values)] = None
-    return found.tolist()
-
-
 @dataclass(frozen=True)
 class LandingFeedback:
     """The learned model of one robot; see the module."""
@@ -192,8 +167,8 @@ class LandingFeedback:
     shifts: Authority
     calm: CalmMotion
     by_change: np.ndarray
-    """W of each update, (T, 2, 10, 3), m, m, rad by m, rad and per s: of the first update after a kick, and of later
-    ones."""
+    """W of each update, (T, 2, 20, 3), m, m, rad by m, rad and per s: of the first update after a kick, and of later
+    ones, by what the kick has added to the deviation now and at the update before."""
     planned_x_m: float = 0.55
     """Distance of the planned goal, which decides what shifts do."""
 
@@ -216,7 +191,10 @@ class LandingFeedback:
         return self.landing.landing(goal, stance)
 
     def change(self, update: int, age: int, since: np.ndarray) -> np.ndarray:
-        """Change of the landing, (3,), by what a sudden change has added to the deviation (10,), ``age`` updates on."""
+        """Change of the landing, (3,), by what a sudden change has added to the deviation now and before, (20,).
+
+        It was ``age`` updates ago.
+        """
         found: np.ndarray = since @ self.by_change[update, FIRST if age == 1 else LATER]
         return found
 
@@ -246,24 +224,27 @@ def learn_calm(deviation: np.ndarray, config: FeedbackConfig) -> CalmMotion:
     return CalmMotion(carry, precision)
 
 
-def learn_change(kicked: KickedJumps, period_s: float, config: FeedbackConfig) -> np.ndarray:
+def learn_change(kicked: KickedJumps, config: FeedbackConfig) -> np.ndarray:
     """What deviations by a kick do to the landing, ``LandingFeedback.by_change``, by simulated jumps.
 
-    Where too few of them were kicked just before an update, the first model there is the later one.
+    A push that still goes on differs from a kick by what it adds from update to update, so that the update before
+    counts as well. Where too few jumps were kicked just before an update, the first model there is the later one.
     """
     updates = kicked.since.shape[1]
-    found = np.zeros((updates, 2, DEVIATIONS, 3))
-    outputs = kicked.landing / MATTERS
+    found = np.zeros((updates, 2, 2 * DEVIATIONS, 3))
+    size = np.maximum(1.0, np.abs(kicked.landing[:, :1]) / config.whole_m)
+    outputs = kicked.landing / size / MATTERS
+    shows = np.isfinite(kicked.since).all(axis=2)
+    since = np.nan_to_num(kicked.since) / SCALE / size[:, None]
     for update in range(updates):
-        shows = np.isfinite(kicked.since[:, update]).all(axis=1)
-        inputs = np.nan_to_num(kicked.since[:, update]) / SCALE
-        first = shows & (kicked.kicked_s >= (update - 1) * period_s - 1e-9)
-        later = ridge(inputs[shows], outputs[shows], config.weight)
+        showed = shows[:, update - 1] if update else np.zeros_like(shows[:, 0])
+        inputs = np.concatenate([since[:, update], since[:, max(update - 1, 0)] * showed[:, None]], axis=1)
+        first, later = shows[:, update] & ~showed, shows[:, update] & showed
+        of_later = ridge(inputs[later], outputs[later], config.weight)
         enough = first.sum() > 2 * DEVIATIONS
-        # Just after a kick the state tells much of it, so that its weights need no drawing towards none.
-        of_first = ridge(inputs[first], outputs[first], 10 * config.weight) if enough else later
-        for age, weights in ((FIRST, of_first), (LATER, later)):
-            found[update, age] = weights * MATTERS / SCALE[:, None]
+        of_first = ridge(inputs[first], outputs[first], config.weight) if enough else of_later
+        for age, weights in ((FIRST, of_first), (LATER, of_later)):
+            found[update, age] = weights * MATTERS / np.tile(SCALE, 2)[:, None]
     return found
 
 

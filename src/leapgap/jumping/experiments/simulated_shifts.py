@@ -5,6 +5,7 @@ shifts on the way, not what the simulation has wrong in both. Commands are known
 without a Python loop.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -36,6 +37,8 @@ from leapgap.simulation.sensors import SensorNoise
 
 TOUCHES_M = 0.002
 """A foot this close to the ground touches it."""
+PARTS_OF_A_PUSH = 6
+"""A push is simulated as so many kicks."""
 LEAVES_WITHIN_S = 0.05
 """Feet near the ground within this time after the take-off have not left it yet."""
 
@@ -64,7 +67,7 @@ class SimulatedShiftsConfig:
     goals: int = 18
     """Number of goals that are planned; each is jumped to without shifts, and with random ones."""
     kicks: int = 40
-    """Number of kicks of each of these jumps, one at a time."""
+    """Number of kicks of each of these jumps, one at a time; every second one is a push."""
     x_m: tuple[float, float] = (0.35, 0.8)
     z_m: tuple[float, float] = (-0.04, 0.15)
     pitch_rad: tuple[float, float] = (-0.15, 0.15)
@@ -76,11 +79,41 @@ class SimulatedShiftsConfig:
     """Random shifts of a jump are scaled by a share in this range."""
     kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
     """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
+    push: tuple[float, float, float] = (0.5, 0.15, 0.0)
+    """The same of what a push changes in all."""
+    push_s: tuple[float, float] = (0.05, 0.15)
+    """How long a push acts."""
     kick_between_s: tuple[float, float] = (0.1, 0.5)
     probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
     """Distances of the goals at which the effect of shifts is found by differences."""
     probes: tuple[float, float, float] = (0.03, 0.03, 0.06)
     """Shifts, both ways, for these differences; m, m, rad."""
+
+
+@dataclass(frozen=True)
+class Kick:
+    """A sudden change of the trunk's motion."""
+
+    row: int
+    change: np.ndarray
+    """Of forward and vertical velocity, m/s, and of pitch rate, rad/s, (3,)."""
+
+
+def draw_kick(config: SimulatedShiftsConfig, period_s: float, rng: np.random.Generator) -> list[Kick]:
+    """One random kick; the period is that of the rows."""
+    return [Kick(draw_row(config, period_s, rng), rng.uniform(-1, 1, 3) * config.kick)]
+
+
+def draw_push(config: SimulatedShiftsConfig, period_s: float, rng: np.random.Generator) -> list[Kick]:
+    """A random push, as equal kicks in the middles of the equal times into which it falls."""
+    start, change = draw_row(config, period_s, rng), rng.uniform(-1, 1, 3) * config.push
+    part = float(rng.uniform(*config.push_s)) / PARTS_OF_A_PUSH / period_s
+    return [Kick(start + round((i + 0.5) * part), change / PARTS_OF_A_PUSH) for i in range(PARTS_OF_A_PUSH)]
+
+
+def draw_row(config: SimulatedShiftsConfig, period_s: float, rng: np.random.Generator) -> int:
+    """The row at which a random kick or push begins."""
+    return round(float(rng.uniform(*config.kick_between_s)) / period_s)
 
 
 @dataclass(frozen=True)
@@ -115,24 +148,25 @@ class ShiftSimulator:
         Jumps that fall are left out, as those of the robot itself are: how a fall ends says nothing about landings.
         """
         replayer = Replayer(self.robot, terrain_slots=1, threads=1)
-        kicked_s, since, changes = [], [], []
+        period = self.level.info.sample_period_s
+        since, changes = [], []
         for jump in (one for number in range(config.goals) for one in self._draw(number, replayer, config, rng)):
-            calm = self._simulate(jump, replayer)
+            trial = self._rollout(jump)
+            (calm,) = replayer.true_motions([trial])
             landing, deviation = self._landing(calm), self._deviations(jump, calm)
             if abs(landing[2]) > UPRIGHT_RAD:
                 continue
-            for _ in range(config.kicks):
-                row = round(float(rng.uniform(*config.kick_between_s)) / jump.plan.reference.period_s)
-                motion = self._kicked(jump, calm, row, rng.uniform(-1, 1, 3) * config.kick, replayer)
+            for number in range(config.kicks):
+                kicks = (draw_push if number % 2 else draw_kick)(config, period, rng)
+                motion = self._kicked(calm, kicks, trial, replayer)
                 own = self._landing(motion)
                 if abs(own[2]) <= UPRIGHT_RAD:
-                    kicked_s.append(row * jump.plan.reference.period_s)
-                    since.append(self._since(self._deviations(jump, motion) - deviation, row, rng))
+                    since.append(self._since(self._deviations(jump, motion) - deviation, kicks[0].row, rng))
                     changes.append(own - landing)
         if not changes:
             found, do = "no simulated jump that lands", "simulate more goals, or smaller kicks"
             raise InputError("land.method_settings", found, "one or more", do)
-        return KickedJumps(np.array(kicked_s), np.array(since), np.array(changes))
+        return KickedJumps(np.array(since), np.array(changes))
 
     def authority(self, config: SimulatedShiftsConfig) -> Authority:
         """What a shift during each update does to the landing: differences of jumps shifted from that update on.
@@ -171,8 +205,8 @@ class ShiftSimulator:
                     shift = jump.shift.copy()
                     shift[update:, axis] = step
                     trial = self._rollout(replace(jump, shift=shift))
-                    moved = self._landing(continued(before, before.last_state, trial, replayer)) - landing
-                    held[side, update, :, axis] = moved / step
+                    moved = continued(before, before.last_state, trial, replayer, len(trial.log))
+                    held[side, update, :, axis] = (self._landing(moved) - landing) / step
         forward, back = held[:, :-1] - held[:, 1:]
         return (forward + back) / 2, (forward - back) / 2
 
@@ -201,14 +235,17 @@ class ShiftSimulator:
         """The true motion up to the scheduled landing."""
         return replayer.true_motions([self._rollout(jump)])[0]
 
-    def _kicked(self, jump: SimulatedJump, calm: Motion, row: int, kick: np.ndarray, replayer: Replayer) -> Motion:
-        """The true motion with a sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-        before = first_rows(calm, row + 1)
-        state = before.last_state
-        velocity = state[self.robot.model.nq :]
-        velocity[[0, 2]] += kick[:2]
-        velocity[ANGULAR_VELOCITY_SLICE][1] += kick[2]
-        return continued(before, state, self._rollout(jump), replayer)
+    def _kicked(self, calm: Motion, kicks: Sequence[Kick], trial: Rollout, replayer: Replayer) -> Motion:
+        """The true motion of a trial with some kicks, one after the other."""
+        motion = first_rows(calm, kicks[0].row + 1)
+        ends = [*(kick.row + 1 for kick in kicks[1:]), len(trial.log)]
+        for kick, end in zip(kicks, ends, strict=True):
+            state = motion.last_state
+            velocity = state[self.robot.model.nq :]
+            velocity[[0, 2]] += kick.change[:2]
+            velocity[ANGULAR_VELOCITY_SLICE][1] += kick.change[2]
+            motion = continued(motion, state, trial, replayer, end)
+        return motion
 
     def _rollout(self, jump: SimulatedJump) -> Rollout:
         return Rollout(commanded_log(jump, self.grid, self.robot), self.effects, first_state=jump.start.start)
@@ -280,10 +317,11 @@ def first_rows(motion: Motion, rows: int) -> Motion:
     return Motion(motion.qpos[:rows], motion.qvel[:rows])
 
 
-def continued(before: Motion, state: np.ndarray, trial: Rollout, replayer: Replayer) -> Motion:
-    """A motion whose last row is replaced by ``state`` (nq + nv,), and what the commands of a trial make of it."""
+def continued(before: Motion, state: np.ndarray, trial: Rollout, replayer: Replayer, rows: int) -> Motion:
+    """A motion whose last row is replaced by ``state`` (nq + nv,), and what the commands of a trial make of it until
+    it has so many rows."""
     row = len(before) - 1
-    ((after,),) = replayer.replay_pieces([trial], [Starts([row], state[None])], len(trial.log) - row)
+    ((after,),) = replayer.replay_pieces([trial], [Starts([row], state[None])], rows - row)
     return Motion(np.concatenate([before.qpos[:-1], after.qpos]), np.concatenate([before.qvel[:-1], after.qvel]))
 
 

@@ -26,8 +26,8 @@ from leapgap.simulation.replay import Replayer
 Jumps = Callable[[JumpTask], Sequence[JumpController]]
 """Returns new controllers of a task's jumps, in their order."""
 
-LONGEST_STAND_S = 0.1
-"""Longest time a method may stand before it jumps, to measure its stance."""
+LONGEST_STAND_S = 0.4
+"""Longest time a method may stand before it jumps, to measure its stance and to become still."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +115,10 @@ def attempt_task(
 
 
 def run_duration_s(task: JumpTask, reference: Reference, sequence: SequenceConfig) -> float:
-    """Simulated time of a task's run: its jumps and landings, the longest stand before them, and 0.2 s more, s."""
+    """Simulated time of a task's run: its jumps, each with its landing and the longest stand before it, and 0.2 s more,
+    s."""
     one = reference.schedule.landing_s + sequence.latest_touch_s + sequence.landing.duration_s + sequence.settle_s
-    return LONGEST_STAND_S + task.jumps * one + 0.2
+    return task.jumps * (LONGEST_STAND_S + one) + 0.2
 
 
 def total_error_cm(run: ClosedLoopRun, task: JumpTask, starts: Sequence[int]) -> float | None:

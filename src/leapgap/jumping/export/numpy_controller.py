@@ -50,6 +50,7 @@ class Controller:
         self._watched, self._age = -1, 0  # last update, and updates since something sudden, from 1 on
         self._calm: np.ndarray | None = None  # deviation at the last update, without what was sudden
         self._recent: list[float] = []
+        self._since = np.zeros(10)
         self._used_s: float | None = None
         self._seen_s: float | None = None
         self._start_s: float | None = None
@@ -264,7 +265,7 @@ class Controller:
         return found[:3]
 
     def _since_change(self, update: int, deviation: np.ndarray) -> np.ndarray | None:
-        """What a sudden change has added to the deviation; None before, and where that is not finite."""
+        """What a sudden change has added to the deviation now and before; None without it, and where not finite."""
         gap, self._watched = update - self._watched, update
         finite = bool(np.isfinite(deviation).all())
         if self._calm is None:
@@ -280,13 +281,16 @@ class Controller:
         elif finite:
             calm = deviation
         self._calm = calm
-        return deviation - calm if self._age and finite else None
+        if not (self._age and finite):
+            return None
+        before, self._since = self._since, deviation - calm
+        return np.concatenate([self._since, before])
 
     def _is_sudden(self, update: int, left: np.ndarray) -> bool:
         """Whether what is unexpected of a deviation surprises more than that of the updates before."""
         n, surprise = self.n, float(left @ self.t["precision"][update] @ left) / len(left)
         known = len(self._recent) == n["RECENT"]
-        usual = max(1.0, *self._recent) if known else np.inf
+        usual = max(1.0, *self._recent[:-1]) if known else np.inf
         self._recent = [*self._recent, surprise][-n["RECENT"] :]
         return surprise > n["LEAST_SURPRISE"] and surprise > n["TIMES_RECENT"] * usual
 

@@ -43,7 +43,7 @@ MEANING = {
     "landing_dual": "their weights",
     "carry": "deviation at each update from 1 and the ten of the update before, while nothing happens",
     "precision": "inverse covariance of what is left",
-    "by_change": "change of the landing by what is sudden in the ten deviations, at its first update and later",
+    "by_change": "change of the landing by what is sudden, now and before, at its first update and later",
     "matters_of_target": "landing errors that cost alike",
     "steps_of_update": "number of steps of the horizon",
     "edges_of_update": "first update of each step, and the end of the last one",

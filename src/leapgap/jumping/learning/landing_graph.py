@@ -1,9 +1,9 @@
 """The landing model of a goal-shift controller as an ONNX graph, for batches of any length.
 
-Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``since`` (n, 10), what a sudden change has added to the
-deviation from the plan, ``update`` (n,) and ``age`` (n,), the updates since the change, from 1 on; output ``landing``
-(n, 3), if the goal stays what it is. Double precision. What the model is for stands in the metadata, as JSON under
-``leapgap``.
+Inputs ``goal`` (n, 3; m, m, rad), ``stance`` (n, 1; rad), ``since`` (n, 20), what a sudden change has added to the
+deviation from the plan now and at the update before, ``update`` (n,) and ``age`` (n,), the updates since the change,
+from 1 on; output ``landing`` (n, 3), if the goal stays what it is. Double precision. What the model is for stands in
+the metadata, as JSON under ``leapgap``.
 """
 
 import json
@@ -47,7 +47,7 @@ def serialise(tables: Mapping[str, np.ndarray], about: Mapping[str, object]) -> 
             [
                 helper.make_tensor_value_info("goal", TensorProto.DOUBLE, ["n", 3]),
                 helper.make_tensor_value_info("stance", TensorProto.DOUBLE, ["n", 1]),
-                helper.make_tensor_value_info("since", TensorProto.DOUBLE, ["n", 10]),
+                helper.make_tensor_value_info("since", TensorProto.DOUBLE, ["n", 20]),
                 helper.make_tensor_value_info("update", TensorProto.INT64, ["n"]),
                 helper.make_tensor_value_info("age", TensorProto.INT64, ["n"]),
             ],

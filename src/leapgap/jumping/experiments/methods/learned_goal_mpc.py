@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,7 +70,7 @@ class LearnedGoalMpcSettings(MethodSettings):
         grid = ShiftGrid(learned.planner.schedule, self.mpc.period_s, on_rear_feet=self.mpc.on_rear_feet)
         shifts = shifts.measured(measure_held_shifts(bench, method, landing, grid, self.held, own))
         calm = learn_calm(learned.jumps.deviation, self.model)
-        by_change = learn_change(kicked, self.mpc.period_s, self.model)
+        by_change = learn_change(kicked, self.model)
         return replace(method, feedback=LandingFeedback(landing, shifts, calm, by_change))
 
     def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[KickedJumps, Authority]:
@@ -91,14 +91,11 @@ class LearnedGoalMpcSettings(MethodSettings):
         )
         place = f"{bench.hardware}/{folder}/simulated"
         found = bench.runner.value(place, simulate, simulator, self.simulated, bench.seed)
-        return KickedJumps.from_json(found["kicked"]), Authority(
-            **{name: np.array(part) for name, part in found["authority"].items()}
-        )
+        return KickedJumps.from_json(found["kicked"]), Authority.from_json(found["authority"])
 
 
 def simulate(simulator: ShiftSimulator, config: SimulatedShiftsConfig, seed: int) -> Mapping[str, Any]:
     """The kicked jumps and the authority of shifts, in a form that a JSON file can hold."""
     shifts = simulator.authority(config)
     kicked = simulator.kicked(config, np.random.default_rng([seed, 11]))
-    authority = {one.name: getattr(shifts, one.name).tolist() for one in fields(shifts)}
-    return {"kicked": kicked.to_json(), "authority": authority}
+    return {"kicked": kicked.to_json(), "authority": shifts.to_json()}

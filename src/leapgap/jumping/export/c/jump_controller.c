@@ -24,6 +24,7 @@ static struct {
     double latest[KEPT][DEVIATIONS];
     int watched, has_calm, age;       /* last update, and updates since something sudden, from 1 on */
     double calm[DEVIATIONS];          /* deviation at the last update, without what was sudden */
+    double since[DEVIATIONS];         /* what a sudden change had added at the last update */
     double recent[RECENT];            /* surprises of the last updates */
     int surprises;
     JumpCommand last;
@@ -213,31 +214,32 @@ static void landing_of(const double goal[3], double landing[3]) {
 }
 
 /* Landing to reckon with: that of the goal, what shifts do to it, and what was sudden. */
-static void predict(int update, const double before[3], const double since[DEVIATIONS], double landing[3]) {
+static void predict(int update, const double before[3], const double since[2 * DEVIATIONS], double landing[3]) {
     landing_of(now.goal, landing);
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
             for (int t = 0; t < update; t++) landing[i] += now.authority.by_update[t][i][j] * now.shift[t][j];
             for (int t = update; t < UPDATES; t++) landing[i] += now.authority.by_update[t][i][j] * before[j];
         }
-        for (int k = 0; k < DEVIATIONS; k++) landing[i] += since[k] * by_change[update][now.age > 1][k][i];
+        for (int k = 0; k < 2 * DEVIATIONS; k++) landing[i] += since[k] * by_change[update][now.age > 1][k][i];
     }
 }
 
 /* ---- what is sudden ---- */
 
-/* Whether what is unexpected of a deviation surprises more than that of the updates before. */
+/* Whether what is unexpected of a deviation surprises more than that of the recent updates. */
 static int is_sudden(int update, const double left[DEVIATIONS]) {
     double surprise = 0, usual = 1;
     for (int i = 0; i < DEVIATIONS; i++)
         for (int j = 0; j < DEVIATIONS; j++) surprise += left[i] * precision[update][i][j] * left[j] / DEVIATIONS;
-    for (int k = 0; k < RECENT; k++) usual = fmax(usual, now.recent[k]);
+    for (int k = 0; k < RECENT; k++) /* all but the last one */
+        if (k != (now.surprises + RECENT - 1) % RECENT) usual = fmax(usual, now.recent[k]);
     now.recent[now.surprises % RECENT] = surprise;
     return now.surprises++ >= RECENT && surprise > LEAST_SURPRISE && surprise > TIMES_RECENT * usual;
 }
 
-/* What a sudden change has added to the deviation; whether there was one and the deviation is finite. */
-static int since_change(int update, const double deviation[DEVIATIONS], int finite, double since[DEVIATIONS]) {
+/* What a sudden change has added to the deviation now and before; whether there was one and the deviation is finite. */
+static int since_change(int update, const double deviation[DEVIATIONS], int finite, double since[2 * DEVIATIONS]) {
     const int last = now.watched, gap = update - last;
     now.watched = update;
     if (!now.has_calm) {
@@ -257,7 +259,10 @@ static int since_change(int update, const double deviation[DEVIATIONS], int fini
     if (now.age) now.age += gap;
     else if (finite && gap == 1 && is_sudden(update, since)) now.age = 1;
     else if (finite) memcpy(now.calm, deviation, sizeof now.calm);
-    return now.age && finite;
+    if (!now.age || !finite) return 0;
+    memcpy(since + DEVIATIONS, now.since, sizeof now.since);
+    memcpy(now.since, since, sizeof now.since);
+    return 1;
 }
 
 /* ---- stance that was not seen before the jump ---- */
@@ -302,7 +307,7 @@ static void measure_stance(double time_s, const JumpEstimate *e) {
 
 /* Choose the shift from this update on; it stays until something sudden has happened, or where that is not possible. */
 static void choose_shift(int update, const double before[3]) {
-    double deviation[DEVIATIONS], since[DEVIATIONS], landing[3], change[3] = {0, 0, 0};
+    double deviation[DEVIATIONS], since[2 * DEVIATIONS], landing[3], change[3] = {0, 0, 0};
     if (now.stance_known) {
         const int finite = mean_deviation(deviation);
         if (!finite) now.counts.not_finite++;
