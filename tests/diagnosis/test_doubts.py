@@ -45,7 +45,7 @@ def named_armature(robot: Robot, inertia: float, friction_nm: float = 0.0) -> tu
 def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.3)
     assert judgement.selected.at_bound
-    found = partly_where_another_acts(judgement, fit, DecisionThresholds())
+    found = partly_where_another_acts(judgement, fit, DecisionThresholds(), 0.05)
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
     assert any("ends at its range" in note for note in fit.notes)
 
@@ -53,14 +53,14 @@ def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(robot: Robot) 
 def test_what_leaves_short_pieces_far_from_noise_is_told_as_a_part(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.02, friction_nm=1.0)
     assert not judgement.selected.at_bound
-    found = partly_where_another_acts(judgement, fit, DecisionThresholds())
+    found = partly_where_another_acts(judgement, fit, DecisionThresholds(), 0.05)
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
     assert any("short pieces stay" in note for note in fit.notes)
 
 
 def test_what_fits_within_its_range_stays(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.02)
-    assert partly_where_another_acts(judgement, fit, DecisionThresholds()) is judgement
+    assert partly_where_another_acts(judgement, fit, DecisionThresholds(), 0.05) is judgement
     assert not fit.notes
 
 
@@ -95,6 +95,21 @@ def test_what_closes_much_and_is_hardly_known_leaves_a_part(robot: Robot) -> Non
     strict = DecisionThresholds(least_known=21.0, enough_jointly=1.0)  # no number is known so well
     found = without_uncertain(judgement, fit, strict, 0.05)
     assert len(found.conclusion.answer) == 1 and found.conclusion.verdict == "partly"
+
+
+def test_several_causes_that_leave_much_and_are_less_known_than_such_that_act_are_a_part(robot: Robot) -> None:
+    judgement, fit = friction_with_armature(robot, 0.02, friction_nm=1.0)
+    much = DecisionThresholds(enough_jointly=2.0)  # no answer closes so much
+    assert partly_where_another_acts(judgement, fit, much, 0.05) is judgement
+    strict = replace(much, least_known_named=21.0)  # no number is known so well
+    found = partly_where_another_acts(judgement, fit, strict, 0.05)
+    assert found.conclusion.verdict == "partly" and found.conclusion.answer == judgement.conclusion.answer
+    assert any("less known" in note and "joint_friction" in note for note in fit.notes)
+    closing = replace(strict, enough_jointly=0.5)
+    assert partly_where_another_acts(judgement, fit, closing, 0.05) is judgement
+    rivals = (("joint_friction", "joint_damping"), ("armature",))
+    open_still = replace(judgement, conclusion=replace(judgement.conclusion, verdict="ambiguous", answer=rivals))
+    assert partly_where_another_acts(open_still, fit, strict, 0.05) is open_still
 
 
 def test_causes_that_stay_behind_one_left_out_are_fitted_anew(robot: Robot) -> None:

@@ -13,7 +13,8 @@ from leapgap.diagnosis.joint_fit import JointFit
 
 def with_doubts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float) -> Judgement:
     """The judgement without what its answer may not claim; ``model_error`` as in ``Settings``."""
-    return partly_where_another_acts(without_uncertain(judgement, fit, thresholds, model_error), fit, thresholds)
+    certain = without_uncertain(judgement, fit, thresholds, model_error)
+    return partly_where_another_acts(certain, fit, thresholds, model_error)
 
 
 def without_uncertain(
@@ -66,11 +67,14 @@ def of_causes(conclusion: Conclusion, fit: JointFit, kept: Sequence[int]) -> Con
     return Conclusion(verdict, answer, steps_of(again), sure, conclusion.other_simulation)
 
 
-def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
-    """The judgement, told as ``partly`` where much is left and another cause surely acts.
+def partly_where_another_acts(
+    judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float
+) -> Judgement:
+    """The judgement, told as ``partly`` where much is left and another cause acts.
 
-    One does where a number ends at its range, for no value that a robot may have fits then; and where short pieces, in
-    which errors have no time to grow, stay far from the robot's.
+    One does where a number ends at its range, for no value that a robot may have fits then; where short pieces, in
+    which errors have no time to grow, stay far from the robot's; and where one of several named causes is less known
+    than causes that act are: two or three that stand for one without a name are so.
     """
     conclusion, gap = judgement.conclusion, fit.judging
     if conclusion.verdict not in ("named", "ambiguous") or not conclusion.steps or not gap.has_gap:
@@ -83,7 +87,22 @@ def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: D
     elif fit.in_parts and (left := fit.share_and_rest(judgement.selected)[1]) > thresholds.most_left_named:
         noise = f"{np.sqrt(left):.0f} times as far from the logs as noise explains"
         note = f"short pieces stay {noise}: another cause acts as well, or a number is off"
+    elif fit.in_parts and (names := hardly_known(judgement, thresholds, model_error)):
+        note = f"much is left, and the number of {names} is less known than one that acts: another cause may act"
     else:
         return judgement
     fit.notes.append(note)
     return replace(judgement, conclusion=replace(conclusion, verdict="partly"))
+
+
+def hardly_known(judgement: Judgement, thresholds: DecisionThresholds, model_error: float) -> str:
+    """Those of several named causes whose numbers are less known than ``least_known_named`` asks, in words.
+
+    Empty where all are known, where one cause is named, and where rivals are told, which is why numbers are not known.
+    """
+    conclusion, selected = judgement.conclusion, judgement.selected
+    if conclusion.verdict != "named" or len(conclusion.answer) < 2:
+        return ""
+    sizes = spreads_from_nominal(selected, model_error)
+    few = (h.label for h, size in zip(selected.hypotheses, sizes, strict=True) if size < thresholds.least_known_named)
+    return " and ".join(few)
