@@ -125,6 +125,7 @@ def score_half(
     own = {kind: {n: e for n, e in entries.items() if e["half"] == half} for kind, entries in revisits.items()}
     return {
         **scoring.scores(outcomes, settings.bootstrap_draws, settings.bins, rng),
+        "verdicts": scoring.verdict_counts(scoring.of_pipeline(outcomes)),
         "next_experiment_resolves": scoring.share(bool(e["resolved"]) for e in own["experiments"].values()),
         "next_experiments_made": len(own["experiments"]),
         "further_jumps_find": scoring.share(bool(e["found"]) for e in own["missed"].values()),

@@ -21,7 +21,7 @@ from leapgap.logs.log import Log
 from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import self_contained
-from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
+from leapgap.validation.case import CaseSetup, ChosenCase, published_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
 from leapgap.validation.motions import known
 from leapgap.validation.robot_class import ClassCases, RobotClass, draw_class
@@ -48,6 +48,8 @@ class WithholdSettings:
     halves: dict[str, Any]
     sizes: dict[str, dict[str, list[float]]]
     signed: list[str]
+    chosen: list[Any]
+    """Cases that are not drawn, each a ``ChosenCase``."""
     further: dict[str, Any]
     clocks: dict[str, dict[str, list[float]]]
     too_high: dict[str, dict[str, list[float]]]
@@ -71,7 +73,8 @@ def withhold_all(config: DictConfig) -> None:
         name: read_config(FurtherCounts, section.further[name], f"withhold.further.{name}") for name in section.further
     }
     further = Further(counts, settings.clocks, settings.too_high)
-    cases = draw_cases(halves, settings.sizes, settings.signed, robot, further)
+    chosen = [read_config(ChosenCase, own, f"withhold.chosen.{k}").case for k, own in enumerate(section.chosen)]
+    cases = draw_cases(halves, settings.sizes, settings.signed, robot, further, chosen)
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
     references = references_of(settings, robot) if cases else []
     classes = {name: read_class(name, settings, section) for name in section.robots}

@@ -26,6 +26,7 @@ from tests.code import ROOT
 DATA = {
     "land.tasks.*": "each entry is a task of its own, and no entry is the default one",
     "robots.cases.*": "each entry is a case of its own, and no entry is the default one",
+    "withhold.chosen.*": "each entry is a case of its own, and no entry is the default one",
 }
 """Entries of conf that are data: an instance of a dataclass, where others are instances too."""
 

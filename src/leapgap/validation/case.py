@@ -185,6 +185,21 @@ def effect_from_json(entry: Mapping[str, Any]) -> Effect:
     return kind(location=entry["location"], **entry["parameters"])
 
 
+@dataclass(frozen=True)
+class ChosenCase:
+    """A case that is not drawn: its effects as a truth file has them, and its seed."""
+
+    half: str
+    kind: str
+    seed: int
+    effects: list[dict[str, Any]]
+
+    @property
+    def case(self) -> Case:
+        """The case as one that was drawn."""
+        return Case(self.half, self.kind, tuple(effect_from_json(entry) for entry in self.effects), self.seed)
+
+
 def detectability(
     case: Case,
     generated: Sequence[GeneratedJump],

@@ -76,14 +76,19 @@ class Further:
 
 
 def draw_cases(
-    halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot, further: Further | None = None
+    halves: Mapping[str, Half],
+    sizes: Sizes,
+    signed: Sequence[str],
+    robot: Robot,
+    further: Further | None = None,
+    chosen: Sequence[Case] = (),
 ) -> list[Case]:
     """All cases of all halves; ``signed`` effects depart to either side of nominal.
 
-    The ordinary kinds come first in shuffled order, then the further kinds, shuffled too. Every further kind is
-    drawn by a generator of its own, so that the ordinary cases of a seed stay what they are.
+    The ordinary kinds and ``chosen`` cases come first in shuffled order, then the further kinds, shuffled too. Every
+    further kind is drawn by a generator of its own, so that the ordinary cases of a seed stay what they are.
     """
-    cases = draw_ordinary_cases(halves, sizes, signed, robot)
+    cases = draw_ordinary_cases(halves, sizes, signed, robot, chosen=chosen)
     later: list[Case] = []
     for name, half in sorted(halves.items()):
         if further is None or name not in further.counts:
@@ -99,9 +104,14 @@ def draw_cases(
 
 
 def draw_ordinary_cases(
-    halves: Mapping[str, Half], sizes: Sizes, signed: Sequence[str], robot: Robot, own: OwnNumbers | None = None
+    halves: Mapping[str, Half],
+    sizes: Sizes,
+    signed: Sequence[str],
+    robot: Robot,
+    own: OwnNumbers | None = None,
+    chosen: Sequence[Case] = (),
 ) -> list[Case]:
-    """The cases of the ordinary kinds of all halves in shuffled order.
+    """The cases of the ordinary kinds of all halves, and the ``chosen`` ones, in shuffled order.
 
     With ``own`` the sizes are shares of the robot's own numbers, and effects that do not exist on it are not drawn.
     """
@@ -122,6 +132,7 @@ def draw_ordinary_cases(
         drawn += [("none", ())] * half.none
         drawn += [("triple", sampler.sample_several(known, 3)) for _ in range(half.triple)]
         cases += [Case(name, kind, own, int(rng.integers(2**31))) for kind, own in drawn]
+    cases += chosen
     order = np.random.default_rng([half.seed for half in halves.values()]).permutation(len(cases))
     return [cases[i] for i in order]
 

@@ -1,5 +1,6 @@
 """The scores of the blind check: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -124,6 +125,11 @@ def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.rando
     own = of_pipeline(outcomes)
     ordinary = [o for o in own if o.is_ordinary]
     return {**ordinary_scores(ordinary, draws, bins, rng), **further_scores(own)}
+
+
+def verdict_counts(outcomes: Sequence[CaseOutcome]) -> dict[str, int]:
+    """How many cases have each verdict, in the order of the verdicts' names; those that none has are left out."""
+    return dict(sorted(Counter(o.verdict for o in outcomes).items()))
 
 
 def of_pipeline(outcomes: Sequence[CaseOutcome]) -> list[CaseOutcome]:
