@@ -1,7 +1,9 @@
 """Experiments that tell causes apart: a pendulum in space, whose motor gain and inertia only a known load separates."""
 
 import json
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -9,18 +11,20 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_forecast import Forecaster
+from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
+from leapgap.diagnosis.experiment_whole_logs import LEAST_SHOWN, WholeLogs
 from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
 from leapgap.diagnosis.experiments.base import Experiment, Repetition
 from leapgap.diagnosis.experiments.gains import OtherGains
 from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiments.jumps import OtherJumps
 from leapgap.diagnosis.experiments.load import KnownLoad
 from leapgap.diagnosis.experiments.plans import is_possible
 from leapgap.diagnosis.experiments.sines import Sines
 from leapgap.diagnosis.experiments.speed import OtherSpeed
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.next_experiment import sharpen
+from leapgap.diagnosis.next_experiment import sharpen, tells_apart
 from leapgap.diagnosis.outside_forces.inverse_dynamics import inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.residuals import instants_of, without_loads
 from leapgap.diagnosis.rival_fits import Rival
@@ -53,10 +57,12 @@ PERIOD_S, KP, KD, GAIN = 0.002, 20.0, 1.0, 0.8
 ANGLE_NOISE, SPEED_NOISE = 3e-4, 1e-2
 
 
-def swing(seed: int, gain: float = 1.0, damping: float = 0.0, triangle: bool = False, rows: int = 800) -> Log:
+def swing(
+    seed: int, gain: float = 1.0, damping: float = 0.0, triangle: bool = False, rows: int = 800, text: str = ROD
+) -> Log:
     """A log by plain MuJoCo of a joint PD that a motor scales by ``gain``; sines, or a triangle of constant speed."""
     rng = np.random.default_rng(seed)
-    model = mujoco.MjModel.from_xml_string(ROD.format(damping=damping))
+    model = mujoco.MjModel.from_xml_string(text.format(damping=damping))
     data, time = mujoco.MjData(model), np.arange(rows) * PERIOD_S
     rate = 1.0 + 0.2 * seed
     wanted = 0.5 * np.sin(2 * np.pi * rate * time)
@@ -166,6 +172,64 @@ def test_what_tolerances_of_the_model_could_do_does_not_count(rod: Robot) -> Non
     )
     assert sure is not None and unsure is not None
     assert unsure.least < sure.least
+
+
+@dataclass(frozen=True)
+class LetGo(Experiment):
+    """The rod is let go where it stands upright, so that errors alone decide when and to which side it falls."""
+
+    name = "let_go"
+    cost = 0
+
+    @classmethod
+    def candidates(cls, given: Given) -> list[Experiment]:
+        return []
+
+    def plans(self, given: Given) -> list[Log]:
+        states = {"joint_pos/hinge": 0.0, "joint_vel/hinge": 0.0, "cmd_kp/hinge": 0.05, "cmd_kd/hinge": 0.0}
+        still = {name: np.full(len(given.logs[0]), value) for name, value in states.items()}
+        return [replace(plan, columns=dict(plan.columns) | still) for plan in Repetition().plans(given)]
+
+    def words(self, given: Given) -> str:
+        return "let it go"
+
+
+def test_whole_logs_that_errors_decide_do_not_show_the_answer(tmp_path: Path) -> None:
+    """A weak motor shows in swings of a rod that stands in gravity, and not where it is let go."""
+    upright = ROD.format(damping=0.0).replace('gravity="0 0 0"', 'gravity="-9.81 0 0"')
+    (tmp_path / "rod.xml").write_text(upright)
+    robot = Robot.load(tmp_path / "rod.xml")
+    logs = [swing(seed, GAIN, text=upright) for seed in range(3)]
+    judged, answer = JudgedLogs.of(logs, robot), fit(robot, TorqueGain, GAIN, 0.01)
+    tolerances = {"armature.inertia": 0.05, "leg_mass.scale": 0.005, "joint_damping.damping": 0.1}
+    whole = WholeLogs(Forecaster(judged, Replayer(robot), "torque_gain", answer, (), tolerances, 0.1, 0.01, 1))
+    assert whole.closes(Repetition()) > 0.7
+    assert whole.least == pytest.approx(LEAST_SHOWN * whole.closes(Repetition()))
+    assert whole.show_answer(OtherGains(0.7))
+    assert whole.closes(LetGo()) < 0.2 and not whole.show_answer(LetGo())
+
+
+def test_motions_alike_do_not_tell_what_the_logs_leave_open_but_by_their_number() -> None:
+    """A rival that is best in an eighth of the resamples needs a little over twice the logs, one in 0.45 many more."""
+
+    def of(experiment: Experiment, loss: float) -> Forecast:
+        return Forecast(experiment, (Separation("a", "b", loss, "base_pos_x", 1.0),), np.zeros(1))
+
+    given = Given((), SimpleNamespace(has_free_base=True))
+    assert tells_apart(of(OtherJumps(), 40.0), 20.0, 0.125, given)
+    assert not tells_apart(of(OtherJumps(), 31.0), 20.0, 0.2, given)
+    assert not tells_apart(of(OtherGains(0.7), 40.0), 20.0, 0.45, given)
+    assert tells_apart(of(Sines(("hip",), (0.1,), 3.0), 40.0), 20.0, 0.45, given)
+    assert not tells_apart(of(Sines(("hip",), (0.1,), 3.0), 20.0), 20.0, 0.1, given)
+
+
+def test_further_jumps_are_to_the_logged_distances_whose_plans_are_simulated() -> None:
+    logs = tuple(SimpleNamespace(info=SimpleNamespace(extra={"target": {"x_m": x}})) for x in (0.55, 0.38, 0.38))
+    given = Given(logs, SimpleNamespace(has_free_base=True))  # type: ignore[arg-type]
+    (jumps,) = OtherJumps.candidates(given)
+    assert isinstance(jumps, OtherJumps) and jumps.number(given) == 6
+    assert jumps.words(given) == "log 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
+    assert jumps.collect(given)[:2] == ["collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6"]
 
 
 def test_plans_are_what_they_say(rod: Robot) -> None:

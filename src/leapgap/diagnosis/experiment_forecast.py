@@ -50,7 +50,7 @@ class Separation:
     """The cause of the robot that makes the experiment."""
     rival: str
     loss: float
-    """Expected loss of its log likelihood, over the pieces in which the experiment was foretold."""
+    """Expected loss of its log likelihood, over pieces of all logs of the experiment."""
     channel: str
     """Channel in which the two differ most."""
     noises: float
@@ -115,7 +115,8 @@ class Forecaster:
         around = [(h, n) for h, n in zip(self.answer.hypotheses, self.answer.split(), strict=True)]
         seen = Sensitivities.of(short, (), self.tolerances, around)
         slopes = self.slopes(seen.evidence, self.answer)
-        separations = tuple(self.separation(rival, seen) for rival in self.rivals)
+        times = experiment.number(self.given) / len(plans)
+        separations = tuple(self.separation(rival, seen, times) for rival in self.rivals)
         return Forecast(experiment, separations, self.spread_after(slopes, seen))
 
     def forecast_possible(self, experiment: Experiment) -> Forecast | None:
@@ -181,8 +182,8 @@ class Forecaster:
         by_number = [(one - base) / by.sum() for one, by in zip(changed, steps, strict=True)]
         return np.stack([base, *by_number], axis=2)
 
-    def separation(self, rival: Rival, seen: Sensitivities) -> Separation:
-        """How far a rival is from the answer."""
+    def separation(self, rival: Rival, seen: Sensitivities, times: float) -> Separation:
+        """How far a rival is from the answer in an experiment of so many times the logs in which it is foretold."""
         short = seen.evidence
         (truth,) = self.residuals(short, [self.effects_of(self.answer, self.answer.numbers)])
         columns = self.slopes(short, rival.fit)
@@ -197,7 +198,7 @@ class Forecaster:
         own = np.concatenate([columns[:, :, :1], seen.nuisances], axis=2)
         of_tolerances = Products.of(own).fit(np.ones(seen.nuisances.shape[2]), np.ones(len(own), bool))
         channel, noises = largest_difference(own @ of_tolerances, short)
-        return Separation(self.name, rival.name, loss, channel, noises)
+        return Separation(self.name, rival.name, times * loss, channel, noises)
 
     def spread_after(self, slopes: np.ndarray, seen: Sensitivities) -> np.ndarray:
         """Standard deviation of the answer's numbers once the experiment is fitted too, (numbers,)."""

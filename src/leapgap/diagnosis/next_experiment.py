@@ -3,25 +3,29 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
 from leapgap.diagnosis.decision import Judgement
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
+from leapgap.diagnosis.experiment_whole_logs import WholeLogs
 from leapgap.diagnosis.experiments import candidates_for
 from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Repetition
 from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.experiments.jumps import OtherJumps
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.rival_fits import open_fits
+from leapgap.diagnosis.rival_sets import probability
 from leapgap.simulation.replay import Replayer
 
 ENOUGH = 60.0
 """Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause."""
-MOST_REPEATS, LEAST_TIMES = 6, 2.0
+MOST_REPEATS, LEAST_TIMES = 6, 1.5
 """How many times an experiment is made at most, so that its losses add up to enough; and by what factor its loss must
-exceed today's."""
+exceed today's, to which it is added."""
 UNSURE, SHRINKS = 0.25, 2.0
 """A number is unsure where its standard deviation is this share of its departure from nominal.
 
@@ -47,7 +51,8 @@ class NextExperiment:
     expected: tuple[Mapping[str, Any], ...] = ()
     """For each rival what the experiment would show, beside what the logs show today."""
     tried: tuple[Mapping[str, Any], ...] = ()
-    """Every experiment that was foretold, with its smallest loss over the rivals."""
+    """Every experiment that was foretold, with its smallest loss over the rivals, and the share of the gap of its whole
+    logs that the right answer would close, where that was asked for."""
     collect: tuple[str, ...] = ()
     """Settings of ``stages.collect``, where these make it."""
 
@@ -101,12 +106,13 @@ def propose(
         return sharpen(by_truth[0], progress)
     if not by_truth[0].rivals:
         return by_experience(open_names, by_truth[0].given)
-    return separate(open_names, by_truth, progress)
+    shares = [probability(name, judgement.result, judgement.shares) for name in open_names[1:]]
+    return separate(open_names, by_truth, max(shares), progress)
 
 
 def by_experience(names: Sequence[str], given: Given) -> NextExperiment:
     """A proposal without figures, where no rival has a fit that could be simulated."""
-    trace = f"These logs leave the same trace for {' and '.join(names)}: "
+    trace = same_trace(names)
     jumps = OtherJumps.candidates(given)
     if not jumps:
         return NextExperiment(f"{trace}log faster and slower motions, and diagnose all logs together.", tuple(names))
@@ -126,45 +132,101 @@ def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> lis
     return found
 
 
-def separate(names: Sequence[str], by_truth: Sequence[Forecaster], progress: Callable[[str], None]) -> NextExperiment:
+def separate(
+    names: Sequence[str], by_truth: Sequence[Forecaster], rival_share: float, progress: Callable[[str], None]
+) -> NextExperiment:
     """The experiment that tells the open causes apart, whichever is true, or the statement that none does.
 
-    All experiments are foretold for the answer's robot, the most promising ones for the robots of its rivals too.
+    All experiments are foretold for the answer's robot, and whole logs are made of those that tell the causes apart
+    there; the most promising ones are foretold for the robots of the rivals too. ``rival_share`` is the share of the
+    resamples in which the likeliest rival is best today.
     """
     answer, *others = by_truth
-    given, today = answer.given, answer.forecast(Repetition())
+    given, today, whole = answer.given, answer.forecast(Repetition()), WholeLogs(answer)
     found = forecasts_of(answer, progress)
-    trace = f"These logs leave the same trace for {' and '.join(names)}: "
     least = today.least if today else 0.0
-    enough = max(ENOUGH, LEAST_TIMES * least)
-    promising = sorted(
-        found, key=lambda one: (one.least < enough, one.experiment.cost * (one.least >= enough), -one.least)
+    telling = [one for one in found if tells_apart(one, least, rival_share, given)]
+    closes = {one.experiment: whole.closes(one.experiment) for one in telling}
+    shown = [one for one in telling if closes[one.experiment] >= whole.least]
+    best = best_for_all_truths(shown, closes, max(ENOUGH, LEAST_TIMES * least), others)
+    tried = tuple(
+        {"experiment": one.experiment.short, "least_loss": one.least}
+        | ({"closes": closes[one.experiment]} if one.experiment in closes else {})
+        for one in found
     )
+    if best is None or not tells_apart(best, least, rival_share, given):
+        return NextExperiment(none_tells(names, len(found), len(telling) - len(shown)), tuple(names), tried=tried)
+    return proposal_of(names, best, today, tried, given)
+
+
+def best_for_all_truths(
+    shown: Sequence[Forecast], closes: Mapping[Experiment, float], enough: float, others: Sequence[Forecaster]
+) -> Forecast | None:
+    """The most promising forecast with the separations that it has where another cause is true; None without any.
+
+    Of those that tell ``enough`` the least effort comes first, and of equal effort what shows most of the answer.
+    """
+
+    def order(one: Forecast) -> tuple[bool, int, float]:
+        tells = one.least >= enough
+        return not tells, one.experiment.cost * tells, -closes[one.experiment] if tells else -one.least
+
+    floating = any(other.robot.has_free_base for other in others)
     best: Forecast | None = None
-    for one in promising[: CHECKED_FLOATING if given.robot.has_free_base else CHECKED]:
-        whole = with_other_truths(one, others)
-        best = whole if best is None or whole.least > best.least else best
+    for one in sorted(shown, key=order)[: CHECKED_FLOATING if floating else CHECKED]:
+        of_all = with_other_truths(one, others)
+        best = of_all if best is None or of_all.least > best.least else best
         if best.least >= enough:
             break
-    tried = tuple({"experiment": one.experiment.short, "least_loss": one.least} for one in found)
-    if best is None or best.least < max(ENOUGH / MOST_REPEATS, LEAST_TIMES * least):
-        sentence = (
-            f"{trace}none of {len(found)} experiments that were simulated tells them apart beyond noise and the "
-            "tolerances of the model."
-        )
-        return NextExperiment(sentence, tuple(names), tried=tried)
+    return best
+
+
+def none_tells(names: Sequence[str], number: int, hidden: int) -> str:
+    """The sentence where none of a number of experiments is proposed; whole logs hide the answer in ``hidden``."""
+    but = f"; {hidden} would by short pieces, but whole logs of such motions hide the answer" if hidden else ""
+    return (
+        f"{same_trace(names)}none of {number} experiments that were simulated tells them apart beyond noise and the "
+        f"tolerances of the model{but}."
+    )
+
+
+def proposal_of(
+    names: Sequence[str], best: Forecast, today: Forecast | None, tried: tuple[Mapping[str, Any], ...], given: Given
+) -> NextExperiment:
+    """The proposal of an experiment, with what it would show beside today's logs."""
     expected = expected_of(best, today)
     worst = min(expected, key=lambda one: float(one["loss"]))
     was = "" if worst["noises_today"] is None else f"; today by {in_noises(worst['noises_today'])}"
     differ = f"There {names[0]} and {worst['rival']} differ by {in_noises(worst['noises'])} times the noise"
-    repeats = 1 if collect_of(best.experiment, given) else max(1, math.ceil(ENOUGH / best.least))
+    collect = collect_of(best.experiment, given)
+    repeats = 1 if collect else max(1, math.ceil(ENOUGH / best.least))
     times = f", each {repeats} times" if repeats > 1 else ""
     sentence = (
-        f"{trace}{best.experiment.words(given)}{times}, and diagnose all logs together. {differ} in "
+        f"{same_trace(names)}{best.experiment.words(given)}{times}, and diagnose all logs together. {differ} in "
         f"{worst['channel']}{was}."
     )
-    collect = collect_of(best.experiment, given)
     return NextExperiment(sentence, tuple(names), best.experiment, repeats, expected, tried, collect)
+
+
+def same_trace(names: Sequence[str]) -> str:
+    """The beginning of a sentence on causes that logs leave open."""
+    return f"These logs leave the same trace for {' and '.join(names)}: "
+
+
+def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Given) -> bool:
+    """Whether an experiment, made a few times, tells the answer apart from its rivals.
+
+    ``today`` is the loss that the logged motions are foretold to give. Where these leave a rival best in
+    ``rival_share`` of the resamples nevertheless, further motions alike leave it so, too, unless there are many:
+    the mean difference of the losses, in its standard deviations, grows by the root of their number.
+    """
+    if forecast.least < max(ENOUGH / MOST_REPEATS, LEAST_TIMES * today):
+        return False
+    if not forecast.experiment.is_alike(given) or not 0 < rival_share < 1:
+        return True
+    sigmas = NormalDist().inv_cdf(1 - rival_share)
+    wanted = NormalDist().inv_cdf(1 - DecisionThresholds.rival_share)
+    return sigmas * math.sqrt(1 + forecast.least / max(today, 1e-9)) >= wanted
 
 
 def in_noises(size: float) -> str:
@@ -218,11 +280,11 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExpe
         return None
     found = forecasts_of(forecaster, progress)
     enough = [one for one in found if spread[which] >= SHRINKS * one.spread[which]]
-    if not enough:
+    enough.sort(key=lambda one: (one.experiment.cost, one.spread[which]))
+    whole = WholeLogs(forecaster)
+    best = next((one for one in enough if whole.show_answer(one.experiment)), None)
+    if best is None:
         return None
-    best = min(
-        (one for one in enough if one.experiment.cost == enough[0].experiment.cost), key=lambda one: one.spread[which]
-    )
     labels = [(h.name, p) for h in answer.hypotheses for p in h.parameters]
     name, parameter = labels[which]
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"

@@ -33,6 +33,14 @@ class Experiment(ABC):
     def words(self, given: Given) -> str:
         """What to do, as an imperative with numbers."""
 
+    def number(self, given: Given) -> int:
+        """How many logs to make."""
+        return len(self.plans(given))
+
+    def is_alike(self, given: Given) -> bool:
+        """Whether its motions are nearly the logged ones, so that they tell causes apart in the same proportion."""
+        return False
+
     @property
     def short(self) -> str:
         """The experiment in a few words, after "at" or "with"."""

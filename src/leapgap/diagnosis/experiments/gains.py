@@ -25,6 +25,10 @@ class OtherGains(Experiment):
         factors = OTHER_GAINS_FLOATING if given.robot.has_free_base else OTHER_GAINS
         return [cls(factor) for factor in factors] if given.has_gains else []
 
+    def is_alike(self, given: Given) -> bool:
+        """Where a robot stands on its feet, whose gains are changed little."""
+        return given.robot.has_free_base
+
     def plans(self, given: Given) -> list[Log]:
         """The logs' commands with scaled gains."""
         found = []
