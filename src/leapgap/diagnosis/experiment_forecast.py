@@ -137,7 +137,11 @@ class Forecaster:
         if not all(is_possible(plan, motion, self.robot) for plan, motion in pairs):
             return None
         rng = np.random.default_rng(self.seed)
-        return [self.noisy(replayer.as_log(self.disturb(motion, replayer, rng), plan)) for plan, motion in pairs]
+        return [self.measured(plan, motion, replayer, rng) for plan, motion in pairs]
+
+    def measured(self, plan: Log, motion: Motion, replayer: Replayer, rng: np.random.Generator) -> Log:
+        """The log of a plan in which a robot moves so, with the columns and the noise of the given logs."""
+        return self.noisy(replayer.as_log(self.disturb(motion, replayer, rng), plan))
 
     def disturb(self, motion: Motion, replayer: Replayer, rng: np.random.Generator) -> Motion:
         """The motion with the noise of the given logs."""

@@ -6,7 +6,7 @@ logs, and finds in such ones a gap that no cause closes. So an experiment is mad
 from the answer's as the model may differ from the real one, and judged as a further diagnosis would judge its logs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,12 +15,10 @@ import numpy as np
 from leapgap.diagnosis.experiment_forecast import MOST_LOGS, Forecaster, short_plan
 from leapgap.diagnosis.experiments.base import Experiment, Repetition
 from leapgap.diagnosis.gap import candidate_squares
-from leapgap.diagnosis.hypotheses import places, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.numbers_beside import tolerance_effects
 from leapgap.diagnosis.other_simulations import SimulationSettings
-from leapgap.diagnosis.sensitivities import tolerance
 from leapgap.diagnosis.short_rollouts import FINE
-from leapgap.effects import known
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.simulation.rollout import Rollout
@@ -86,10 +84,7 @@ class WholeLogs:
             SimulationSettings(contact_time=contact_time),
         )
         motions = of.replayer.with_steps(FINE * of.replayer.largest_step_s).motions([Rollout(p, acting) for p in plans])
-        logs = [
-            of.noisy(of.replayer.as_log(of.disturb(motion, of.replayer, rng), plan))
-            for motion, plan in zip(motions, plans, strict=True)
-        ]
+        logs = [of.measured(plan, motion, of.replayer, rng) for plan, motion in zip(plans, motions, strict=True)]
         return [replace(log, name=f"experiment_{k}") for k, log in enumerate(logs)]
 
     def errors(self, rng: np.random.Generator) -> tuple[Effect, ...]:
@@ -97,24 +92,6 @@ class WholeLogs:
 
         None of effects that the answer has, and of a user's own.
         """
-        of, found = self.forecaster, []
-        for name, shares in by_effect(of.tolerances).items():
-            kind = known().get(name)
-            if kind is None or name in of.answer.names or not usable(kind, of.robot):
-                continue
-            for place in places(kind, of.robot)["all"]:
-                values = {p.name: p.nominal for p in kind.parameters(of.robot, place)}
-                for parameter, share in shares.items():
-                    sigma = tolerance(kind, of.robot, place, parameter, share)
-                    values[parameter] += sigma * rng.standard_normal()
-                found.append(kind(location=place, **values))
-        return tuple(found)
-
-
-def by_effect(tolerances: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Tolerances by effect, then by parameter, from those by ``effect.parameter``."""
-    found: dict[str, dict[str, float]] = {}
-    for key, share in tolerances.items():
-        effect, _, parameter = key.partition(".")
-        found.setdefault(effect, {})[parameter] = share
-    return found
+        of = self.forecaster
+        free = {key: share for key, share in of.tolerances.items() if key.partition(".")[0] not in of.answer.names}
+        return tuple(tolerance_effects(of.robot, free, deviations=iter(rng.standard_normal, None)))

@@ -5,7 +5,7 @@ the numbers of effects a joint likelihood has those of what is wrong within tole
 They are found anew at every point. What they change is small, hence taken as linear.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,9 +110,15 @@ class NumbersBeside:
 
 
 def tolerance_effects(
-    robot: Robot, tolerances: Mapping[str, float], acting: Sequence[tuple[str, str]] = (), alone: bool = False
+    robot: Robot,
+    tolerances: Mapping[str, float],
+    acting: Sequence[tuple[str, str]] = (),
+    alone: bool = False,
+    deviations: Iterator[float] | None = None,
 ) -> list[Effect]:
     """One effect for each tolerance (``Settings.tolerances``) and single place, off by one standard deviation.
+
+    With ``deviations`` each is off by the next of them, in standard deviations.
 
     Left out are effects that act already, as (name, location), but for those that keep their tolerance
     (``keeps_tolerance``). ``alone``: these lose it where they act at that single place, since their own number says
@@ -134,5 +140,6 @@ def tolerance_effects(
                 continue
             (own,) = (p for p in kinds[effect].parameters(robot, place) if p.name == parameter)
             off = tolerance(kinds[effect], robot, place, parameter, share)
+            off *= 1.0 if deviations is None else next(deviations)
             found.append(kind(location=place, **{parameter: own.nominal + off}))
     return found
