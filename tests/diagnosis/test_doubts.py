@@ -45,7 +45,7 @@ def named_armature(robot: Robot, inertia: float, friction_nm: float = 0.0) -> tu
 def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.3)
     assert judgement.selected.at_bound
-    found = partly_where_another_acts(judgement, fit, DecisionThresholds(), 0.05)
+    found = partly_where_another_acts(judgement, fit, DecisionThresholds())
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
     assert any("ends at its range" in note for note in fit.notes)
 
@@ -53,14 +53,14 @@ def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(robot: Robot) 
 def test_what_leaves_short_pieces_far_from_noise_is_told_as_a_part(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.02, friction_nm=1.0)
     assert not judgement.selected.at_bound
-    found = partly_where_another_acts(judgement, fit, DecisionThresholds(), 0.05)
+    found = partly_where_another_acts(judgement, fit, DecisionThresholds())
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
     assert any("short pieces stay" in note for note in fit.notes)
 
 
 def test_what_fits_within_its_range_stays(robot: Robot) -> None:
     judgement, fit = named_armature(robot, 0.02)
-    assert partly_where_another_acts(judgement, fit, DecisionThresholds(), 0.05) is judgement
+    assert partly_where_another_acts(judgement, fit, DecisionThresholds()) is judgement
     assert not fit.notes
 
 
@@ -77,7 +77,7 @@ def friction_with_armature(robot: Robot, inertia: float, friction_nm: float = 0.
 
 def test_a_further_cause_that_logs_do_not_tell_is_left_out(robot: Robot) -> None:
     judgement, fit = friction_with_armature(robot, 0.0)
-    found = without_uncertain(judgement, fit, DecisionThresholds(), 0.05)
+    found = without_uncertain(judgement, fit, DecisionThresholds())
     assert found.conclusion.answer == (("joint_friction",),) and found.conclusion.verdict == "named"
     assert found.selected.names == ("joint_friction",) and found.selected.numbers == pytest.approx(0.3, rel=0.03)
     assert fit.notes == ["left out, since its number is hardly known: armature"]
@@ -86,30 +86,30 @@ def test_a_further_cause_that_logs_do_not_tell_is_left_out(robot: Robot) -> None
 def test_a_further_cause_that_logs_tell_stays(robot: Robot) -> None:
     judgement, fit = friction_with_armature(robot, 0.01)
     assert judgement.selected.numbers == pytest.approx([0.3, 0.01], rel=0.1)
-    assert without_uncertain(judgement, fit, DecisionThresholds(), 0.05) is judgement
+    assert without_uncertain(judgement, fit, DecisionThresholds()) is judgement
     assert not fit.notes
 
 
 def test_what_closes_much_and_is_hardly_known_leaves_a_part(robot: Robot) -> None:
     judgement, fit = friction_with_armature(robot, 0.02, friction_nm=1.0)
-    strict = DecisionThresholds(least_known=21.0, enough_jointly=1.0)  # no number is known so well
-    found = without_uncertain(judgement, fit, strict, 0.05)
+    strict = DecisionThresholds(least_known=1e9, enough_jointly=1.0)  # no number is known so well
+    found = without_uncertain(judgement, fit, strict)
     assert len(found.conclusion.answer) == 1 and found.conclusion.verdict == "partly"
 
 
 def test_several_causes_that_leave_much_and_are_less_known_than_such_that_act_are_a_part(robot: Robot) -> None:
     judgement, fit = friction_with_armature(robot, 0.02, friction_nm=1.0)
     much = DecisionThresholds(enough_jointly=2.0)  # no answer closes so much
-    assert partly_where_another_acts(judgement, fit, much, 0.05) is judgement
-    strict = replace(much, least_known_named=21.0)  # no number is known so well
-    found = partly_where_another_acts(judgement, fit, strict, 0.05)
+    assert partly_where_another_acts(judgement, fit, much) is judgement
+    strict = replace(much, least_known_named=1e9)  # no number is known so well
+    found = partly_where_another_acts(judgement, fit, strict)
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == judgement.conclusion.answer
     assert any("less known" in note and "joint_friction" in note for note in fit.notes)
     closing = replace(strict, enough_jointly=0.5)
-    assert partly_where_another_acts(judgement, fit, closing, 0.05) is judgement
+    assert partly_where_another_acts(judgement, fit, closing) is judgement
     rivals = (("joint_friction", "joint_damping"), ("armature",))
     open_still = replace(judgement, conclusion=replace(judgement.conclusion, verdict="ambiguous", answer=rivals))
-    assert partly_where_another_acts(open_still, fit, strict, 0.05) is open_still
+    assert partly_where_another_acts(open_still, fit, strict) is open_still
 
 
 def test_causes_that_stay_behind_one_left_out_are_fitted_anew(robot: Robot) -> None:
@@ -120,7 +120,7 @@ def test_causes_that_stay_behind_one_left_out_are_fitted_anew(robot: Robot) -> N
     strict = DecisionThresholds(least_known=1e-9)
     answer = (("joint_friction",), ("armature",), ("joint_damping",))
     some = replace(judgement, conclusion=Conclusion("named", answer, steps_of(three), (1.0, 1.0, 1.0)))
-    assert without_uncertain(some, fit, strict, 0.05) is some
+    assert without_uncertain(some, fit, strict) is some
     kept = of_causes(some.conclusion, fit, [0, 2])
     assert kept.answer == (("joint_friction",), ("joint_damping",)) and len(kept.steps) == 2
     assert kept.steps[-1].names == ("joint_friction", "joint_damping")

@@ -236,7 +236,7 @@ def find_answer(
         judgement = judge_slow_causes(judgement, joint, hypotheses, settings.doubts)
         hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
     judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
-    judgement = with_doubts(judgement, joint, settings.doubts, settings.model_error)
+    judgement = with_doubts(judgement, joint, settings.doubts)
     by_source = None
     if clock is not None:
         by_source = closure_by_source(joint, judgement.selected)

@@ -11,15 +11,12 @@ from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.joint_fit import JointFit
 
 
-def with_doubts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float) -> Judgement:
-    """The judgement without what its answer may not claim; ``model_error`` as in ``Settings``."""
-    certain = without_uncertain(judgement, fit, thresholds, model_error)
-    return partly_where_another_acts(certain, fit, thresholds, model_error)
+def with_doubts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
+    """The judgement without what its answer may not claim."""
+    return partly_where_another_acts(without_uncertain(judgement, fit, thresholds), fit, thresholds)
 
 
-def without_uncertain(
-    judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float
-) -> Judgement:
+def without_uncertain(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
     """The judgement without causes whose numbers are hardly known; the best known one stays.
 
     Beside a large cause, a small one can fit what its simulation, the tolerances of the model or a cause without a name
@@ -29,7 +26,7 @@ def without_uncertain(
     conclusion, selected = judgement.conclusion, judgement.selected
     if not fit.in_parts or len(conclusion.answer) < 2:
         return judgement
-    sizes = spreads_from_nominal(selected, model_error)
+    sizes = spreads_from_nominal(selected)
     kept = [k for k, size in enumerate(sizes) if size >= min(thresholds.least_known, max(sizes))]
     if len(kept) == len(sizes):
         return judgement
@@ -44,12 +41,9 @@ def without_uncertain(
     return replace(found, conclusion=replace(found.conclusion, verdict="partly"))
 
 
-def spreads_from_nominal(candidate: Candidate, model_error: float) -> list[float]:
-    """By how many standard deviations each hypothesis differs from nominal, by its best known number.
-
-    ``model_error`` counts as in a report's intervals.
-    """
-    spread = np.maximum(candidate.spread(model_error), np.finfo(float).tiny)
+def spreads_from_nominal(candidate: Candidate) -> list[float]:
+    """By how many standard deviations of its fit each hypothesis differs from nominal, by its best known number."""
+    spread = np.maximum(candidate.spread(), np.finfo(float).tiny)
     return [float(own.max()) for own in candidate.split(np.abs(candidate.departs) / spread)]
 
 
@@ -67,9 +61,7 @@ def of_causes(conclusion: Conclusion, fit: JointFit, kept: Sequence[int]) -> Con
     return Conclusion(verdict, answer, steps_of(again), sure, conclusion.other_simulation)
 
 
-def partly_where_another_acts(
-    judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds, model_error: float
-) -> Judgement:
+def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
     """The judgement, told as ``partly`` where much is left and another cause acts.
 
     One does where a number ends at its range, for no value that a robot may have fits then; where short pieces, in
@@ -87,7 +79,7 @@ def partly_where_another_acts(
     elif fit.in_parts and (left := fit.share_and_rest(judgement.selected)[1]) > thresholds.most_left_named:
         noise = f"{np.sqrt(left):.0f} times as far from the logs as noise explains"
         note = f"short pieces stay {noise}: another cause acts as well, or a number is off"
-    elif fit.in_parts and (names := hardly_known(judgement, thresholds, model_error)):
+    elif fit.in_parts and (names := hardly_known(judgement, thresholds)):
         note = f"much is left, and the number of {names} is less known than one that acts: another cause may act"
     else:
         return judgement
@@ -95,7 +87,7 @@ def partly_where_another_acts(
     return replace(judgement, conclusion=replace(conclusion, verdict="partly"))
 
 
-def hardly_known(judgement: Judgement, thresholds: DecisionThresholds, model_error: float) -> str:
+def hardly_known(judgement: Judgement, thresholds: DecisionThresholds) -> str:
     """Those of several named causes whose numbers are less known than ``least_known_named`` asks, in words.
 
     Empty where all are known, where one cause is named, and where rivals are told, which is why numbers are not known.
@@ -103,6 +95,6 @@ def hardly_known(judgement: Judgement, thresholds: DecisionThresholds, model_err
     conclusion, selected = judgement.conclusion, judgement.selected
     if conclusion.verdict != "named" or len(conclusion.answer) < 2:
         return ""
-    sizes = spreads_from_nominal(selected, model_error)
+    sizes = spreads_from_nominal(selected)
     few = (h.label for h, size in zip(selected.hypotheses, sizes, strict=True) if size < thresholds.least_known_named)
     return " and ".join(few)
