@@ -1,12 +1,18 @@
 """A jump as a task: its contact schedule and its target, and where the metadata of a log hold them."""
 
-from dataclasses import asdict, dataclass
+import itertools
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import ROUNDING_S, Segment, jump_segments
+
+STAND = "stand"
+"""Segment of a log before its first jump begins."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,25 @@ SCHEDULE, TARGET = "schedule", "target"
 def metadata_of(schedule: ContactSchedule, target: Target) -> dict[str, Any]:
     """A jump's part of the metadata of its log."""
     return {SCHEDULE: asdict(schedule), TARGET: asdict(target)}
+
+
+def of_latest_jump(time_s: np.ndarray, begins_s: Sequence[float]) -> np.ndarray:
+    """Time since the latest of some jumps began, s; before all of them, until the first begins (negative)."""
+    begins, times = np.array(begins_s, dtype=float), np.asarray(time_s, dtype=float)
+    latest = np.searchsorted(begins, times + ROUNDING_S, side="right") - 1
+    return np.asarray(times - begins[np.maximum(latest, 0)])
+
+
+def planned_segments(schedule: ContactSchedule, begins_s: Sequence[float], end_s: float) -> tuple[Segment, ...]:
+    """Planned phases of jumps that begin at some times, s, each up to the next, the last up to ``end_s``.
+
+    Before the first the robot stands.
+    """
+    found = [Segment(STAND, 0.0, begins_s[0])] if begins_s[0] > 0 else []
+    for begin_s, next_s in itertools.pairwise([*begins_s, end_s]):
+        own = [Segment(one.name, one.begin_s + begin_s, one.end_s + begin_s) for one in jump_segments(asdict(schedule))]
+        found += [replace(one, end_s=min(one.end_s, next_s)) for one in own if one.begin_s < next_s]
+    return tuple(found)
 
 
 def jump_info(

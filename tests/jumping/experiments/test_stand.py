@@ -1,6 +1,7 @@
 """How long a robot stands before it jumps: until it is still, and no longer than it must."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import attempt_task
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import PITCH_RATE, VX
+from leapgap.logs.log import read_log, write_log
 from leapgap.simulation.controller import StateEstimate
 from leapgap.simulation.sensors import SensorNoise
 from tests.jumping.control.simple_models import estimate
@@ -72,3 +74,19 @@ def test_a_wrong_crouch_is_stood_out_before_the_jump(bench: Bench) -> None:
     assert moving[:60].max() > 0.1 and moving[first - 20 :].max() < 0.03
     apart_cm = found["crouch"].landings[0].error_cm - found["calm"].landings[0].error_cm
     assert abs(apart_cm) < 2.0
+
+
+def test_the_log_says_when_its_jump_began(bench: Bench, tmp_path: Path) -> None:
+    """Its planned phases begin with the jump, in a file too; the front feet push until they are to leave the ground."""
+    method = AimingMethod(bench.robot, bench.references, planner=JumpPlanner(planar_robot(bench.robot)))
+    task = JumpTask("crouch", 0.5, crouch_error_rad=0.1)
+    found = attempt_task(task, method, bench.level, (), bench.world, np.random.default_rng(1))
+    write_log(found.run.log, tmp_path / "crouch.parquet")
+    log, begin_s = read_log(tmp_path / "crouch.parquet"), found.starts[0] * PERIOD_S
+    begins = {one.name: one.begin_s for one in log.info.segments}
+    assert begins == pytest.approx(
+        {"stand": 0, "double_contact": begin_s, "rear_contact": begin_s + 0.5, "lift_off": begin_s + 0.75}
+        | {"flight": begin_s + 0.85, "touch_down": begin_s + 1.2}
+    )
+    pushes = np.flatnonzero(log["pd_force/front_z"])
+    assert pushes[-1] == found.starts[0] + 499

@@ -1,11 +1,13 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from leapgap.atomic_io import write_json
 from leapgap.errors import InputError
 from leapgap.jumping.reports.record_all import View, as_judged, record_all
 from leapgap.logs.log import write_log
+from leapgap.logs.segments import Segment
 from leapgap.reports.log_recording import DIAGNOSED
 from tests.jumping.reports.test_prediction import write_predictions
 from tests.reports.read_back import Recorded
@@ -77,3 +79,21 @@ def test_methods_jump_in_one_scene_with_their_substitutes(tmp_path, robot, hop, 
     assert "/phases/joint_pd" in found.moving
     assert "/phases/ours" not in found.moving
     assert f"landing: 1 from {tmp_path / 'landings'}" in lines
+
+
+def test_methods_are_shown_from_where_their_jumps_begin(tmp_path, robot, hop, ghost, folders):
+    """One stands for 0.1 s before it jumps, and says so in its log; the other begins to jump at once."""
+    stands = replace(hop.info, stated_segments=(Segment("stand", 0.0, 0.1), Segment("double_contact", 0.1, 9.0)))
+    kept = {"landings": [], "fallbacks": {"late": 1}, "substituted": [[0.25, "late"]]}
+    for method, log in (("ours", replace(hop, info=stands)), ("joint_pd", ghost)):
+        write_log(replace(log, name="jump_60_0"), tmp_path / "landings" / method / "jump_60_0.parquet")
+        write_json(tmp_path / "landings" / method / "jump_60_0.json", kept)
+    list(record_all(folders, robot, tmp_path / "out"))
+    moving = Recorded(tmp_path / "out" / "landing_jump_60.rrd").moving
+    times_s, places = moving["/world/ours/trunk"]["Transform3D:translation"]
+    rows = np.searchsorted(hop.time, times_s + 0.1 - 1e-6)
+    assert np.array(places)[:, 0, 2] == pytest.approx(hop["base_pos_z"][rows], abs=1e-6)
+    assert np.ptp(hop["base_pos_z"][rows]) > 0.05
+    assert moving["/phases/planned"]["StateChange:state"][1][0] == ["double contact"]
+    late_s = [moving[f"/phases/{name}"]["StateChange:state"][0][1] for name in ("ours", "joint_pd")]
+    assert late_s == pytest.approx([0.15, 0.25])

@@ -66,11 +66,10 @@ class ChangeWatch:
         self._update = -1
 
     def since(self, update: int, deviation: np.ndarray) -> np.ndarray | None:
-        """What a sudden change has added to the deviation (10,) at an update and at the last one before, (20,).
+        """What a sudden change has added to the deviation at an update, and at the last one that was told, (20,).
 
-        It is None while nothing has happened.
-
-        Updates come in turn; those that are missing or not finite are gone over.
+        ``deviation`` (10,) is that at the update. Updates come in turn; those that are missing or not finite are gone
+        over. None while nothing has happened, and where the deviation is not finite.
         """
         gap, self._update = update - self._update, update
         finite = bool(np.isfinite(deviation).all())

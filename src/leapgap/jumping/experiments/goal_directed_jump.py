@@ -155,10 +155,10 @@ class GoalDirectedJump(JumpController):
         if self.tracker is not None:
             return self.tracker.command(estimate)
         stand = self.choice.stand
-        if not self._stood or not stand.is_over([*self._stood, estimate]):
-            self._stood.append(estimate)
+        self._stood.append(estimate)
+        if len(self._stood) == 1 or not stand.is_over(self._stood):
             return self._standing(estimate)
-        stance = latest(self._stood, stand.measured_s)
+        stance = latest(self._stood[:-1], stand.measured_s)  # the jump begins with this estimate
         self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
         self.start_s = estimate.time_s
         return self.tracker.command(estimate)

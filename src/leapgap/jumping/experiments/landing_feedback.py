@@ -235,11 +235,12 @@ def learn_change(kicked: KickedJumps, config: FeedbackConfig) -> np.ndarray:
     size = np.maximum(1.0, np.abs(kicked.landing[:, :1]) / config.whole_m)
     outputs = kicked.landing / size / MATTERS
     shows = np.isfinite(kicked.since).all(axis=2)
+    showed = np.pad(shows, ((0, 0), (1, 0)))[:, :-1]
     since = np.nan_to_num(kicked.since) / SCALE / size[:, None]
+    of_updates = np.concatenate([since, np.pad(since, ((0, 0), (1, 0), (0, 0)))[:, :-1] * showed[:, :, None]], axis=2)
     for update in range(updates):
-        showed = shows[:, update - 1] if update else np.zeros_like(shows[:, 0])
-        inputs = np.concatenate([since[:, update], since[:, max(update - 1, 0)] * showed[:, None]], axis=1)
-        first, later = shows[:, update] & ~showed, shows[:, update] & showed
+        inputs = of_updates[:, update]
+        first, later = shows[:, update] & ~showed[:, update], shows[:, update] & showed[:, update]
         of_later = ridge(inputs[later], outputs[later], config.weight)
         enough = first.sum() > 2 * DEVIATIONS
         of_first = ridge(inputs[first], outputs[first], config.weight) if enough else of_later

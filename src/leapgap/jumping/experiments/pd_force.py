@@ -1,8 +1,9 @@
 """Ground forces on the pairs of feet that are equivalent to the torques of the joint PD; paper, data collection."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from leapgap.jumping.task import schedule_of
+from leapgap.jumping.task import of_latest_jump, schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis, per_pair
 from leapgap.logs.schema import PAIR_FORCE_AXES
@@ -11,15 +12,16 @@ from leapgap.robot.kinematics import joint_torque_to_foot_force
 from leapgap.robot.model import Robot
 
 
-def with_pd_force(jump: Log, robot: Robot) -> Log:
+def with_pd_force(jump: Log, robot: Robot, begins_s: Sequence[float] = (0.0,)) -> Log:
     """The log with u_pd = −(Jᵀ Rᵀ)⁻¹ τ_pd of each pair as columns ``pd_force``, N on the robot.
 
-    It is zero where the schedule has the pair in the air.
+    It is zero where the schedule has the pair in the air; jumps begin at ``begins_s``.
     """
     motion = motion_of(jump, robot)
     joint_pos = motion.qpos[:, robot.joint_qpos]
     spring, damper = pd_torques(jump, robot.joints, joint_pos, motion.qvel[:, robot.joint_dofs])
     of_feet = joint_torque_to_foot_force(robot, motion.base_quaternion, joint_pos, spring + damper)
-    force = per_pair(robot, of_feet) * per_axis(schedule_of(jump).in_contact(jump.time))
+    planned = schedule_of(jump).in_contact(of_latest_jump(jump.time, begins_s))
+    force = per_pair(robot, of_feet) * per_axis(planned)
     columns = {f"pd_force/{axis}": force[:, i].copy() for i, axis in enumerate(PAIR_FORCE_AXES)}
     return replace(jump, columns=dict(jump.columns) | columns)

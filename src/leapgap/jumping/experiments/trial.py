@@ -9,13 +9,14 @@ from leapgap.effects.base import Effect
 from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.experiments.goal_directed_jump import Stand
 from leapgap.jumping.experiments.landing import Landing, landing
 from leapgap.jumping.experiments.pd_force import with_pd_force
 from leapgap.jumping.experiments.run_metrics import RunMetrics, run_metrics
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.models.rigid_body_model import rigid_body_of
-from leapgap.jumping.task import metadata_of, schedule_of
+from leapgap.jumping.task import metadata_of, planned_segments, schedule_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import yaw_of
@@ -25,9 +26,6 @@ from leapgap.simulation.replay import Replayer
 
 Jumps = Callable[[JumpTask], Sequence[JumpController]]
 """Returns new controllers of a task's jumps, in their order."""
-
-LONGEST_STAND_S = 0.4
-"""Longest time a method may stand before it jumps, to measure its stance and to become still."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class TrialOutcome:
 
     run: ClosedLoopRun
     starts: tuple[int, ...]
-    """Row at which each jump start_times."""
+    """Row at which each jump starts."""
     landings: tuple[Landing, ...]
     total_error_cm: float | None
     """Sum of the jumps' target distances − distance from the first start to the last landing, cm; positive is short.
@@ -92,9 +90,9 @@ def attempt_task(
     run = run_closed_loop(
         ready, controller, replayer, effects, world.sensing, rng, disturbances, lambda: controller.jumps[0].start_s
     )
-    run = replace(run, log=with_pd_force(run.log, robot))
-    period = run.log.info.sample_period_s
     start_times = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
+    run = replace(run, log=with_plan(run.log, robot, start_times))
+    period = run.log.info.sample_period_s
     starts = tuple(round(start / period) for start in start_times)
     landings = tuple(landing(run, robot, first) for first in starts)
     return TrialOutcome(
@@ -114,11 +112,20 @@ def attempt_task(
     )
 
 
+def with_plan(log: Log, robot: Robot, begins_s: Sequence[float]) -> Log:
+    """The log of jumps that began at some times, s, with their planned phases, and ``pd_force`` by these."""
+    if begins_s and tuple(begins_s) != (0.0,):  # the schedule alone says what is planned of one jump from the first row
+        end_s = float(log.time[-1]) + log.info.sample_period_s
+        segments = planned_segments(schedule_of(log), begins_s, end_s)
+        log = replace(log, info=replace(log.info, stated_segments=segments))
+    return with_pd_force(log, robot, begins_s or (0.0,))
+
+
 def run_duration_s(task: JumpTask, reference: Reference, sequence: SequenceConfig) -> float:
     """Simulated time of a task's run: its jumps, each with its landing and the longest stand before it, and 0.2 s more,
     s."""
     one = reference.schedule.landing_s + sequence.latest_touch_s + sequence.landing.duration_s + sequence.settle_s
-    return task.jumps * (LONGEST_STAND_S + one) + 0.2
+    return task.jumps * (Stand.longest_s + one) + 0.2
 
 
 def total_error_cm(run: ClosedLoopRun, task: JumpTask, starts: Sequence[int]) -> float | None:

@@ -1,5 +1,4 @@
-"""Goal-shift MPC of one jump with NumPy alone, by the tables beside it; ``jump_controller.c`` and
-``jump_program.c`` are the same in C.
+"""Goal-shift MPC of one jump with NumPy alone, by the tables beside it; the C code beside it does the same.
 
 controller = Controller("folder of the export")
 command = controller.tick(time_s, base_position, base_quaternion, base_velocity, base_angular_velocity, joint_pos)
@@ -287,7 +286,7 @@ class Controller:
         return np.concatenate([self._since, before])
 
     def _is_sudden(self, update: int, left: np.ndarray) -> bool:
-        """Whether what is unexpected of a deviation surprises more than that of the updates before."""
+        """Whether what is unexpected of a deviation surprises more than at the recent updates but the last."""
         n, surprise = self.n, float(left @ self.t["precision"][update] @ left) / len(left)
         known = len(self._recent) == n["RECENT"]
         usual = max(1.0, *self._recent[:-1]) if known else np.inf

@@ -4,12 +4,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rerun.blueprint as rrb
 
 from leapgap.atomic_io import read_json
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
 from leapgap.jumping.reports.mpc_horizon import MpcHorizons, in_words, mpc_horizons, planned_for
+from leapgap.jumping.task import STAND
+from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log, read_log
+from leapgap.logs.segments import ROUNDING_S
 from leapgap.reports.layout import plot
 from leapgap.reports.log_recording import Further, record_jump
 from leapgap.reports.recorder import Recorder
@@ -35,9 +39,10 @@ def record_comparison(
 ) -> None:
     """Write the methods' runs of a task as one recording; the figures of each log are in a JSON file beside it.
 
-    With a folder of ``references``, what the nominal MPC predicts at each update is shown beside its run.
+    All runs are shown from where their first jump begins, since some methods stand before it. With a folder of
+    ``references``, what the nominal MPC predicts at each update is shown beside its run.
     """
-    runs = {log.parent.name: (read_log(log), read_json(log.with_suffix(".json"))) for log in logs}
+    runs = {log.parent.name: from_its_jump(read_log(log), read_json(log.with_suffix(".json"))) for log in logs}
     (first, (main, _)), *others = runs.items()
     horizons = {
         name: found
@@ -57,6 +62,17 @@ def record_comparison(
         further=[horizon_tab(name, one) for name, one in horizons.items()],
         substitutes={name: kept["substituted"] for name, (_, kept) in runs.items() if kept["substituted"]},
     )
+
+
+def from_its_jump(log: Log, kept: Mapping[str, Any]) -> tuple[Log, Mapping[str, Any]]:
+    """A run and its figures from where its first jump begins, by the time since then."""
+    segments = log.info.stated_segments
+    if not segments or segments[0].name != STAND:
+        return log, kept
+    begin_s = segments[0].end_s
+    row = int(np.searchsorted(log.time, begin_s - ROUNDING_S))
+    substituted = [[time_s - begin_s, reason] for time_s, reason in kept["substituted"]]
+    return rows_between(log, row, len(log), log.name), {**kept, "substituted": substituted}
 
 
 def horizons_of(log: Log, references: Path, robot: Robot) -> MpcHorizons | None:
