@@ -11,7 +11,7 @@ from leapgap.effects.torque_speed_limit import TorqueSpeedLimit
 from leapgap.logs import state
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.segments import FLIGHT, TOUCH_DOWN
+from leapgap.logs.segments import FLIGHT
 from leapgap.reports.recorder import Recorder, rows_at_period
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.model import Robot
@@ -35,10 +35,7 @@ HELD_S = 0.025
 LIMIT_COLOUR: Colour = (200, 60, 60)
 LEAST_PUSH_N = 10.0
 """Vertical force of a pair from which its direction means anything."""
-PUSHING = dict.fromkeys(("rear_contact", "lift_off"), (False, True)) | {
-    FLIGHT: (False, False),
-    TOUCH_DOWN: (False, False),
-}
+PUSHING = dict.fromkeys(("rear_contact", "lift_off"), (False, True)) | {FLIGHT: (False, False)}
 """Segments of a jump in which not both pairs of feet are planned to push: (front, rear)."""
 NO_SUBSTITUTES: Mapping[str, Sequence[tuple[float, str]]] = MappingProxyType({})
 CONTACT_COLOURS = {"contact": (46, 160, 100), "air": (70, 74, 84)}
