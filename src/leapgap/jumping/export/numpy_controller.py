@@ -288,8 +288,7 @@ class Controller:
     def _is_sudden(self, update: int, left: np.ndarray) -> bool:
         """Whether what is unexpected of a deviation surprises more than at the recent updates but the last."""
         n, surprise = self.n, float(left @ self.t["precision"][update] @ left) / len(left)
-        known = len(self._recent) == n["RECENT"]
-        usual = max(1.0, *self._recent[:-1]) if known else np.inf
+        usual = max(1.0, *self._recent[:-1]) if len(self._recent) == n["RECENT"] else np.inf
         self._recent = [*self._recent, surprise][-n["RECENT"] :]
         return surprise > n["LEAST_SURPRISE"] and surprise > n["TIMES_RECENT"] * usual
 
