@@ -1,5 +1,6 @@
 """The page of a diagnosis: what its map calls the legs of a robot, and how its curves are drawn."""
 
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,6 +14,7 @@ from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.segments import Segment
 from leapgap.reports.channel_names import row_of
 from leapgap.reports.colours import CORRECTED
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
@@ -96,6 +98,23 @@ def test_list_and_legend_stand_above_the_titles_however_many_rows_there_are(tmp_
     plotted = layout.height - layout.margin.t - layout.margin.b
     for above in (layout.legend.y, layout.updatemenus[0].y):
         assert 70 < (above - 1) * plotted < layout.margin.t
+
+
+def test_the_lines_of_the_log_that_is_chosen_are_where_its_own_segments_begin() -> None:
+    """Of three logs the second is shown first; the last states no segments."""
+    jumps = []
+    for name, begin_s in (("early", 0.1), ("late", 0.3), ("none", None)):
+        log = replace(arm_log(2), name=name)
+        segments = () if begin_s is None else (Segment("stand", 0.0, begin_s), Segment("jump", begin_s, math.inf))
+        jumps.append(replace(log, info=replace(log.info, stated_segments=segments)))
+    where = tuple(SimpleNamespace(channel=f"joint_pos/j{i}") for i in range(2))
+    report = SimpleNamespace(median_log="late", answer=(), headline=SimpleNamespace(preset=None), where=where)
+    figure = overlay(report, jumps, {log.name: log for log in jumps}, {})  # type: ignore[arg-type]
+    (menu,) = figure.layout.updatemenus
+    lines = {one.label: [(line["xref"], line["x0"]) for line in one.args[1]["shapes"]] for one in menu.buttons}
+    assert lines == {"early": [("x", 0.1), ("x2", 0.1)], "late": [("x", 0.3), ("x2", 0.3)], "none": []}
+    assert [(line.xref, line.x0) for line in figure.layout.shapes] == lines["late"]
+    assert {curve.xaxis for curve in figure.data} == {"x", "x2"}
 
 
 def test_small_motions_keep_their_digits() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,12 +41,8 @@ def overlay(
         horizontal_spacing=0.06,
         vertical_spacing=0.14,
     )
-    line = {"color": GREY, "width": 1, "dash": "dot"}
-    for segment in logs[0].info.segments:
-        if 0 < segment.begin_s < logs[0].time[-1]:
-            for c in range(len(channels)):  # before the curves: asking which plots are empty takes longer than all else
-                figure.add_vline(segment.begin_s, c // 3 + 1, c % 3 + 1, exclude_empty_subplots=False, line=line)
     first = report.median_log
+    lines = {log.name: segment_lines(log, len(channels)) for log in logs}
     owners: list[str] = []
     for log in logs:
         for c, channel in enumerate(channels):
@@ -58,13 +54,14 @@ def overlay(
         {
             "label": log.name,
             "method": "update",
-            "args": [{"visible": [owner == log.name for owner in owners]}],
+            "args": [{"visible": [owner == log.name for owner in owners]}, {"shapes": lines[log.name]}],
         }
         for log in logs
     ]
     height = 280 * rows if rows > 1 else 340
     plotted = height - 95 - 40  # without the margins; what stands above is placed in shares of it
     figure.update_layout(
+        shapes=lines[first],
         height=height,
         margin={"l": 45, "r": 15, "t": 95, "b": 40},
         legend={"orientation": "h", "y": 1 + 81 / plotted, "x": 0.16},
@@ -81,6 +78,18 @@ def overlay(
     )
     figure.update_xaxes(title_text="s", row=rows)
     return figure
+
+
+def segment_lines(log: Log, plots: int) -> list[dict[str, Any]]:
+    """Dotted lines where the segments of a log begin, in each of some plots; logs may begin theirs at other times."""
+    line = {"color": GREY, "width": 1, "dash": "dot"}
+    begins = [segment.begin_s for segment in log.info.segments if 0 < segment.begin_s < log.time[-1]]
+    axes = ["", *map(str, range(2, plots + 1))]
+    return [
+        {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "xref": f"x{n}", "yref": f"y{n} domain", "line": line}
+        for at in begins
+        for n in axes[:plots]
+    ]
 
 
 def curves(
