@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from leapgap.atomic_io import read_json
+from leapgap.jumping.reports.jump_begin import jump_begin_s
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.state import commanded_torque
 from leapgap.reports.page import render_page
@@ -62,6 +63,8 @@ LEAST_SHOWN_CM = 0.05
 """Smaller errors are drawn at this value, because the axis is logarithmic."""
 CURVE_STEP_S = 0.005
 """Each point of a curve is a mean over this time."""
+SINCE_BEGIN = "s since the first jump began"
+"""Title of the time axis of curves."""
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -291,7 +294,7 @@ def forces(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
             line = {"color": "#111827", "width": 1, "dash": "dot"}
             figure.add_hline(edge, row=row, col=pair, line=line, annotation_text=text, annotation_font_size=11)
     figure.update_yaxes(range=[0, 1], row=2)
-    figure.update_xaxes(title_text="s", row=2)
+    figure.update_xaxes(title_text=SINCE_BEGIN, row=2)
     return add_menu(figure, logs, owners, 620)
 
 
@@ -318,7 +321,7 @@ def joints(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
             owners.append(tasks.index(task))
     line = {"color": "#111827", "width": 1, "dash": "dot"}
     figure.add_hline(33.5, row=1, col=2, line=line, annotation_text="limit of the motors", annotation_font_size=11)
-    figure.update_xaxes(title_text="s")
+    figure.update_xaxes(title_text=SINCE_BEGIN)
     return add_menu(figure, tasks, owners, 560)
 
 
@@ -354,8 +357,12 @@ def mean_over_steps(values: np.ndarray, log: Log) -> np.ndarray:
 
 
 def times(log: Log, count: int) -> np.ndarray:
-    """Times of ``count`` means over ``CURVE_STEP_S``, s, (count,)."""
-    return np.round((np.arange(count) + 0.5) * log.info.rows(CURVE_STEP_S) * log.info.sample_period_s, 4)
+    """Times of ``count`` means over ``CURVE_STEP_S`` since the first jump began, s, (count,).
+
+    They are negative while the robot stands before it; methods differ in how long they do.
+    """
+    since_first_row = (np.arange(count) + 0.5) * log.info.rows(CURVE_STEP_S) * log.info.sample_period_s
+    return np.round(since_first_row - jump_begin_s(log), 4)
 
 
 def reasons(runs: Path) -> list[tuple[str, str, str, int]]:
