@@ -6,6 +6,8 @@ import pytest
 import rerun as rr
 
 from leapgap.errors import InputError
+from leapgap.jumping.task import planned_segments, schedule_of
+from leapgap.logs.log import read_log, write_log
 from leapgap.reports.log_recording import record_jump
 from leapgap.reports.recorder import recording, rows_at_period
 from leapgap.robot.model import Robot
@@ -259,6 +261,24 @@ def test_planned_contacts_stand_beside_the_measured_ones(hop_recording):
         np.testing.assert_allclose(seconds, [0.0, 0.1, 0.15, 0.25])
         assert [state[0] for state in states] == planned
         assert f"/phases/switch_{pair}" in hop_recording.moving
+
+
+def test_planned_phases_of_a_jump_that_begins_later_are_shown_from_its_begin(tmp_path, robot, hop):
+    """The robot stands for 0.3 s before the jump with the schedule of the log: 0.1 s on all feet, 0.1 s on the rear."""
+    segments = planned_segments(schedule_of(hop), [0.3], 0.6)
+    write_log(replace(hop, info=replace(hop.info, stated_segments=segments)), tmp_path / "hop.parquet")
+    record_jump(tmp_path / "hop.rrd", read_log(tmp_path / "hop.parquet"), robot)
+    moving = Recorded(tmp_path / "hop.rrd").moving
+    seconds, states = moving["/phases/planned"]["StateChange:state"]
+    np.testing.assert_allclose(seconds, [0.0, 0.3, 0.4, 0.45, 0.55])
+    assert [state[0] for state in states] == ["stand", "double contact", "rear contact", "lift off", "flight"]
+    seconds, states = moving["/phases/plan_front"]["StateChange:state"]
+    assert seconds[[state[0] for state in states].index("air")] == pytest.approx(0.4)
+    seconds, texts = moving["/events"]["TextLog:text"]
+    assert dict(zip([t[0] for t in texts], seconds, strict=True))["double contact begins"] == pytest.approx(0.3)
+    seconds, arrows = moving["/world/measured/mpc_force"]["Arrows3D:vectors"]
+    pushing = {round(at, 3): len(of or []) for at, of in zip(seconds, arrows, strict=True)}
+    assert (pushing[0.35], pushing[0.42], pushing[0.58]) == (2, 1, 0)
 
 
 def test_friction_cone_stands_under_a_pair_while_it_pushes(hop_recording, robot, hop):
