@@ -227,7 +227,7 @@ static void predict(int update, const double before[3], const double since[2 * D
 
 /* ---- what is sudden ---- */
 
-/* Whether what is unexpected of a deviation surprises more than that of the recent updates. */
+/* Whether what is unexpected of a deviation surprises more than at the recent updates but the last. */
 static int is_sudden(int update, const double left[DEVIATIONS]) {
     double surprise = 0, usual = 1;
     for (int i = 0; i < DEVIATIONS; i++)
