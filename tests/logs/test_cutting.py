@@ -1,5 +1,7 @@
 """One long log cut into parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,3 +32,17 @@ def test_a_short_log_is_cut_less_and_several_logs_not_at_all() -> None:
     assert len(at_least_two([long_log(1.7)])) == 3
     assert len(at_least_two([long_log(0.6)])) == 1
     assert len(at_least_two([long_log(20.0), long_log(20.0)])) == 2
+
+
+def test_parts_of_a_jump_keep_the_times_of_its_phases() -> None:
+    """The jump states its schedule alone: 0.5 s on all feet, 0.3 s on the rear feet, 0.4 s in flight."""
+    log = long_log(3.0)
+    schedule = {"double_contact_s": 0.5, "rear_contact_s": 0.3, "flight_s": 0.4}
+    info = LogInfo("one", 0.005, "a test", extra={"schedule": schedule, "target": {"x_m": 0.6, "z_m": 0.0}})
+    parts = at_least_two([replace(log, info=info)])
+    assert [round(float(part.time[-1]), 3) for part in parts] == [0.595] * 5
+    names = [[one.name for one in part.info.segments] for part in parts]
+    assert names[:2] == [["double_contact", "rear_contact"], ["rear_contact", "lift_off", "flight"]]
+    assert names[2:] == [["touch_down"]] * 3
+    assert [one.begin_s for one in parts[0].info.segments] == pytest.approx([0.0, 0.5])
+    assert [one.begin_s for one in parts[1].info.segments] == pytest.approx([0.0, 0.15, 0.25])

@@ -33,11 +33,16 @@ def rows_between(log: Log, begin: int, end: int, name: str) -> Log:
     columns = {column: values[begin:end] for column, values in log.columns.items()}
     start, stop = float(log.time[begin]), float(log.time[end - 1])
     columns["time"] = columns["time"] - start
-    segments = tuple(within(segment, start, stop) for segment in log.info.stated_segments)
-    info = replace(log.info, stated_segments=tuple(one for one in segments if one.end_s > one.begin_s))
-    return Log(name, columns, info)
+    return Log(name, columns, replace(log.info, stated_segments=segments_between(log, start, stop)))
 
 
-def within(segment: Segment, start_s: float, stop_s: float) -> Segment:
-    """What of a segment lies between two times, by the time since the first of them."""
-    return Segment(segment.name, max(segment.begin_s, start_s) - start_s, min(segment.end_s, stop_s) - start_s)
+def segments_between(log: Log, start_s: float, stop_s: float) -> tuple[Segment, ...]:
+    """What of a log's segments lies between two times, by the time since the first of them.
+
+    Phases of a jump that follow from its schedule are stated, since the schedule counts from the first row.
+    """
+    return tuple(
+        Segment(one.name, max(one.begin_s, start_s) - start_s, min(one.end_s, stop_s) - start_s)
+        for one in log.info.segments
+        if max(one.begin_s, start_s) < min(one.end_s, stop_s)
+    )

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from leapgap.logs.cutting import within
+from leapgap.logs.cutting import segments_between
 from leapgap.logs.log import Log
 
 MOST_ROWS = 60_000
@@ -43,8 +43,7 @@ class Stretch:
         columns = {name: values[self.begin : self.end].copy() for name, values in log.columns.items()}
         start, stop = float(columns["time"][0]), float(columns["time"][-1])
         columns["time"] = columns["time"] - start
-        segments = tuple(within(segment, start, stop) for segment in log.info.stated_segments)
-        info = replace(log.info, stated_segments=tuple(one for one in segments if one.end_s > one.begin_s))
+        info = replace(log.info, stated_segments=segments_between(log, start, stop))
         return Log(f"{log.name}_at_{start:.0f}_s", columns, info)
 
 
