@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Segment
+from leapgap.logs.segments import ROUNDING_S, Segment
 
 PARTS = 8
 """Number of parts that a single log is cut into."""
@@ -44,5 +44,5 @@ def segments_between(log: Log, start_s: float, stop_s: float) -> tuple[Segment, 
     return tuple(
         Segment(one.name, max(one.begin_s, start_s) - start_s, min(one.end_s, stop_s) - start_s)
         for one in log.info.segments
-        if max(one.begin_s, start_s) < min(one.end_s, stop_s)
+        if min(one.end_s, stop_s) - max(one.begin_s, start_s) > ROUNDING_S
     )
