@@ -104,6 +104,12 @@ def schedule_of(jump: Log) -> ContactSchedule:
     return ContactSchedule(**stated(jump, SCHEDULE))
 
 
+def begin_of(jump: Log) -> float:
+    """Time from the first row to the begin of the first jump, s; 0 where the log states no stand before it."""
+    segments = jump.info.stated_segments
+    return segments[0].end_s if segments and segments[0].name == STAND else 0.0
+
+
 def target_of(jump: Log) -> Target:
     """Where a jump was meant to land; ``InputError`` for a log that states no target."""
     return Target(**stated(jump, TARGET))

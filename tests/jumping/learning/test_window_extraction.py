@@ -11,6 +11,7 @@ from leapgap.jumping.learning.windows import ARRAYS, TimeGrid
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
+from leapgap.logs.segments import Segment
 from leapgap.robot.kinematics import feet_in_world
 from tests.jumping.learning.conftest import CROUCH, jumps, pose, synthetic_jump  # noqa: F401 - fixtures
 
@@ -133,6 +134,14 @@ def test_jumps_of_two_schedules_do_not_mix(jump, robot):
     other = synthetic_jump("other", robot, ContactSchedule(0.5, 0.3, 0.5))
     with pytest.raises(InputError, match="other: found ContactSchedule"):
         window_extraction.cut([jump, other], TimeGrid(), robot)
+
+
+def test_a_jump_after_a_stand_is_refused(jump, robot):
+    info = replace(jump.info, stated_segments=(Segment("stand", 0.0, 0.3), Segment("double_contact", 0.3, 0.8)))
+    with pytest.raises(
+        InputError, match=r"jump_01: found a stand of 0\.3 s before the jump; expected a jump that begins"
+    ):
+        window_extraction.cut([jump, replace(jump, info=info)], TimeGrid(), robot)
 
 
 def test_planned_forces_leave_the_joint_pd_out(jump, robot):

@@ -92,7 +92,7 @@ class ChangeWatch:
         return np.concatenate([self._since, before])
 
     def _is_sudden(self, surprise: float) -> bool:
-        """Whether an update surprises more than the recent ones; it is remembered."""
+        """Whether an update surprises more than the recent ones but the last; it is remembered."""
         known = len(self._recent) == RECENT
         usual = max(1.0, *list(self._recent)[:-1]) if known else np.inf
         self._recent.append(surprise)

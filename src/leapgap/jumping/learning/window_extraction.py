@@ -12,7 +12,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.windows import TimeGrid, Windows
-from leapgap.jumping.task import schedule_of
+from leapgap.jumping.task import begin_of, schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis, per_pair
 from leapgap.logs.row_clock import RowClock, with_clock
@@ -74,6 +74,9 @@ def cut_jump(
 ) -> dict[str, np.ndarray]:
     """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``; by the log's own ``clock``, if any."""
     schedule = schedule_of(jump)
+    if begin_of(jump) > 0:
+        found, expected = f"a stand of {begin_of(jump):g} s before the jump", "a jump that begins with the first row"
+        raise InputError(jump.name, found, expected, "cut the rows before it off")
     try:
         total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
     except InputError as error:

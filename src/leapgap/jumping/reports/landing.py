@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from leapgap.atomic_io import read_json
-from leapgap.jumping.reports.jump_begin import jump_begin_s
+from leapgap.jumping.task import begin_of
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.state import commanded_torque
 from leapgap.reports.page import render_page
@@ -362,7 +362,7 @@ def times(log: Log, count: int) -> np.ndarray:
     They are negative while the robot stands before it; methods differ in how long they do.
     """
     since_first_row = (np.arange(count) + 0.5) * log.info.rows(CURVE_STEP_S) * log.info.sample_period_s
-    return np.round(since_first_row - jump_begin_s(log), 4)
+    return np.round(since_first_row - begin_of(log), 4)
 
 
 def reasons(runs: Path) -> list[tuple[str, str, str, int]]:

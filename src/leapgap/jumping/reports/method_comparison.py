@@ -9,8 +9,8 @@ import rerun.blueprint as rrb
 
 from leapgap.atomic_io import read_json
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
-from leapgap.jumping.reports.jump_begin import jump_begin_s
 from leapgap.jumping.reports.mpc_horizon import MpcHorizons, in_words, mpc_horizons, planned_for
+from leapgap.jumping.task import begin_of
 from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.segments import ROUNDING_S
@@ -66,7 +66,7 @@ def record_comparison(
 
 def from_its_jump(log: Log, kept: Mapping[str, Any]) -> tuple[Log, Mapping[str, Any]]:
     """A run and its figures from where its first jump begins, by the time since then."""
-    begin_s = jump_begin_s(log)
+    begin_s = begin_of(log)
     if begin_s == 0:
         return log, kept
     row = int(np.searchsorted(log.time, begin_s - ROUNDING_S))
