@@ -11,7 +11,7 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
+from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation, largest_difference
 from leapgap.diagnosis.experiment_whole_logs import LEAST_SHOWN, WholeLogs
 from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
 from leapgap.diagnosis.experiments.base import Experiment, Repetition
@@ -230,6 +230,17 @@ def test_further_jumps_are_to_the_logged_distances_whose_plans_are_simulated() -
     assert isinstance(jumps, OtherJumps) and jumps.number(given) == 6
     assert jumps.words(given) == "log 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
     assert jumps.collect(given)[:2] == ["collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6"]
+
+
+def test_a_log_without_pieces_counts_for_no_difference() -> None:
+    """Few pieces are spread over the logs, so that a short one may have none; here one of three logs."""
+    ages, noise = np.arange(1, 3), np.array([1.0, 2.0])
+    own = SimpleNamespace(ages=ages, noise=noise)
+    whitening = [np.tile(np.eye(4), (n, 1, 1)) for n in (2, 0, 1)]
+    channels = [SimpleNamespace(name=name) for name in ("first", "second")]
+    short = SimpleNamespace(pieces=[own] * 3, whitening=whitening, state=SimpleNamespace(channels=channels))
+    errors = np.tile([1.0, 6.0, 1.0, 6.0], (3, 1))  # by age, then by channel
+    assert largest_difference(errors, short) == ("second", pytest.approx(3.0))  # type: ignore[arg-type]
 
 
 def test_plans_are_what_they_say(rod: Robot) -> None:

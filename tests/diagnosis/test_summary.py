@@ -8,7 +8,7 @@ from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.decision import Conclusion, OtherSimulationExplains
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.summary import sentence, share_in_words
+from leapgap.diagnosis.summary import listed, sentence, share_in_words
 from leapgap.effects.joint_damping import JointDamping
 from leapgap.robot.model import Robot
 
@@ -62,3 +62,16 @@ def test_where_another_simulation_explains_the_gap_its_gap_is_told(robot: Robot)
         "Nothing is wrong with the robot by these 2 logs: the gap of 0.31 comes from the simulation, and is 0.046 by "
         "Euler's integrator and harder contacts alone."
     )
+
+
+@pytest.mark.parametrize(
+    "parts, said",
+    [
+        (["a"], "a"),
+        (["a", "b"], "a and b"),
+        (["a, like d,", "b"], "a, like d, and b"),
+        (["a, like d,", "b", "c"], "a, like d, b and c"),
+    ],
+)
+def test_parts_are_listed_with_one_comma_each(parts: list[str], said: str) -> None:
+    assert listed(parts) == said

@@ -220,12 +220,16 @@ class Forecaster:
 
 
 def largest_difference(whitened: np.ndarray, short: ShortRollouts) -> tuple[str, float]:
-    """Channel with the largest root mean square error over its noise, from whitened errors (pieces, values)."""
+    """Channel with the largest root mean square error over its noise, from whitened errors (pieces, values).
+
+    Of few pieces none may be of some log.
+    """
     squares, first = [], 0
     for own, whitening in zip(short.pieces, short.whitening, strict=True):
         pieces = whitened[first : first + len(whitening)]
         first += len(whitening)
-        raw = np.linalg.solve(whitening, pieces[:, :, None])[:, :, 0].reshape(len(pieces), len(own.ages), -1)
+        shape = (len(pieces), len(own.ages), len(own.noise))
+        raw = np.linalg.solve(whitening, pieces[:, :, None]).reshape(shape)
         squares.append(((raw / own.noise) ** 2).mean(axis=1))
     of_channels = np.sqrt(np.concatenate(squares).mean(axis=0))
     worst = int(of_channels.argmax())

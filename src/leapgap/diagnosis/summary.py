@@ -115,8 +115,9 @@ def sentence(
 
 
 def listed(parts: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    """``a``, ``a and b``, ``a, b and c``; a part may end with a comma."""
+    first = ", ".join([*(part.removesuffix(",") for part in parts[:-2]), *parts[-2:-1]])
+    return " and ".join([first, parts[-1]] if len(parts) > 1 else parts)
 
 
 def brief(gap: float) -> str:

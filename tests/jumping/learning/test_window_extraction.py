@@ -138,9 +138,7 @@ def test_jumps_of_two_schedules_do_not_mix(jump, robot):
 
 def test_a_jump_after_a_stand_is_refused(jump, robot):
     info = replace(jump.info, stated_segments=(Segment("stand", 0.0, 0.3), Segment("double_contact", 0.3, 0.8)))
-    with pytest.raises(
-        InputError, match=r"jump_01: found a stand of 0\.3 s before the jump; expected"
-    ):
+    with pytest.raises(InputError, match=r"jump_01: found a stand of 0\.3 s before the jump; expected"):
         window_extraction.cut([jump, replace(jump, info=info)], TimeGrid(), robot)
 
 
