@@ -105,6 +105,9 @@ def verdict_of(
     # A gap that noise explains is closed by nothing: only short replays tell what is wrong then.
     if not explains(result, None if gap <= thresholds.none_gap else closes, thresholds):
         return "unknown"
+    # Short pieces see nothing of what acts for a moment in each log, such as feet that stick as they lift off.
+    if closes is not None and gap > thresholds.most_whole_gap and closes < thresholds.partly_closure:
+        return "unknown"
     return named_or_ambiguous(answer)
 
 
