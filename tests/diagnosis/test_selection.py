@@ -180,9 +180,7 @@ def test_little_explained_is_unknown_and_nothing_to_explain_is_none() -> None:
     assert verdict_of(complete, answer, 5.0, None, doubts) == "named"
     assert verdict_of(complete, answer, 5.0, 0.1, doubts) == "named"
     assert verdict_of(complete, answer, 5.0, -0.5, doubts) == "unknown"
-    assert (
-        verdict_of(complete, answer, 11.0, 0.03, doubts) == "unknown"
-    )  # they do not see what acts for a moment
+    assert verdict_of(complete, answer, 11.0, 0.03, doubts) == "unknown"  # they do not see what acts for a moment
     assert verdict_of(complete, answer, 11.0, 0.3, doubts) == "named"
     assert verdict_of(strong, answer, 5.0, None, doubts) == "unknown"
     assert verdict_of(search_result(chi2=1.02), (), 2.0, None, doubts) == "none"
