@@ -29,10 +29,13 @@ def cut(log: Log, parts: int) -> list[Log]:
 
 
 def rows_between(log: Log, begin: int, end: int, name: str) -> Log:
-    """Some rows of a log, by another name and with a time that begins at 0; ``end`` is the row after the last."""
-    columns = {column: values[begin:end] for column, values in log.columns.items()}
+    """Some rows of a log, by another name and with a time that begins at 0; ``end`` is the row after the last.
+
+    Its arrays are copies, so that those of a long log can go.
+    """
+    columns = {column: values[begin:end].copy() for column, values in log.columns.items()}
     start, stop = float(log.time[begin]), float(log.time[end - 1])
-    columns["time"] = columns["time"] - start
+    columns["time"] -= start
     return Log(name, columns, replace(log.info, stated_segments=segments_between(log, start, stop)))
 
 

@@ -5,9 +5,9 @@ A diagnosis of ten minutes learns no more from each second than one of one minut
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from leapgap.logs.cutting import segments_between
+from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log
 
 MOST_ROWS = 60_000
@@ -36,15 +36,10 @@ class Stretch:
         return self.rows == len(self.log)
 
     def cut(self) -> Log:
-        """A log of its own, whose time begins at 0; its arrays are copies, so that the long ones can go."""
+        """A log of its own, whose time begins at 0."""
         if self.is_whole:
             return self.log
-        log = self.log
-        columns = {name: values[self.begin : self.end].copy() for name, values in log.columns.items()}
-        start, stop = float(columns["time"][0]), float(columns["time"][-1])
-        columns["time"] = columns["time"] - start
-        info = replace(log.info, stated_segments=segments_between(log, start, stop))
-        return Log(f"{log.name}_at_{start:.0f}_s", columns, info)
+        return rows_between(self.log, self.begin, self.end, f"{self.log.name}_at_{self.log.time[self.begin]:.0f}_s")
 
 
 def stretches_of(log: Log) -> list[Stretch]:

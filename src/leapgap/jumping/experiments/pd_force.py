@@ -12,7 +12,7 @@ from leapgap.robot.kinematics import joint_torque_to_foot_force
 from leapgap.robot.model import Robot
 
 
-def with_pd_force(jump: Log, robot: Robot, begins_s: Sequence[float] = (0.0,)) -> Log:
+def with_pd_force(jump: Log, robot: Robot, begins_s: Sequence[float]) -> Log:
     """The log with u_pd = −(Jᵀ Rᵀ)⁻¹ τ_pd of each pair as columns ``pd_force``, N on the robot.
 
     It is zero where the schedule has the pair in the air; jumps begin at ``begins_s``.
