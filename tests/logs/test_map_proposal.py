@@ -183,26 +183,69 @@ def test_gaps_in_the_clock_are_named_with_the_flag_that_cuts_there(arm: Robot, t
     assert "what cuts the file at 2 gaps of up to 5 s: cut_by, or pieces" in text
 
 
-def test_the_order_of_a_quaternion_is_told_by_the_gyro(tmp_path: Path) -> None:
-    """A floating body that rolls and pitches; its attitude is logged x y z w."""
+def rolling_box(tmp_path: Path, gyro_unit: float = 1.0) -> tuple[Robot, dict[str, np.ndarray]]:
+    """A floating body with a hip that rolls: its columns of the attitude x y z w, and the gyro in a unit of rad/s."""
     free = (
         '<mujoco model="box"><worldbody><body><freejoint/><geom size="0.1"/><body><joint name="hip"/><geom size="0.1"/>'
     )
     motor = '<actuator><general joint="hip" gainprm="1" biastype="affine"/></actuator>'
     (tmp_path / "box.xml").write_text(f"{free}</body></body></worldbody>{motor}</mujoco>")
     time = 0.005 * np.arange(800)
-    roll, rate = 0.5 * np.sin(4 * time), 2.0 * np.cos(4 * time)
+    roll, rate = 0.5 * np.sin(4 * time), 2.0 * np.cos(4 * time) / gyro_unit
     zero = 0 * time
-    turn = (np.sin(roll / 2), zero, zero, np.cos(roll / 2))
+    turn = dict(zip("xyzw", (np.sin(roll / 2), zero, zero, np.cos(roll / 2)), strict=True))
     columns = {"t": time, "q_hip": np.sin(3 * time)}
-    columns |= {f"imu_quaternion[{i}]": one for i, one in enumerate(turn)}
-    columns |= {f"gyro_{axis}": one for axis, one in zip("xyz", (rate, zero, zero), strict=True)}
-    options, text = propose(write_table(tmp_path / "a.csv", columns), Robot.load(tmp_path / "box.xml"))
+    columns |= {f"turn_{axis}": one for axis, one in turn.items()}
+    return Robot.load(tmp_path / "box.xml"), columns | dict(
+        zip(("rate_x", "rate_y", "rate_z"), (rate, zero, zero), strict=True)
+    )
+
+
+def test_the_order_of_a_quaternion_is_told_by_the_gyro(tmp_path: Path) -> None:
+    box, truth = rolling_box(tmp_path)
+    columns = {name: truth[name] for name in ("t", "q_hip")}
+    columns |= {f"imu_quaternion[{i}]": truth[f"turn_{axis}"] for i, axis in enumerate("xyzw")}
+    columns |= {f"gyro_{axis}": truth[f"rate_{axis}"] for axis in "xyz"}
+    options, text = propose(write_table(tmp_path / "a.csv", columns), box)
     assert options["columns"]["base_quat_w"] == "imu_quaternion[3]"
     assert options["columns"]["base_quat_z"] == "imu_quaternion[2]"
     assert options["columns"]["base_angvel_x"] == "gyro_x"
     assert "the quaternion of the base is x y z w: so it turns as the gyro says" in text
+    assert "the gyro is in rad/s: the quaternion turns so" in text
+    assert "base_angvel_x" not in options.get("units", {})
     assert "imu_acc, base_linvel, base_pos of the base: left out, as not measured" in text
+
+
+def test_a_base_may_be_named_by_letters_and_its_gyro_be_in_degrees(tmp_path: Path) -> None:
+    box, truth = rolling_box(tmp_path, gyro_unit=DEGREE)
+    columns = {name: truth[name] for name in ("t", "q_hip")}
+    columns |= {f"imu_q{axis}": truth[f"turn_{axis}"] for axis in "xyzw"}
+    columns |= {f"g{axis}": truth[f"rate_{axis}"] for axis in "xyz"} | {"battery": truth["t"] + 24.0}
+    options, text = propose(write_table(tmp_path / "a.csv", columns), box)
+    assert options["columns"]["base_quat_w"] == "imu_qw" and options["columns"]["base_quat_x"] == "imu_qx"
+    assert options["columns"]["base_angvel_z"] == "gz" and options["units"]["base_angvel_z"] == "deg/s"
+    assert "the gyro is in deg/s: the quaternion turns so" in text
+
+
+def test_set_points_that_are_followed_loosely_have_the_nearest_unit(arm: Robot, tmp_path: Path) -> None:
+    """A soft joint PD lets the robot swing 1.3 times as far as it is told."""
+    truth = motion()
+    columns = {"t": truth["time"]}
+    columns |= {f"q{i}": truth["q"][:, i] / DEGREE for i in range(2)}
+    columns |= {f"q_des{i}": truth["q_set"][:, i] / DEGREE / 1.3 for i in range(2)}
+    options, text = propose(write_table(tmp_path / "a.csv", columns), arm)
+    assert options["units"]["cmd_pos/*"] == "deg"
+    assert "cmd_pos is in deg, the nearest unit: what is measured moves 1.3 times as far" in text
+
+
+def test_columns_that_a_map_does_not_use_are_named(arm: Robot, tmp_path: Path) -> None:
+    truth = motion()
+    columns = {"t": truth["time"]}
+    columns |= {f"q{i}": truth["q"][:, i] for i in range(2)}
+    columns |= {f"temperature_{i}": 30 + truth["q"][:, 0] for i in range(7)} | {"battery": truth["time"] + 24.0}
+    _, text = propose(write_table(tmp_path / "a.csv", columns), arm)
+    (line,) = text.partition("# Columns that the map does not use:\n")[2].split("\n# ")[0].split("\n\n")[0].splitlines()
+    assert line == "#   temperature_0 to temperature_6, battery"
 
 
 def test_the_command_prints_a_map_that_can_be_saved_and_used(

@@ -8,8 +8,9 @@ import numpy as np
 
 from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.importers.tables import Table
+from leapgap.logs.importers.units import UNITS
 from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import CLEAR, correlations
+from leapgap.logs.map_proposal.physics import CLEAR, correlations, named_factor
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.logs.missing_velocities import angular_velocity, continuous
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
@@ -22,6 +23,8 @@ WORDS = {
     "base_pos": {"position", "pos"},
 }
 """Words that name a quantity of the base, looked for in this order."""
+LETTERS = {"q": "base_quat", "g": "base_angvel", "w": "base_angvel", "a": "imu_acc"}
+"""Letters that stand for a quantity where a name has nothing else but a word for the body: ``imu_qx``, ``gx``."""
 BODIES = {"base", "trunk", "body", "pelvis", "root", "torso", "odom", "imu", "pose"}
 """Words one of which must stand beside a position or a velocity, for joints have those too."""
 LAST = re.compile(r"^(.*?)(?:\[(\d)\]|[._/]?([wxyzWXYZ]|\d))$")
@@ -56,24 +59,62 @@ def quantity_of_base(name: str) -> str | None:
     """The quantity of the base that the words of a name speak of."""
     said = set(words(name))
     found = next((quantity for quantity, known in WORDS.items() if said & known), None)
+    if found is None and len(said - BODIES) == 1:
+        found = LETTERS.get(*(said - BODIES))
     return None if found in ("base_linvel", "base_pos") and not said & BODIES else found
 
 
-def real_part_last(table: Table, attitude: Sequence[str], gyro: Sequence[str], time: np.ndarray) -> bool | None:
-    """Whether a quaternion is x y z w, by which order turns as the gyro says; None where neither does clearly."""
+def turn_and_rate(
+    table: Table, attitude: Sequence[str], gyro: Sequence[str], time: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates of the turning quaternion ``attitude`` (rows, 3), rad/s, w first, and what the gyro says (rows, 3)."""
     turn = np.stack([table.numbers(column) for column in attitude], axis=1)
     rate = np.stack([table.numbers(column) for column in gyro], axis=1)
     rows = np.flatnonzero(np.isfinite(np.concatenate([turn, rate], axis=1)).all(axis=1))
     rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0])]
-    scores = []
-    for order in ((0, 1, 2, 3), (3, 0, 1, 2)):
-        quaternion = continuous(turn[np.ix_(rows, order)])
-        slope = velocity_fit(time[rows], quaternion, 10 * float(np.median(np.diff(time[rows])))).velocity
-        together = np.diag(correlations(angular_velocity(quaternion, slope), rate[rows]))
-        scores.append(float(np.nanmean(together)) if np.isfinite(together).any() else 0.0)
+    quaternion = continuous(turn[rows])
+    slope = velocity_fit(time[rows], quaternion, 10 * float(np.median(np.diff(time[rows])))).velocity
+    return angular_velocity(quaternion, slope), rate[rows]
+
+
+def together(turn: np.ndarray, rate: np.ndarray) -> float:
+    """Mean correlation of two rates, (rows, 3), over the axes that move."""
+    found = np.diag(correlations(turn, rate))
+    return float(np.nanmean(found)) if np.isfinite(found).any() else 0.0
+
+
+def real_part_last(table: Table, attitude: Sequence[str], gyro: Sequence[str], time: np.ndarray) -> bool | None:
+    """Whether a quaternion is x y z w, by which order turns as the gyro says; None where neither does clearly."""
+    orders = (attitude, real_part_first(attitude))
+    scores = [together(*turn_and_rate(table, order, gyro, time)) for order in orders]
     if max(scores) < CLEAR or abs(scores[0] - scores[1]) < 0.1:
         return None
     return scores[1] > scores[0]
+
+
+def real_part_first(attitude: Sequence[str]) -> list[str]:
+    """The columns of a quaternion x y z w as w x y z."""
+    return [*attitude[3:], *attitude[:3]]
+
+
+def judge_gyro(found: dict[str, list[str]], evidence: Evidence, proposal: Proposal) -> None:
+    """The unit of the gyro, by the rate of the quaternion."""
+    if evidence.time is None or not {"base_quat", "base_angvel"} <= found.keys():
+        proposal.say(GUESSED, "the gyro is in rad/s: no turning quaternion decides it")
+        return
+    turn, rate = turn_and_rate(evidence.table, found["base_quat"], found["base_angvel"], evidence.time)
+    unit = None
+    if together(turn, rate) > CLEAR:
+        unit = named_factor(float((turn * rate).sum() / max(float((rate**2).sum()), 1e-300)), "rad/s")
+    if unit is None or unit[1] < 0:
+        proposal.say(
+            GUESSED, "the gyro is in rad/s: the quaternion does not turn as it says, so that nothing decides it"
+        )
+        return
+    if UNITS["rad/s"][unit[0]] != 1:
+        for column in BASE_ANGULAR_VELOCITY:
+            proposal.put("units", column, unit[0])
+    proposal.say(SURE, f"the gyro is in {unit[0]}: the quaternion turns so")
 
 
 def find_base(columns: list[str], evidence: Evidence, proposal: Proposal) -> None:
@@ -84,9 +125,11 @@ def find_base(columns: list[str], evidence: Evidence, proposal: Proposal) -> Non
         if "base_angvel" in found and evidence.time is not None:
             last = real_part_last(evidence.table, found["base_quat"], found["base_angvel"], evidence.time)
         if last:
-            found["base_quat"] = [*found["base_quat"][3:], *found["base_quat"][:3]]
+            found["base_quat"] = real_part_first(found["base_quat"])
         kind, how = (GUESSED, "no gyro decides it") if last is None else (SURE, "so it turns as the gyro says")
         proposal.say(kind, f"the quaternion of the base is {'x y z w' if last else 'w x y z'}: {how}")
+    if "base_angvel" in found:
+        judge_gyro(found, evidence, proposal)
     for quantity, theirs in found.items():
         for ours, column in zip(COLUMNS[quantity], theirs, strict=True):
             proposal.put("columns", ours, column)

@@ -6,6 +6,7 @@ from leapgap.logs.importers.units import UNITS
 from leapgap.logs.map_proposal.physics import (
     CLEAR,
     MOST_ROWS,
+    NEAR,
     correlations,
     named_factor,
     order_of,
@@ -156,12 +157,15 @@ def judge_set_points(evidence: Evidence, proposal: Proposal) -> None:
         if not follows.any():
             proposal.say(GUESSED, f"{quantity} is in SI: nothing measured follows it closely enough to tell")
             continue
-        size = np.std(actual[:, follows], axis=0) / np.std(wanted[:, follows], axis=0)
-        unit = named_factor(float(np.median(size)), "rad" if quantity == "cmd_pos" else "rad/s")
-        if unit is None:
-            proposal.say(
-                GUESSED, f"{quantity} is in SI, though what is measured is {np.median(size):.3g} times as large"
-            )
+        size = float(np.median(np.std(actual[:, follows], axis=0) / np.std(wanted[:, follows], axis=0)))
+        dimension = "rad" if quantity == "cmd_pos" else "rad/s"
+        unit, roughly = named_factor(size, dimension), named_factor(size, dimension, NEAR)
+        if roughly is None:
+            proposal.say(GUESSED, f"{quantity} is in SI, though what is measured is {size:.3g} times as large")
             continue
-        scale(quantity, unit[0], np.ones(len(evidence.robot.joints)), evidence, proposal)
-        proposal.say(evidence.certainty, f"{quantity} is in {unit[0]}: what is measured follows it")
+        scale(quantity, roughly[0], np.ones(len(evidence.robot.joints)), evidence, proposal)
+        if unit is None:
+            moves = f"what is measured moves {size / UNITS[dimension][roughly[0]]:.3g} times as far"
+            proposal.say(GUESSED, f"{quantity} is in {roughly[0]}, the nearest unit: {moves}")
+        else:
+            proposal.say(evidence.certainty, f"{quantity} is in {unit[0]}: what is measured follows it")

@@ -11,8 +11,8 @@ from leapgap.logs.importers.units import UNITS
 STEPS = (1e-4, 0.2)
 """Periods of loops of robots, s: what a unit of time must give."""
 TIME_UNITS = ("s", "ms", "us", "ns")
-SAME = 0.15
-"""Two factors this near to each other, relatively, are the same."""
+SAME, NEAR = 0.15, 1.0
+"""Two factors this near to each other, relatively, are the same; or at least nearer than two units are."""
 CLEAR, PLAIN = 0.8, 0.95
 """Correlation from which on two columns belong together, and share of rows in the limits from which on a unit fits."""
 USED = 0.1
@@ -115,12 +115,11 @@ def inside(position: np.ndarray, limits: np.ndarray) -> np.ndarray:
     return ((position > limits[:, 0] - MARGIN_RAD) & (position < limits[:, 1] + MARGIN_RAD)).mean(axis=0)
 
 
-def named_factor(factor: float, dimension: str) -> tuple[str, float] | None:
-    """The unit, and the sign, that a factor to ours stands for; None where no unit is near."""
-    for unit, size in UNITS[dimension].items():
-        if abs(abs(factor) / size - 1) < SAME:
-            return unit, math.copysign(1.0, factor)
-    return None
+def named_factor(factor: float, dimension: str, within: float = SAME) -> tuple[str, float] | None:
+    """The unit, and the sign, that a factor to ours stands for; None where no unit is within that share of it."""
+    apart = {unit: abs(math.log(max(abs(factor), 1e-300) / size)) for unit, size in UNITS[dimension].items()}
+    nearest = min(apart, key=apart.__getitem__)
+    return (nearest, math.copysign(1.0, factor)) if apart[nearest] < math.log1p(within) else None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from leapgap.logs.importers.tables import Table
 from leapgap.robot.model import Robot
 
-SURE, GUESSED, MISSING = "sure", "guessed", "missing"
+SURE, GUESSED, MISSING, UNUSED = "sure", "guessed", "missing", "unused"
 
 
 @dataclass
@@ -17,10 +17,10 @@ class Proposal:
 
     options: dict[str, Any] = field(default_factory=dict)
     notes: list[tuple[str, str]] = field(default_factory=list)
-    """``sure``, ``guessed`` or ``missing``, and a sentence."""
+    """``sure``, ``guessed``, ``missing`` or ``unused``, and a sentence."""
 
     def say(self, kind: str, sentence: str) -> None:
-        """Note how sure a part of the map is, ``sure``, ``guessed`` or ``missing``, in a sentence."""
+        """Note how sure a part of the map is, or what it leaves out, in a sentence."""
         self.notes.append((kind, sentence))
 
     def put(self, part: str, ours: str, value: Any) -> None:

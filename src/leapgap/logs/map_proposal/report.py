@@ -9,11 +9,16 @@ from leapgap.logs.files import check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Table
-from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Proposal
+from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, UNUSED, Proposal
 from leapgap.logs.map_proposal.table_map import propose
 from leapgap.robot.model import Robot
 
-HEADINGS = ((SURE, "Sure:"), (GUESSED, "Guessed, check it:"), (MISSING, "Missing, nothing is assumed:"))
+HEADINGS = (
+    (SURE, "Sure:"),
+    (GUESSED, "Guessed, check it:"),
+    (MISSING, "Missing, nothing is assumed:"),
+    (UNUSED, "Columns that the map does not use:"),
+)
 PARTS = ("delimiter", "joint_names", "columns", "units", "factors", "constants", "repeated_times", "cut_by")
 MOST_COLUMNS = 10_000
 """Columns from which a map is proposed."""

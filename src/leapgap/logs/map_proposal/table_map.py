@@ -1,15 +1,21 @@
 """A column map proposed from a table and a robot."""
 
+import re
+
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.map_proposal.base_columns import find_base
 from leapgap.logs.map_proposal.commands import fill_commands, judge_torques
 from leapgap.logs.map_proposal.joint_columns import choose, read_families
 from leapgap.logs.map_proposal.joint_units import judge_positions, judge_set_points, judge_velocities
 from leapgap.logs.map_proposal.names import families
-from leapgap.logs.map_proposal.proposal import Evidence, Proposal
+from leapgap.logs.map_proposal.proposal import UNUSED, Evidence, Proposal
 from leapgap.logs.map_proposal.tied_columns import with_tied
 from leapgap.logs.map_proposal.time_column import find_time
 from leapgap.robot.model import Robot
+
+NUMBER = re.compile(r"\d+")
+MOST_NAMED = 20
+"""Unused columns that are named."""
 
 
 def propose(table: Table, robot: Robot) -> Proposal:
@@ -27,7 +33,30 @@ def propose(table: Table, robot: Robot) -> Proposal:
     fill_commands(evidence, proposal)
     if robot.has_free_base:
         find_base(columns, evidence, proposal)
+    tell_unused(columns, proposal)
     return proposal
+
+
+def tell_unused(columns: list[str], proposal: Proposal) -> None:
+    """Name the columns of numbers that the map does not use, those that numbers tell apart as one."""
+    used = used_columns(columns, proposal)
+    groups: dict[str, list[str]] = {}
+    for column in columns:
+        if column not in used:
+            groups.setdefault(NUMBER.sub("#", column), []).append(column)
+    names = [of[0] if len(of) == 1 else f"{of[0]} to {of[-1]}" for of in groups.values()]
+    if len(names) > MOST_NAMED:
+        names = [*names[:MOST_NAMED], f"{len(names) - MOST_NAMED} more"]
+    if names:
+        proposal.say(UNUSED, ", ".join(names))
+
+
+def used_columns(columns: list[str], proposal: Proposal) -> set[str]:
+    """The columns of a table that the map names, with ``*`` for any part of a name."""
+    entries = {str(entry) for entry in proposal.options.get("columns", {}).values()}
+    entries |= {str(proposal.options.get("cut_by", ""))}
+    patterns = [re.compile(".*".join(re.escape(part) for part in entry.split("*"))) for entry in entries]
+    return {column for column in columns if any(pattern.fullmatch(column) for pattern in patterns)}
 
 
 def is_numeric(table: Table, column: str) -> bool:
