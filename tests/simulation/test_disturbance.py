@@ -98,3 +98,9 @@ def test_a_wrong_crouch_is_where_the_robot_stands_at_first(robot: Robot, referen
     moved = (wrong.start - right.start)[robot.joint_qpos]
     np.testing.assert_allclose(moved, error, atol=0.02)
     assert wrong.commanded["cmd_pos/FR_calf"][0] == right.commanded["cmd_pos/FR_calf"][0]  # nobody knows of it
+
+
+def test_a_disturbance_is_told_with_its_units_and_time() -> None:
+    assert str(Disturbance(0.3, velocity=(-0.2, 0.0, 0.0))) == "-0.2 m/s at 0.3 s"
+    assert str(Disturbance(0.4, velocity=(0.0, 0.0, 1.0))) == "+1 rad/s at 0.4 s"
+    assert str(Disturbance(0.3, force_n=(45.5, 0.0), duration_s=0.1)) == "+45.5 N from 0.3 to 0.4 s"

@@ -21,6 +21,15 @@ class Disturbance:
     duration_s: float = 0.0
     """How long the force lasts."""
 
+    def __str__(self) -> str:
+        """Its parts that are not zero, with units, and when: ``+0.2 m/s at 0.3 s``, ``-45 N from 0.3 to 0.4 s``."""
+        names = ("m/s", "m/s upward", "rad/s")
+        kicks = [f"{value:+g} {name}" for value, name in zip(self.velocity, names, strict=True) if value]
+        pushes = [f"{value:+g} {name}" for value, name in zip(self.force_n, ("N", "N upward"), strict=True) if value]
+        said = [f"{', '.join(kicks)} at {self.begin_s:g} s"] if kicks else []
+        said += [f"{', '.join(pushes)} from {self.begin_s:g} to {self.begin_s + self.duration_s:g} s"] if pushes else []
+        return ", ".join(said)
+
 
 def disturb(
     model: mujoco.MjModel, data: mujoco.MjData, base: int, actions: Sequence[Disturbance], time_s: float

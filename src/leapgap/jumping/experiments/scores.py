@@ -39,6 +39,7 @@ class ScoredRun:
         about = {name: getattr(self, name) for name in ("hardware", "robot", "method", "task", "number")}
         for jump, landing in enumerate(self.result.landings):
             figures = {name: round_value(value) for name, value in asdict(landing).items()}
+            figures["disturbance"] = self.result.disturbance
             demands = {name: round_value(value) for name, value in asdict(self.result.metrics).items()}
             yield about | {"jump": jump} | figures | demands | {"fallbacks": sum(self.result.fallbacks.values())}
 

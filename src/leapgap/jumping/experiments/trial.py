@@ -21,6 +21,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import yaw_of
 from leapgap.simulation.closed_loop import ClosedLoopRun, Sensing, run_closed_loop
+from leapgap.simulation.disturbance import Disturbance
 from leapgap.simulation.open_loop import Course, MotionPlan, prepare, terrain_slots
 from leapgap.simulation.replay import Replayer
 
@@ -61,6 +62,8 @@ class TrialOutcome:
     """Count of fallback commands by reason, those of the landings included."""
     metrics: RunMetrics
     controllers: tuple[JumpController, ...]
+    disturbances: tuple[Disturbance, ...]
+    """What acted on the trunk, times counted from the start of the first jump."""
 
 
 def attempt_task(
@@ -109,6 +112,7 @@ def attempt_task(
         dict(controller.fallbacks),
         run_metrics(run, robot, starts[0]),
         tuple(controller.jumps),
+        disturbances,
     )
 
 

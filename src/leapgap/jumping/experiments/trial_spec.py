@@ -55,6 +55,7 @@ class TrialSpec:
             fallbacks=outcome.fallbacks,
             substituted=outcome.substituted,
             metrics=outcome.metrics,
+            disturbance=", ".join(str(one) for one in outcome.disturbances),
             samples=landing_samples(outcome),
             shifted=shifted_jumps(outcome),
             log=log_of(outcome, self.world.robot, Path(self.place).name) if self.with_log else None,
@@ -75,6 +76,8 @@ class TrialResult:
     log: Log | None = None
     shifted: ShiftedJumps | None = None
     """What goal-directed jumps did on the way; None for other methods."""
+    disturbance: str = ""
+    """What acted on the trunk, in words; empty if nothing did."""
 
     def to_json(self) -> dict[str, Any]:
         """All fields but the log, which is a file of its own."""
@@ -84,6 +87,7 @@ class TrialResult:
             "fallbacks": dict(self.fallbacks),
             "substituted": [list(one) for one in self.substituted],
             "conduct": asdict(self.metrics),
+            "disturbance": self.disturbance,
             "tried": {name: values.tolist() for name, values in asdict(self.samples).items()},
         }
         return found if self.shifted is None else found | {"shifted": self.shifted.to_json()}
@@ -99,6 +103,7 @@ class TrialResult:
             fallbacks=raw["fallbacks"],
             substituted=tuple((time_s, reason) for time_s, reason in raw["substituted"]),
             metrics=RunMetrics(**raw["conduct"]),
+            disturbance=raw["disturbance"],
             samples=LandingSamples(**samples),
             shifted=ShiftedJumps.from_json(raw["shifted"]) if "shifted" in raw else None,
             log=log,
