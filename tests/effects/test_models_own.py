@@ -258,3 +258,24 @@ def test_ranges_grow_with_a_heavy_robot(tmp_path: Path) -> None:
         assert (about.lower, about.upper, about.moderate, about.scale) == (-own, own, own / 5, own)
         written = effects.from_config([{"name": name, **{about.name: about.upper}}])
         assert written[0].values == {about.name: own}
+
+
+@pytest.mark.parametrize(
+    ("name", "small", "large"),
+    [
+        ("joint_friction", 6.0, 45.0),
+        ("static_friction", 6.0, 45.0),
+        ("joint_damping", 4.0, 30.0),
+        ("armature", 0.15, 1.2),
+    ],
+)
+def test_what_grows_with_motors_is_looked_for_further_on_larger_ones(
+    name: str, small: float, large: float, tmp_path: Path
+) -> None:
+    """A hip of 300 N·m has more friction than any joint of the A1 could; that of the A1 is looked for as declared."""
+    text = "<mujoco><worldbody><body><joint name='hip'/><geom size='0.1'/></body></worldbody>{}</mujoco>"
+    motor = "<actuator><motor joint='hip' ctrllimited='true' ctrlrange='-300 300'/></actuator>"
+    (tmp_path / "large.xml").write_text(text.format(motor))
+    kind = effects.known()[name]
+    assert kind.parameters(Robot.load())[0].upper == small
+    assert kind.parameters(Robot.load(tmp_path / "large.xml"), "hip")[0].upper == pytest.approx(large)

@@ -5,8 +5,11 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, recompute_constants
+from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, recompute_constants, widened
 from leapgap.robot.model import Robot
+
+MOST = 0.004
+"""Upper end of the search, as a share of the largest torque of the motors, s²/rad, if that is more than declared."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class Armature(Effect):
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """From no armature at all upwards."""
         (declared,) = super().parameters(robot, location)
+        declared = widened(declared, robot, location, MOST)
         return (addition(declared, robot.model.dof_armature[robot.joint_dofs[robot.joints_at(location)]]),)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:

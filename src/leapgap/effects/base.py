@@ -315,6 +315,15 @@ def addition(declarations: Parameter, own: np.ndarray) -> Parameter:
     )
 
 
+def widened(declarations: Parameter, robot: Robot, location: str, share: float) -> Parameter:
+    """A parameter whose upper limit is at least a share of the largest torque of the motors there, N·m.
+
+    Friction, damping and rotor inertia grow with the size of motors and gears.
+    """
+    most = robot.largest_torque(location)
+    return declarations if most is None else replace(declarations, upper=max(declarations.upper, share * most))
+
+
 def add_nonnegative(own: np.ndarray, by: float) -> np.ndarray:
     """Values of the model plus ``by``, at least zero."""
     return np.asarray(np.maximum(own + by, 0.0))

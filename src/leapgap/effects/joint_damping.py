@@ -5,8 +5,11 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter
+from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, widened
 from leapgap.robot.model import Robot
+
+MOST = 0.1
+"""Upper end of the search, as a share of the largest torque of the motors, s/rad, if that is more than declared."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class JointDamping(Effect):
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
         """From no damping at all upwards."""
         (declared,) = super().parameters(robot, location)
+        declared = widened(declared, robot, location, MOST)
         return (addition(declared, robot.model.dof_damping[robot.joint_dofs[robot.joints_at(location)]]),)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:

@@ -6,7 +6,7 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, Parameter, parameter, widened
 from leapgap.robot import dc_motors
 from leapgap.robot.model import Robot
 
@@ -16,6 +16,8 @@ DEFLECTION_RAD = 0.005
 """Deflection of the teeth at which a joint breaks loose."""
 BRISTLE_DAMPING_S = 0.002
 """Damping of the deflection, as a time: what it adds to the friction is that time times the stiffness."""
+MOST = 0.15
+"""Upper end of the search, as a share of the largest torque of the motors, if that is more than declared."""
 SLIDING = 1e-3
 """Friction that is left at speed, as a share of the holding torque; the model's own friction stays beside it."""
 
@@ -33,6 +35,12 @@ class StaticFriction(Effect):
     places = "joints"
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0, 1.0, limits=(0.0, inf))
+
+    @classmethod
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """Up to a share of the motors' largest torque."""
+        (declared,) = super().parameters(robot, location)
+        return (widened(declared, robot, location, MOST),)
 
     @property
     def structure(self) -> Hashable | None:
