@@ -311,3 +311,9 @@ def test_of_moments_at_one_time_the_one_that_stands_out_most_is_told() -> None:
     elbow, shoulder = moment(1.0, 1.2, 0.2, 30.0, 1), moment(1.15, 1.3, -0.05, -6.0)
     later, other = moment(1.3, 1.4, 0.1, 5.0), replace(shoulder, log=1)
     assert largest_of_each_moment([shoulder, elbow, later, other]) == [elbow, other, later]
+
+
+def test_a_vertical_force_on_a_base_may_be_the_grounds() -> None:
+    force = OutsideForce("squat", "base", "z", 4.66, 4.6, 4.72, 828.0, 69.0, (50.0, 89.0), "N", 12.0)
+    assert force.says == "at 4.66 s in squat, base, +830 N along z for 0.12 s (or the ground did)"
+    assert replace(force, axis="x", peak=-4.2).says == "at 4.66 s in squat, base, -4.2 N along x for 0.12 s"

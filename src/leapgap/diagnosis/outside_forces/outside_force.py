@@ -32,10 +32,14 @@ class OutsideForce:
 
     @property
     def says(self) -> str:
-        """``at 1.71 s in swing_2, elbow, +0.6 N·m for 0.2 s``."""
+        """``at 1.71 s in swing_2, elbow, +0.6 N·m for 0.2 s``.
+
+        A base may get an upward force from its feet as well, on ground that is otherwise than in the model.
+        """
         along = f" {'along' if self.unit == 'N' else 'about'} {self.axis}" if self.axis else ""
-        lasts_s = f"{self.end_s - self.begin_s:.2g}"
-        return f"at {self.time_s:.2f} s in {self.log}, {self.at}, {self.peak:+.2g} {self.unit}{along} for {lasts_s} s"
+        peak, lasts_s = float(f"{self.peak:.2g}"), f"{self.end_s - self.begin_s:.2g}"
+        ground = " (or the ground did)" if (self.axis, self.unit) == ("z", "N") else ""
+        return f"at {self.time_s:.2f} s in {self.log}, {self.at}, {peak:+g} {self.unit}{along} for {lasts_s} s{ground}"
 
     @property
     def in_words(self) -> str:
