@@ -56,10 +56,23 @@ def test_a_method_that_never_jumped_has_figures_without_numbers() -> None:
 
 
 def test_the_headline_counts_each_task_alike() -> None:
-    runs = [run([1.0]), run([1.0]), run([1.0]), run([-5.0], "box_60_20"), run([99.0], "block_60")]
+    runs = [
+        run([1.0]),
+        run([1.0]),
+        run([1.0]),
+        run([-5.0], "box_60_20"),
+        run([-5.0], "box_60_20"),
+        run([99.0], "block_60"),
+    ]
     found = mean_over_tasks(runs, ["jump_60", "box_60_20"], seed=0)
     assert found["mean_abs_error_cm"] == {"worn/ours": 3.0}
     assert found["mean_abs_error_ci95_cm"] == {"worn/ours": [3.0, 3.0]}, "no scatter within a task"
+
+
+def test_one_jump_has_no_interval() -> None:
+    runs = [run([1.0]), run([2.0]), run([-5.0], "box_60_20")]
+    assert mean_over_tasks(runs, ["jump_60", "box_60_20"], seed=0)["mean_abs_error_ci95_cm"] == {"worn/ours": None}
+    assert tables(runs, seed=0)["abs_error_ci95_cm"]["worn/ours/box_60_20"] is None
 
 
 def test_robots_are_drawn_again_with_all_they_did() -> None:

@@ -103,8 +103,8 @@ def standard_deviation(values: np.ndarray) -> float | None:
 
 
 def interval(values: np.ndarray, robots: Sequence[str], seed: int) -> list[float | None] | None:
-    """95 % bootstrap interval of the mean: resamples robots, where there are several, else jumps."""
-    if not len(values):
+    """95 % bootstrap interval of the mean: resamples robots, where there are several, else jumps; None of one jump."""
+    if len(values) < 2:
         return None
     units = np.unique(robots, return_inverse=True)[1] if len(set(robots)) > 1 else np.arange(len(values))
     sums, counts = (np.bincount(units, weights) for weights in (values, np.ones(len(values))))
@@ -134,7 +134,10 @@ def mean_over_tasks(scored: Iterable[ScoredRun], tasks: Sequence[str], seed: int
 
 
 def task_mean_interval(errors: Mapping[tuple[str, str], Sequence[float]], seed: int) -> list[float | None] | None:
-    """95 % bootstrap interval of the mean of the tasks' means; ``errors`` by task and robot, cm."""
+    """95 % bootstrap interval of the mean of the tasks' means; ``errors`` by task and robot, cm.
+
+    None where a task was jumped once on the only robot: one jump says nothing of its scatter.
+    """
     of_robots: dict[str, list[np.ndarray]] = {}
     for (_, robot), of_task in errors.items():
         of_robots.setdefault(robot, []).append(np.array(of_task))
@@ -142,6 +145,8 @@ def task_mean_interval(errors: Mapping[tuple[str, str], Sequence[float]], seed: 
         means = np.array([np.mean([of_task.mean() for of_task in tasks]) for tasks in of_robots.values()])
         return interval(means, list(of_robots), seed)
     rng, (tasks,) = np.random.default_rng(seed), of_robots.values()
+    if min(len(of_task) for of_task in tasks) < 2:
+        return None
     drawn = np.mean([rng.choice(v, (BOOTSTRAP_DRAWS, len(v))).mean(axis=1) for v in tasks], axis=0)
     return [round_value(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
 

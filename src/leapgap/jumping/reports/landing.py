@@ -154,7 +154,7 @@ def sizes(figures: Mapping[str, Any], hardware: str, methods: Sequence[str], tas
             mean = figures["abs_error_cm"].get(key)
             if mean is None:
                 continue
-            low, high = figures["abs_error_ci95_cm"][key]
+            low, high = figures["abs_error_ci95_cm"][key] or (mean, mean)
             bars = {"array": [high - mean], "arrayminus": [mean - low], "thickness": 1.5, "width": 3}
             marker = {"color": colour(method), "size": 10}
             add_points(figure, panel, x=[mean], y=[label(method)], error_x=bars, marker=marker, mode="markers")

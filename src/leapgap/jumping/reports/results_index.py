@@ -99,8 +99,9 @@ def of_landing(metrics: Metrics) -> list[Figure]:
     """Mean landing error of the nearest methods, with its interval."""
     found = []
     for name, value in list(best_landing(metrics).items())[:4]:
-        low, high = metrics["mean_abs_error_ci95_cm"][name]
-        found.append(Figure(f"mean size of the landing error, {name}", f"{value:.2f} cm ({low:.2f} to {high:.2f})"))
+        ends = metrics["mean_abs_error_ci95_cm"][name]
+        interval = f" ({ends[0]:.2f} to {ends[1]:.2f})" if ends else ""
+        found.append(Figure(f"mean size of the landing error, {name}", f"{value:.2f} cm{interval}"))
     return found
 
 
