@@ -252,13 +252,13 @@ def test_torque_stands_between_the_limits_of_the_motor(tmp_path, robot, hop):
 
 
 def test_planned_contacts_stand_beside_the_measured_ones(hop_recording):
-    """Rear contact from 0.1 s: the front feet are planned to lift then; in flight, from 0.25 s, all are in the air."""
+    """The front feet are planned to lift at 0.1 s, and the rear ones at 0.2, in the middle of ``lift_off``."""
     for pair, planned in (
-        ("front", ["contact", "air", "air", "air"]),
-        ("rear", ["contact", "contact", "contact", "air"]),
+        ("front", ["contact", "air", "air", "air", "air"]),
+        ("rear", ["contact", "contact", "contact", "air", "air"]),
     ):
         seconds, states = hop_recording.moving[f"/phases/plan_{pair}"]["StateChange:state"]
-        np.testing.assert_allclose(seconds, [0.0, 0.1, 0.15, 0.25])
+        np.testing.assert_allclose(seconds, [0.0, 0.1, 0.15, 0.2, 0.25])
         assert [state[0] for state in states] == planned
         assert f"/phases/switch_{pair}" in hop_recording.moving
 

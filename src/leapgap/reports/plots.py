@@ -11,7 +11,7 @@ from leapgap.effects.torque_speed_limit import TorqueSpeedLimit
 from leapgap.logs import state
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.segments import FLIGHT
+from leapgap.logs.segments import FLIGHT, LIFT_OFF_WINDOW_S, Segment
 from leapgap.reports.recorder import Recorder, rows_at_period
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.model import Robot
@@ -27,7 +27,7 @@ FORCE_COLOURS: dict[str, Colour] = {
     "train_force": (74, 144, 255),
 }
 FOOT_COLOURS: tuple[Colour, ...] = ((74, 144, 255), (120, 200, 220), (255, 140, 40), (240, 200, 60))
-PHASE_COLOURS = ((74, 144, 255), (255, 140, 40), (240, 200, 60), (150, 110, 230), (120, 126, 136))
+PHASE_COLOURS = ((74, 144, 255), (255, 140, 40), (240, 200, 60), (150, 110, 230), (120, 126, 136), (225, 120, 190))
 """Colours of the segments of a log, in turn."""
 SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "regular": (70, 74, 84)}
 HELD_S = 0.025
@@ -35,7 +35,9 @@ HELD_S = 0.025
 LIMIT_COLOUR: Colour = (200, 60, 60)
 LEAST_PUSH_N = 10.0
 """Vertical force of a pair from which its direction means anything."""
-PUSHING = dict.fromkeys(("rear_contact", "lift_off"), (False, True)) | {FLIGHT: (False, False)}
+LIFT_OFF = "lift_off"
+"""Segment of a jump about the planned take-off."""
+PUSHING = dict.fromkeys(("rear_contact", LIFT_OFF), (False, True)) | {FLIGHT: (False, False)}
 """Segments of a jump in which not both pairs of feet are planned to push: (front, rear)."""
 NO_SUBSTITUTES: Mapping[str, Sequence[tuple[float, str]]] = MappingProxyType({})
 CONTACT_COLOURS = {"contact": (46, 160, 100), "air": (70, 74, 84)}
@@ -244,9 +246,9 @@ def log_phases(
         log_lane(to, "phases/planned", np.array([segment.begin_s for segment in segments]), names, colours)
     for place, pair in enumerate(PAIRS):
         if pair in switched_pairs(actor) and segments:
-            planned = [PUSHING.get(segment.name, (True, True))[place] for segment in segments]
-            states = ["contact" if pushes else "air" for pushes in planned]
-            log_lane(to, f"phases/plan_{pair}", np.array([one.begin_s for one in segments]), states, CONTACT_COLOURS)
+            begin_s, pushing = planned_pushes(segments)
+            states = ["contact" if pushes else "air" for pushes in pushing[:, place]]
+            log_lane(to, f"phases/plan_{pair}", begin_s, states, CONTACT_COLOURS)
     for pair in switched_pairs(actor):
         closed = np.any([jump[f"contact/{foot}"] > 0 for foot in actor.robot.feet_of_pair(pair)], axis=0)
         changes = np.flatnonzero(np.diff(closed.astype(int), prepend=2))
@@ -262,6 +264,17 @@ def log_phases(
     if events:
         times, texts = zip(*events, strict=True)
         to.over_time("events", np.array(times), rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)))
+
+
+def planned_pushes(segments: Sequence[Segment]) -> tuple[np.ndarray, np.ndarray]:
+    """From when on, s, (parts,), the front and the rear pair are planned to push or not, bool, (parts, 2).
+
+    The segment ``lift_off`` lies about the take-off, at which the rear pair leaves the ground.
+    """
+    parts = [(one.begin_s, PUSHING.get(one.name, (True, True))) for one in segments]
+    parts += [(one.begin_s + LIFT_OFF_WINDOW_S, (False, False)) for one in segments if one.name == LIFT_OFF]
+    begin_s, pushing = zip(*sorted(parts), strict=True)
+    return np.array(begin_s), np.array(pushing)
 
 
 def log_substitutes(to: Recorder, label: str, times_s: Sequence[float]) -> None:
