@@ -130,6 +130,15 @@ robots: .venv/ready
 	python -m stages.robots
 	python -m stages.made_with metrics/real/robots.json
 
+# Times of single parts beside their peers, on an idle machine, twenty minutes: metrics/timing. Those that take longer or need
+# more packages stand alone: tests/benchmarks/scale.py, sysid.py, ray_workers.py. What a benchmark says: its --help.
+TIMINGS := replay optimize train mpc_tick exported_tick goal_shift_tick diagnose
+.PHONY: benchmarks $(TIMINGS)
+benchmarks: $(TIMINGS)
+$(TIMINGS): run
+	python -m tests.benchmarks.$@ --json metrics/timing/$@.json
+	python -m stages.made_with metrics/timing/$@.json
+
 lint: .venv/ready
 	ruff check
 	ruff format --check
