@@ -246,9 +246,10 @@ def log_phases(
         log_lane(to, "phases/planned", np.array([segment.begin_s for segment in segments]), names, colours)
     for place, pair in enumerate(PAIRS):
         if pair in switched_pairs(actor) and segments:
-            begin_s, pushing = planned_pushes(segments)
-            states = ["contact" if pushes else "air" for pushes in pushing[:, place]]
-            log_lane(to, f"phases/plan_{pair}", begin_s, states, CONTACT_COLOURS)
+            parts = split_at_take_off(segments)
+            planned = [PUSHING.get(part.name, (True, True))[place] for part in parts]
+            states = ["contact" if pushes else "air" for pushes in planned]
+            log_lane(to, f"phases/plan_{pair}", np.array([one.begin_s for one in parts]), states, CONTACT_COLOURS)
     for pair in switched_pairs(actor):
         closed = np.any([jump[f"contact/{foot}"] > 0 for foot in actor.robot.feet_of_pair(pair)], axis=0)
         changes = np.flatnonzero(np.diff(closed.astype(int), prepend=2))
@@ -266,15 +267,16 @@ def log_phases(
         to.over_time("events", np.array(times), rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)))
 
 
-def planned_pushes(segments: Sequence[Segment]) -> tuple[np.ndarray, np.ndarray]:
-    """From when on, s, (parts,), the front and the rear pair are planned to push or not, bool, (parts, 2).
-
-    The segment ``lift_off`` lies about the take-off, at which the rear pair leaves the ground.
-    """
-    parts = [(one.begin_s, PUSHING.get(one.name, (True, True))) for one in segments]
-    parts += [(one.begin_s + LIFT_OFF_WINDOW_S, (False, False)) for one in segments if one.name == LIFT_OFF]
-    begin_s, pushing = zip(*sorted(parts), strict=True)
-    return np.array(begin_s), np.array(pushing)
+def split_at_take_off(segments: Sequence[Segment]) -> list[Segment]:
+    """The segments of a log; of ``lift_off``, which lies about the take-off, the second half counts as flight."""
+    parts: list[Segment] = []
+    for one in segments:
+        if one.name == LIFT_OFF:
+            take_off_s = one.begin_s + LIFT_OFF_WINDOW_S
+            parts += [Segment(LIFT_OFF, one.begin_s, take_off_s), Segment(FLIGHT, take_off_s, one.end_s)]
+        else:
+            parts.append(one)
+    return parts
 
 
 def log_substitutes(to: Recorder, label: str, times_s: Sequence[float]) -> None:

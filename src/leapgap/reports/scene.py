@@ -7,8 +7,8 @@ import rerun as rr
 
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
-from leapgap.logs.segments import ROUNDING_S
-from leapgap.reports.plots import ground_friction, has_pair_force, planned_pushes
+from leapgap.logs.segments import segment_of_rows
+from leapgap.reports.plots import PUSHING, ground_friction, has_pair_force, split_at_take_off
 from leapgap.reports.recorder import Recorder
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.terrain import Box
@@ -293,10 +293,9 @@ def cone_outline(friction: float) -> np.ndarray:
 
 def is_pushing(jump: Log, time_s: np.ndarray) -> np.ndarray:
     """Whether the front and the rear pair are planned to push, bool, (rows, 2), by the segments of the log."""
-    if not jump.info.segments:
-        return np.ones((len(time_s), 2), dtype=bool)
-    begin_s, pushing = planned_pushes(jump.info.segments)
-    return np.asarray(pushing[np.maximum(np.searchsorted(begin_s, time_s + ROUNDING_S, "right") - 1, 0)])
+    parts = split_at_take_off(jump.info.segments)
+    pushing = np.array([*(PUSHING.get(one.name, (True, True)) for one in parts), (True, True)])
+    return np.asarray(pushing[segment_of_rows(parts, time_s)])
 
 
 def log_contacts(to: Recorder, actor: ShownRobot) -> None:

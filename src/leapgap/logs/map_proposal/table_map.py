@@ -6,7 +6,12 @@ from leapgap.logs.importers.tables import Table
 from leapgap.logs.map_proposal.base_columns import find_base
 from leapgap.logs.map_proposal.commands import fill_commands, judge_torques
 from leapgap.logs.map_proposal.joint_columns import choose, read_families
-from leapgap.logs.map_proposal.joint_units import judge_positions, judge_set_points, judge_velocities
+from leapgap.logs.map_proposal.joint_units import (
+    judge_positions,
+    judge_set_points,
+    judge_velocities,
+    their_column,
+)
 from leapgap.logs.map_proposal.names import families
 from leapgap.logs.map_proposal.proposal import UNUSED, Evidence, Proposal
 from leapgap.logs.map_proposal.tied_columns import with_tied
@@ -33,13 +38,13 @@ def propose(table: Table, robot: Robot) -> Proposal:
     fill_commands(evidence, proposal)
     if robot.has_free_base:
         find_base(columns, evidence, proposal)
-    tell_unused(columns, proposal)
+    tell_unused(columns, robot, proposal)
     return proposal
 
 
-def tell_unused(columns: list[str], proposal: Proposal) -> None:
+def tell_unused(columns: list[str], robot: Robot, proposal: Proposal) -> None:
     """Name the columns of numbers that the map does not use, those that numbers tell apart as one."""
-    used = used_columns(columns, proposal)
+    used = used_columns(robot, proposal)
     groups: dict[str, list[str]] = {}
     for column in columns:
         if column not in used:
@@ -51,12 +56,13 @@ def tell_unused(columns: list[str], proposal: Proposal) -> None:
         proposal.say(UNUSED, ", ".join(names))
 
 
-def used_columns(columns: list[str], proposal: Proposal) -> set[str]:
-    """The columns of a table that the map names, with ``*`` for any part of a name."""
-    entries = {str(entry) for entry in proposal.options.get("columns", {}).values()}
-    entries |= {str(proposal.options.get("cut_by", ""))}
-    patterns = [re.compile(".*".join(re.escape(part) for part in entry.split("*"))) for entry in entries]
-    return {column for column in columns if any(pattern.fullmatch(column) for pattern in patterns)}
+def used_columns(robot: Robot, proposal: Proposal) -> set[str]:
+    """The columns of a table that the map names, with ``*`` for what each joint is called in it."""
+    used = {str(proposal.options.get("cut_by", ""))}
+    for ours, theirs in proposal.options.get("columns", {}).items():
+        quantity, _, place = ours.partition("/")
+        used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else {str(theirs)}
+    return used
 
 
 def is_numeric(table: Table, column: str) -> bool:
