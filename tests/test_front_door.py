@@ -284,7 +284,7 @@ def test_the_table_of_effects_reads_values_from_the_robot(folder: Path, capsys: 
     table = capsys.readouterr().out
     assert "needs a free base" in table  # foot_friction of an arm
     assert "needs constants of its motors" in table
-    assert "-0.05 to 4" in table  # damping: down to none of the model's own
+    assert "-0.05 to 6" in table  # damping: down to none of the model's own, up to a tenth of the motors' 60 N·m
     together = {line.split()[0] for line in table.splitlines() if line.endswith("named, or where several act)")}
     assert together == {"friction_compensation", "link_inertia", "link_payload"}
     named = {line.split()[0] for line in table.splitlines() if line.endswith("(looked for if named)")}
