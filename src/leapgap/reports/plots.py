@@ -247,8 +247,7 @@ def log_phases(
     for place, pair in enumerate(PAIRS):
         if pair in switched_pairs(actor) and segments:
             parts = split_at_take_off(segments)
-            planned = [PUSHING.get(part.name, (True, True))[place] for part in parts]
-            states = ["contact" if pushes else "air" for pushes in planned]
+            states = ["contact" if planned_to_push(part)[place] else "air" for part in parts]
             log_lane(to, f"phases/plan_{pair}", np.array([one.begin_s for one in parts]), states, CONTACT_COLOURS)
     for pair in switched_pairs(actor):
         closed = np.any([jump[f"contact/{foot}"] > 0 for foot in actor.robot.feet_of_pair(pair)], axis=0)
@@ -265,6 +264,11 @@ def log_phases(
     if events:
         times, texts = zip(*events, strict=True)
         to.over_time("events", np.array(times), rr.TextLog.columns(text=list(texts), level=["INFO"] * len(texts)))
+
+
+def planned_to_push(segment: Segment) -> tuple[bool, bool]:
+    """Whether the front and the rear pair are planned to push in a segment; both where its name says nothing else."""
+    return PUSHING.get(segment.name, (True, True))
 
 
 def split_at_take_off(segments: Sequence[Segment]) -> list[Segment]:

@@ -8,7 +8,7 @@ import rerun as rr
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
 from leapgap.logs.segments import segment_of_rows
-from leapgap.reports.plots import PUSHING, ground_friction, has_pair_force, split_at_take_off
+from leapgap.reports.plots import ground_friction, has_pair_force, planned_to_push, split_at_take_off
 from leapgap.reports.recorder import Recorder
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.terrain import Box
@@ -292,10 +292,13 @@ def cone_outline(friction: float) -> np.ndarray:
 
 
 def is_pushing(jump: Log, time_s: np.ndarray) -> np.ndarray:
-    """Whether the front and the rear pair are planned to push, bool, (rows, 2), by the segments of the log."""
+    """Whether the front and the rear pair are planned to push, bool, (rows, 2); both where no segment of the log is."""
     parts = split_at_take_off(jump.info.segments)
-    pushing = np.array([*(PUSHING.get(one.name, (True, True)) for one in parts), (True, True)])
-    return np.asarray(pushing[segment_of_rows(parts, time_s)])
+    segments = segment_of_rows(parts, time_s)
+    pushing = np.ones((len(time_s), len(PAIRS)), dtype=bool)
+    for k, part in enumerate(parts):
+        pushing[segments == k] = planned_to_push(part)
+    return pushing
 
 
 def log_contacts(to: Recorder, actor: ShownRobot) -> None:
