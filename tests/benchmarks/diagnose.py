@@ -17,12 +17,14 @@ from omegaconf import OmegaConf
 from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.settings import Settings
+from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from stages.common import read_config
+from tests.benchmarks import run_benchmark
 
 ROWS = 1101
 
@@ -56,7 +58,7 @@ def logs(folder: str, number: int) -> list[Log]:
     """So many logs of a folder, repeated where it has fewer."""
     jumps = read_logs(Path(folder)) if Path(folder).is_dir() else []
     if not jumps:
-        raise SystemExit(f"no jumps in {folder}: run dvc repro first")
+        raise InputError(folder, "no jumps", "jumps of the pipeline", "run dvc repro first")
     repeated = itertools.islice(itertools.cycle(enumerate(jumps)), number)
     return [Log(f"{jump.name}_{i}", jump.columns, jump.info) for i, (_, jump) in enumerate(repeated)]
 
@@ -114,4 +116,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -30,12 +30,14 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
+from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop, terrain_slots
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from stages.common import read_config
+from tests.benchmarks import run_benchmark
 from tests.benchmarks.diagnose import tiny
 
 REFERENCES = Path("data/references/own")
@@ -107,7 +109,7 @@ def jumps_of(case: Case, robot: Robot) -> list[Log]:
     paths = [REFERENCES / f"h00_d{d}.parquet" for d in DISTANCES]
     references = [read_log(path) for path in paths if path.is_file()]
     if not references:
-        raise SystemExit(f"no plans in {REFERENCES}: run dvc repro first")
+        raise InputError(REFERENCES, "no plans", "plans of the pipeline", "run dvc repro first")
     plans = [
         MotionPlan(f"jump_{i}", references[i % len(references)], round(float(rng.uniform(0, HIGHEST_BLOCK_M)), 4))
         for i in range(len(DISTANCES) + PROOF)
@@ -248,4 +250,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -21,6 +21,7 @@ from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
+from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, kind_of
 from tests.benchmarks.tick.timings import load
 from tests.jumping.export.conftest import new_tracker, raw, record_jump
@@ -96,4 +97,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

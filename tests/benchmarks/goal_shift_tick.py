@@ -26,6 +26,7 @@ from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
+from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, SUDDEN_TICK, UPDATE_TICKS, kind_of
 from tests.benchmarks.tick.timings import Timings, load
 from tests.jumping.export.conftest import new_tracker, record_jump
@@ -77,4 +78,4 @@ def tracker(robot: Robot) -> ShiftTracker:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -35,6 +35,7 @@ from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
+from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.plain_mpc import Plain
 from tests.benchmarks.tick.random_networks import PAPER, SMALL, Networks, Weights, exported
 from tests.benchmarks.tick.recorded_states import recorded_jumps
@@ -202,4 +203,4 @@ def bars(versions: dict[str, VersionTimings], compiled: str) -> dict[str, dict[s
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

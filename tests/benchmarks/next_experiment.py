@@ -22,6 +22,7 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.validation.experiments import OpenCase, draw_effect, follow
+from tests.benchmarks import run_benchmark
 
 PENDULUM = """<mujoco model="pendulum">
   <option timestep="0.0005"/>
@@ -150,4 +151,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -21,6 +21,7 @@ from leapgap.jumping.planning.nlp import JumpNlp, Label
 from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.jumping.planning.solve import solve
 from leapgap.jumping.task import ContactSchedule, Target
+from tests.benchmarks import run_benchmark
 from tests.jumping.planning.lagrangian import residual
 
 TARGETS = [Target(0.4), Target(0.5), Target(0.6), Target(0.7), Target(0.6, 0.2)]
@@ -95,4 +96,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -26,6 +26,7 @@ import leapgap as lg
 from leapgap import demo
 from leapgap.atomic_io import read_json, write_json
 from leapgap.executor import Executor, JobPool
+from tests.benchmarks import run_benchmark
 from tests.code import ROOT
 
 CASES, ROUNDS = 6, 5
@@ -143,4 +144,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -16,10 +16,12 @@ import mujoco
 import numpy as np
 
 from leapgap.atomic_io import write_json
+from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
+from tests.benchmarks import run_benchmark
 
 JUMPS, ROWS, REPEATS = 16, 1101, 7
 
@@ -29,7 +31,7 @@ def logs() -> list[Log]:
     for folder in ("data/jumps/published", "data/jumps/damped", "data/jumps/simulated"):
         if Path(folder).is_dir() and (jumps := read_logs(Path(folder))):
             return list(itertools.islice(itertools.cycle(jumps), JUMPS))
-    raise SystemExit("no jumps: run dvc repro first")
+    raise InputError("data/jumps", "no jumps", "jumps of the pipeline", "run dvc repro first")
 
 
 def raw_steps(replayer: Replayer, trial: Rollout, rows: int) -> float:
@@ -79,4 +81,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

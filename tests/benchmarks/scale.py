@@ -31,6 +31,7 @@ from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
 from leapgap.simulation.sensors import SensorNoise
+from tests.benchmarks import run_benchmark
 from tests.code import ROOT
 
 JUMPS = (16, 64, 128, 500)
@@ -162,4 +163,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -22,6 +22,7 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
+from tests.benchmarks import run_benchmark
 from tests.benchmarks.diagnose import tiny
 
 FACTOR = 1.5
@@ -248,4 +249,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

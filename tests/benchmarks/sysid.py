@@ -39,6 +39,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from stages.common import read_config
+from tests.benchmarks import run_benchmark
 from tests.benchmarks.diagnose import tiny
 from tests.benchmarks.diagnosis_injected import DISTANCES, Case, cases, effect_of_size, jumps_of
 
@@ -219,4 +220,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -33,6 +33,7 @@ from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 from stages.params import compose_params
 from stages.train import read_train_config
+from tests.benchmarks import run_benchmark
 
 PUBLISHED_S = 0.90
 """A step of the published script on two server cores (shared/design/learning, as measured there)."""
@@ -150,4 +151,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(main)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from leapgap.errors import InputError
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.task import schedule_of, target_of
 from leapgap.logs import log as jump_log
@@ -43,4 +44,4 @@ def recorded_jumps(robot: Robot, needed: int = 4) -> tuple[str, list[tuple[Refer
         jumps = jump_log.read_logs(path) if path.is_dir() else []
         if references and len(jumps) >= needed:
             return folder, [(references[nearest(jump, references)], estimates(jump, robot)) for jump in jumps]
-    raise SystemExit(f"no {needed} jumps, or no reference: run `dvc repro collect optimize import_logs` first")
+    raise InputError("data", f"no {needed} jumps, or no reference", "those of the pipeline", "run dvc repro first")
