@@ -23,8 +23,8 @@ from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
 class HeldShiftsConfig:
     """Which shifts are held; one jump each, and one without a shift for each distance."""
 
-    distances_m: tuple[float, ...] = (0.45, 0.65)
-    """Distances of the targets, rising; on flat ground."""
+    distances_m: tuple[float, ...] = (0.45, 0.55, 0.65)
+    """Distances of the targets, rising; on flat ground. What a late shift does may turn within 5 cm of distance."""
     last_updates: int = 4
     """Number of updates, the last ones at which a shift may change. Before them the simulation is right."""
     shift: tuple[float, float, float] = (0.03, 0.0, 0.06)
