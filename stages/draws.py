@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from omegaconf import OmegaConf
 
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
@@ -23,9 +24,8 @@ from leapgap.jumping.experiments.landing_experiment import FIGURES, TABLE
 from leapgap.jumping.experiments.scores import round_value
 from stages.common import refuse
 from stages.help import answered_at_once
+from stages.params import compose_params
 
-SINGLE = ("jump_40", "jump_50", "jump_60", "jump_70", "box_60_20")
-"""Tasks of the mean of the five."""
 AMOUNT = re.compile(r"[+-][\d.]+ ")
 Row = Mapping[str, str]
 
@@ -73,11 +73,17 @@ def grouped(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
     return found
 
 
+def single_tasks() -> list[str]:
+    """Tasks of the headline mean, as conf/land states them."""
+    return list(OmegaConf.create(compose_params()).land.single)
+
+
 def tables(figures: Mapping[str, Any]) -> str:
     """Robots by task, and disturbances by kind, in cm, as Markdown."""
+    headline = single_tasks()
     draws = [draw for methods in figures["robots"].values() for seeds in methods.values() for draw in seeds.values()]
     tasks = list(dict.fromkeys(task for draw in draws for task in draw["abs_error_cm"]))
-    single, others = [task for task in tasks if task in SINGLE], [task for task in tasks if task not in SINGLE]
+    single, others = [task for task in tasks if task in headline], [task for task in tasks if task not in headline]
     head = ["", "draws", "mean of the single ones", *single, *others, "pitch", "stand"]
     lines = [line(head), line(["---"] * len(head))]
     for robot, methods in figures["robots"].items():
