@@ -5,7 +5,9 @@ Examples:
     python -m stages.robots robots.raw=data/raw
 """
 
+import tempfile
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,20 +15,21 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import write_json
+from leapgap.atomic_io import read_json, write_json
+from leapgap.cache import ResultCache, result_key
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.logs.importers.base import LogFormat
-from leapgap.output_folder import whole_folder
-from leapgap.reports.diagnosis import CORRECTED, diagnose_logs
+from leapgap.output_folder import claim_folder
+from leapgap.reports.diagnosis import CORRECTED, REPORT, diagnose_logs
 from leapgap.simulation.corrected import MODEL
 from leapgap.validation.real_robots import RealCase, is_here, outcome_of, published_pushes, read_case
 from stages.common import CONF, output_folder, read_config, run_stage
 
 STAGE = "stages.robots"
-CHANGED = "models"
-"""Folder of the models that a case changes, before it is diagnosed."""
+ROW = ".json"
+"""Ending of the file with the row of a case, beside the folder of its report."""
 
 
 @dataclass(frozen=True)
@@ -43,29 +46,56 @@ class RobotsSettings:
 
 
 def robots(config: DictConfig) -> None:
-    """Diagnose every case whose files are there, write its report, and a table of all."""
+    """Diagnose every case whose files are there, write its report, and a table of all; finished cases are kept."""
     chosen = read_config(RobotsSettings, config.robots, "robots")
     settings, raw = read_config(Settings, config.diagnose.settings, "diagnose.settings"), Path(chosen.raw)
-    out = output_folder(chosen.out, STAGE, (raw,))
-    cases, table = cases_here(config, chosen, raw), dict[str, Any]()
+    out = output_folder(chosen.out, STAGE, (raw,), kept=True)
+    cases = cases_here(config, chosen, raw)
     if not cases:  # reports of an earlier run stay
         print(f"nothing was diagnosed, and {out} was left as it is")
         return
-    with whole_folder(out, STAGE) as folder:
-        for name, case in cases.items():
-            begin = time.perf_counter()
-            source, models = importer(case.import_logs), folder / CHANGED / name
-            robot, logs = read_case(case, raw, *source, models, corrected_by(case, folder, name))
-            report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
-            seconds = time.perf_counter() - begin
-            pushes = published_pushes(raw / case.source, chosen.pushes.get(name, {}))
-            table[name] = outcome_of(case, report.content, seconds, pushes)
-            report.save(folder / name)
-            verdict = "right" if table[name]["right"] else "FALSE NAME" if table[name]["false_name"] else "missed"
-            verdict = "not judged" if case.expected is None else verdict
-            print(f"{name}: {verdict}. {report.sentence}", flush=True)
+    cache = ResultCache(claim_folder(out, STAGE))
+    for name in cases:
+        cache.expect(name)
+    cache.sweep()
+    table = {
+        name: judge(cache, name, case, raw, importer(case.import_logs), settings, chosen.pushes.get(name, {}))
+        for name, case in cases.items()
+    }
     if chosen.metrics:
         write_json(Path(chosen.metrics), {"cases": table})
+
+
+def judge(
+    cache: ResultCache,
+    name: str,
+    case: RealCase,
+    raw: Path,
+    source: tuple[LogFormat, Any],
+    settings: Settings,
+    pushes: Mapping[str, str],
+) -> dict[str, Any]:
+    """The row of one case, from the cache where it is there. Its report lies at the case's place in the cache.
+
+    ``source``: format and options of its import; ``pushes``: joint → column of the torque that pushed it.
+    """
+    with tempfile.TemporaryDirectory() as models:
+        corrected = corrected_by(case, cache.folder, name)
+        robot, logs = read_case(case, raw, *source, Path(models), corrected)
+        published = published_pushes(raw / case.source, pushes)
+        key = result_key(diagnose_logs, [case, robot, logs, settings, published])
+        if cache.get(name, key) is None:
+            begin = time.perf_counter()
+            report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
+            row = outcome_of(case, report.content, time.perf_counter() - begin, published)
+            with cache.store(name, key) as folder:
+                report.save(folder / name)
+                write_json(folder / f"{name}{ROW}", row)
+    row = dict(read_json(cache.folder / f"{name}{ROW}"))
+    verdict = "right" if row["right"] else "FALSE NAME" if row["false_name"] else "missed"
+    sentence = read_json(cache.folder / name / REPORT)["sentence"]
+    print(f"{name}: {'not judged' if case.expected is None else verdict}. {sentence}", flush=True)
+    return row
 
 
 def cases_here(config: DictConfig, chosen: RobotsSettings, raw: Path) -> dict[str, RealCase]:

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
+from leapgap.cache import ResultCache
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ParameterEstimate
+from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.validation.real_robots import (
@@ -26,7 +28,7 @@ from leapgap.validation.real_robots import (
     published_pushes,
     read_case,
 )
-from stages.robots import corrected_by
+from stages.robots import corrected_by, judge
 from tests.code import ROOT
 
 NO_PD = ("cmd_pos/hinge", "cmd_vel/hinge", "cmd_kp/hinge", "cmd_kd/hinge")
@@ -125,6 +127,39 @@ def test_a_case_may_change_the_model_file_to_another_published_description(tmp_p
     told = mujoco.MjModel.from_xml_path(str(robot.path))
     assert (told.dof_damping[0], told.dof_frictionloss[0], told.dof_armature[0]) == pytest.approx((2.0, 0.2, 0.01))
     assert Path(tmp_path / "arm.xml").read_text() == ARM
+
+
+@pytest.mark.long  # twelve seconds: a diagnosis
+def test_a_finished_case_is_kept_and_a_changed_one_is_diagnosed_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Plain MuJoCo moves an arm with more damping than its file has; two logs of it."""
+    raw, model = tmp_path / "raw", mujoco.MjModel.from_xml_string(ARM)
+    (raw / "logs").mkdir(parents=True)
+    (raw / "arm.xml").write_text(ARM)
+    model.dof_damping[0] += 0.5
+    for number in range(2):
+        data, rows = mujoco.MjData(model), []
+        for step in range(1000):
+            data.ctrl[0] = 2.0 * np.sin((4.0 + number) * data.time) + np.sin(11.0 * data.time)
+            if step % 2 == 0:
+                rows.append([data.time, data.qpos[0], data.qvel[0], data.ctrl[0]])
+            mujoco.mj_step(model, data)
+        np.savetxt(raw / f"logs/log_{number}.csv", rows, delimiter=",", header="t,q,v,u", comments="")
+    case = RealCase("arm", "logs", "arm.xml", "damping of 1.1", {"joint_damping": {"damping": [0.4, 0.6]}}, False, None)
+    columns = {"time": "t", "joint_pos/hinge": "q", "joint_vel/hinge": "v", "cmd_tau/hinge": "u"}
+    layout = log_format("csv")
+    source = layout, layout.Options(columns=columns, constants=dict.fromkeys(NO_PD, 0.0))
+    settings = Settings(effects=("joint_damping", "joint_friction"), bootstrap_draws=20)
+    cache = ResultCache(tmp_path / "out")
+
+    first = judge(cache, "arm", case, raw, source, settings, {})
+    assert first["right"] and (tmp_path / "out/arm/report.html").is_file()
+    capsys.readouterr()
+    assert judge(cache, "arm", case, raw, source, settings, {}) == first
+    assert capsys.readouterr().out.splitlines()[0].startswith("arm: right."), "nothing was diagnosed"
+    judge(cache, "arm", case, raw, source, replace(settings, bootstrap_draws=21), {})
+    assert not capsys.readouterr().out.splitlines()[0].startswith("arm: right."), "a new setting was not looked at"
 
 
 def pushes_of(folder: Path) -> list[PublishedPush]:
