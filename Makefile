@@ -125,7 +125,8 @@ hostile: .venv/ready
 	python -m tests.hostile.run
 	python -m stages.made_with metrics/hostile.json
 
-# Logs of real robots with published answers, from data/raw (docs/robots.md): metrics/real/robots.json.
+# Logs of real robots with published answers, from data/raw (docs/robots.md), about an hour: metrics/real/robots.json. Killed,
+# it goes on where it was.
 robots: .venv/ready
 	python -m stages.robots
 	python -m stages.made_with metrics/real/robots.json
