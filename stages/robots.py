@@ -74,7 +74,7 @@ def judge(
     source: tuple[LogFormat, Any],
     settings: Settings,
     pushes: Mapping[str, str],
-) -> dict[str, Any]:
+) -> Mapping[str, Any]:
     """The row of one case, from the cache where it is there. Its report lies at the case's place in the cache.
 
     ``source``: format and options of its import; ``pushes``: joint → column of the torque that pushed it.
@@ -87,11 +87,11 @@ def judge(
         if cache.get(name, key) is None:
             begin = time.perf_counter()
             report = diagnose_logs(logs, robot, settings, progress=partial(print, flush=True))
-            row = outcome_of(case, report.content, time.perf_counter() - begin, published)
+            outcome = outcome_of(case, report.content, time.perf_counter() - begin, published)
             with cache.store(name, key) as folder:
                 report.save(folder / name)
-                write_json(folder / f"{name}{ROW}", row)
-    row = dict(read_json(cache.folder / f"{name}{ROW}"))
+                write_json(folder / f"{name}{ROW}", outcome)
+    row = read_json(cache.folder / f"{name}{ROW}")
     verdict = "right" if row["right"] else "FALSE NAME" if row["false_name"] else "missed"
     sentence = read_json(cache.folder / name / REPORT)["sentence"]
     print(f"{name}: {'not judged' if case.expected is None else verdict}. {sentence}", flush=True)

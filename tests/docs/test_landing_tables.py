@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from leapgap.atomic_io import read_json
+from stages.draws import single_tasks
 from tests.code import ROOT
 
 PAGE = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
@@ -20,7 +21,6 @@ WORN = {
     "ours, four jumps to adapt to each task": "ours_adapted",
     "goal-shift MPC": "learned_goal_mpc",
 }
-SINGLE = ["jump_40", "jump_50", "jump_60", "jump_70", "box_60_20"]
 OTHERS = ["continuous_60", "block_60", "uneven_60", "push_60", "late_block_60", "crouch_60"]
 
 
@@ -41,7 +41,7 @@ def test_landings_of_every_method_on_worn() -> None:
     assert [row[0] for row in rows] == list(WORN)
     for name, *cells in rows:
         mean = FULL["mean_abs_error_cm"][f"worn/{WORN[name]}"]
-        assert cells == [*errors("worn", WORN[name], SINGLE + OTHERS), f"{mean:.1f}"], name
+        assert cells == [*errors("worn", WORN[name], single_tasks() + OTHERS), f"{mean:.1f}"], name
 
 
 @pytest.mark.parametrize(
