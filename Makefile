@@ -125,7 +125,7 @@ hostile: .venv/ready
 	python -m tests.hostile.run
 	python -m stages.made_with metrics/hostile.json
 
-# Logs of real robots with published answers, from data/raw (docs/robots.md), about an hour: metrics/real/robots.json. Killed,
+# Logs of real robots with published answers, from data/raw (docs/robots.md), half an hour: metrics/real/robots.json. Killed,
 # it goes on where it was.
 robots: .venv/ready
 	python -m stages.robots
