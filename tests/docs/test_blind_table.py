@@ -1,0 +1,70 @@
+"""The table of docs/blind.md and the counts of README.md hold the figures of blind.json and real/robots.json."""
+
+import re
+
+import pytest
+
+from leapgap.atomic_io import read_json
+from tests.code import ROOT
+
+BLIND = read_json(ROOT / "metrics" / "blind.json")
+ROBOTS = read_json(ROOT / "metrics" / "real" / "robots.json")
+TABLE = (ROOT / "docs" / "blind.md").read_text(encoding="utf-8").split("\n| found | A1 |")[1].split("\n\n")[0]
+README = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+# The beginning of a row, the metric, how many of its units are one.
+ROWS = [
+    ("cases (seed)", "cases", 1),
+    ("of these detectable", "detectable", 1),
+    ("named first, of detectable single effects", "named_first", 100),
+    ("a wrong `named`, of all cases", "wrongly_named", 100),
+    ("both of a pair, where both show", "pairs_both_named", 100),
+    ("members of a triple, of those that show", "triples_members_named", 100),
+    ("`unknown` or `partly`, of detectable effects", "unknown_recall", 100),
+    ("`none`, of robots with nothing wrong", "none_correct", 100),
+    ("overlap of the map", "where_overlap", 1),
+    ("median parameter error", "parameter_error_median", 100),
+    ("95 % intervals that hold the truth", "coverage", 100),
+]
+COLUMNS = {"a1": 0, "ur5e": 2}
+SINGLES = (
+    r"(\d+) of (\d+) detectable single causes are named first, all ten pairs that show .* and (\d+) of (\d+) members"
+)
+
+
+def cells(beginning: str) -> list[str]:
+    """The cells of the row that begins so, but for the first."""
+    [row] = [line for line in TABLE.splitlines() if line.startswith(f"| {beginning}")]
+    return [cell.strip() for cell in row.strip("|").split("|")[1:]]
+
+
+@pytest.mark.parametrize("robot", COLUMNS)
+@pytest.mark.parametrize(("beginning", "metric", "units"), ROWS)
+def test_scores(robot: str, beginning: str, metric: str, units: int) -> None:
+    cell, value = cells(beginning)[COLUMNS[robot]], BLIND[robot][metric]
+    if value is None:
+        assert cell == "none drawn"
+        return
+    found = re.match(r"(?:\*\*)?(\d+)(?:\.(\d+))?", cell)
+    assert found, cell
+    assert found[0].strip("*") == f"{units * value:.{len(found[2] or '')}f}"
+
+
+def test_counts_of_the_front_page() -> None:
+    found = re.search(SINGLES, README)
+    assert found
+    first, singles, members, of_members = map(int, found.groups())
+    assert first / singles == pytest.approx(BLIND["named_first"], abs=1e-5)
+    assert members / of_members == pytest.approx(BLIND["triples_members_named"], abs=1e-5)
+    assert BLIND["pairs_both_named"] == 1
+    for share, text in (
+        ("wrongly_named", "{:.0f} % of all cases get a wrong name"),
+        ("parameter_error_median", "Numbers are {:.1f} % off"),
+        ("coverage", "and {:.0f} % of the intervals"),
+    ):
+        assert text.format(100 * BLIND[share]) in README
+
+
+def test_real_robots_of_the_front_page() -> None:
+    judged = [case["right"] for case in ROBOTS["cases"].values() if case["right"] is not None]
+    assert (sum(judged), len(judged)) == (6, 8)
+    assert "six of eight answers are right" in README
