@@ -36,7 +36,7 @@ from stages.train import read_train_config
 from tests.benchmarks import run_benchmark
 
 PUBLISHED_S = 0.90
-"""A step of the published script on two server cores (shared/design/learning, as measured there)."""
+"""A step of the published script on two server cores, as measured there."""
 STEPS = 5
 WINDOWS = (Path("data/windows/published"), Path("data/windows/simulated"))
 
