@@ -6,21 +6,22 @@ import pytest
 
 from leapgap.atomic_io import read_json
 from tests.code import ROOT
+from tests.docs.tables import table_of
 
 BLIND = read_json(ROOT / "metrics" / "blind.json")
 ROBOTS = read_json(ROOT / "metrics" / "real" / "robots.json")
-TABLE = (ROOT / "docs" / "blind.md").read_text(encoding="utf-8").split("\n| found | A1 |")[1].split("\n\n")[0]
+FOUND = {row[0]: row[1:] for row in table_of(ROOT / "docs" / "blind.md", "| found | A1 |")}
 README = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
 # The beginning of a row, the metric, how many of its units are one.
 ROWS = [
     ("cases (seed)", "cases", 1),
     ("of these detectable", "detectable", 1),
     ("named first, of detectable single effects", "named_first", 100),
-    ("a wrong `named`, of all cases", "wrongly_named", 100),
+    ("a wrong named, of all cases", "wrongly_named", 100),
     ("both of a pair, where both show", "pairs_both_named", 100),
     ("members of a triple, of those that show", "triples_members_named", 100),
-    ("`unknown` or `partly`, of detectable effects", "unknown_recall", 100),
-    ("`none`, of robots with nothing wrong", "none_correct", 100),
+    ("unknown or partly, of detectable effects", "unknown_recall", 100),
+    ("none, of robots with nothing wrong", "none_correct", 100),
     ("overlap of the map", "where_overlap", 1),
     ("median parameter error", "parameter_error_median", 100),
     ("95 % intervals that hold the truth", "coverage", 100),
@@ -31,22 +32,17 @@ SINGLES = (
 )
 
 
-def cells(beginning: str) -> list[str]:
-    """The cells of the row that begins so, but for the first."""
-    [row] = [line for line in TABLE.splitlines() if line.startswith(f"| {beginning}")]
-    return [cell.strip() for cell in row.strip("|").split("|")[1:]]
-
-
 @pytest.mark.parametrize("robot", COLUMNS)
 @pytest.mark.parametrize(("beginning", "metric", "units"), ROWS)
 def test_scores(robot: str, beginning: str, metric: str, units: int) -> None:
-    cell, value = cells(beginning)[COLUMNS[robot]], BLIND[robot][metric]
+    [row] = [cells for name, cells in FOUND.items() if name.startswith(beginning)]
+    cell, value = row[COLUMNS[robot]], BLIND[robot][metric]
     if value is None:
         assert cell == "none drawn"
         return
-    found = re.match(r"(?:\*\*)?(\d+)(?:\.(\d+))?", cell)
+    found = re.match(r"\d+(?:\.(\d+))?", cell)
     assert found, cell
-    assert found[0].strip("*") == f"{units * value:.{len(found[2] or '')}f}"
+    assert found[0] == f"{units * value:.{len(found[1] or '')}f}"
 
 
 def test_counts_of_the_front_page() -> None:

@@ -1,15 +1,15 @@
 """The tables of docs/experiments.md on landings hold the figures of landing_full.json."""
 
 import re
-from collections.abc import Iterator
 
 import pytest
 
 from leapgap.atomic_io import read_json
 from stages.draws import single_tasks
 from tests.code import ROOT
+from tests.docs.tables import table_of
 
-PAGE = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
+PAGE = ROOT / "docs" / "experiments.md"
 FULL = read_json(ROOT / "metrics" / "landing_full.json")
 WORN = {
     "joint PD on the plan": "joint_pd",
@@ -24,20 +24,12 @@ WORN = {
 OTHERS = ["continuous_60", "block_60", "uneven_60", "push_60", "late_block_60", "crouch_60"]
 
 
-def rows_below(title: str) -> Iterator[list[str]]:
-    """Cells of the rows of the table whose heading row begins so, without emphasis."""
-    assert PAGE.count(f"\n{title}") == 1, title
-    table = PAGE.split(f"\n{title}")[1].split("\n\n")[0]
-    for row in table.splitlines()[2:]:
-        yield [cell.strip().replace("**", "").replace("`", "") for cell in row.strip("|").split("|")]
-
-
 def errors(robot: str, method: str, tasks: list[str]) -> list[str]:
     return [f"{FULL['abs_error_cm'][f'{robot}/{method}/{task}']:.1f}" for task in tasks]
 
 
 def test_landings_of_every_method_on_worn() -> None:
-    rows = list(rows_below("| | 40 | 50 | 60 | 70 cm | box 60, 20 | four in a row |"))
+    rows = table_of(PAGE, "| | 40 | 50 | 60 | 70 cm | box 60, 20 | four in a row |")
     assert [row[0] for row in rows] == list(WORN)
     for name, *cells in rows:
         mean = FULL["mean_abs_error_cm"][f"worn/{WORN[name]}"]
@@ -48,7 +40,7 @@ def test_landings_of_every_method_on_worn() -> None:
     ("robot", "title"), [("soft", "`soft`"), ("sticky", "`sticky`"), ("random", "`random`, ten robots")]
 )
 def test_landings_on_other_robots(robot: str, title: str) -> None:
-    rows = list(rows_below(f"| {title} | mean of the five |"))
+    rows = table_of(PAGE, f"| {title} | mean of the five |")
     assert len(rows) == 6
     for method, mean, *cells in rows:
         assert [cell.removesuffix(", falls") for cell in cells] == errors(robot, method, ["box_60_20", *OTHERS]), method
