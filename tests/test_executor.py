@@ -4,6 +4,8 @@ import os
 import threading
 import time
 from concurrent.futures import CancelledError, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
 
 import pytest
 
@@ -58,6 +60,44 @@ def test_what_others_wait_for_goes_before_what_fills_the_time() -> None:
     assert list(fillers) == [1, 2]
     assert begun == [1, 3, 4, 2]
     pool.close()
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Something that several threads share; the first one that asks for ``total`` keeps it in here."""
+
+    part: "Part"
+    name: str = "rig"
+
+    @cached_property
+    def total(self) -> int:
+        return 7
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of which, while it is pickled, another thread asks for the total of the whole."""
+
+    whole: list[Rig]
+
+    def __getstate__(self) -> dict[str, list[Rig]]:
+        for rig in self.whole:
+            other = threading.Thread(target=getattr, args=(rig, "total"))
+            other.start()
+            other.join()
+        return {"whole": []}
+
+
+def parts_left(rig: Rig) -> int:
+    return len(rig.part.whole) + rig.total
+
+
+def test_a_job_is_sent_though_another_thread_keeps_a_value_in_what_they_share() -> None:
+    rig = Rig(Part([]))
+    rig.part.whole.append(rig)
+    with Executor("joblib", 2).pool() as pool:
+        assert list(pool.map(parts_left, [rig])) == [7]
+    assert "total" in vars(rig)
 
 
 @pytest.mark.parametrize("kind", ["local", "joblib"])

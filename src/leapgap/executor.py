@@ -1,7 +1,10 @@
 """Execution of independent cases: in this process, in parallel processes, or on a Ray cluster."""
 
+import copyreg
+import io
 import itertools
 import os
+import pickle
 import queue
 import threading
 import warnings
@@ -10,6 +13,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
+from types import FunctionType
 from typing import Any, TypeVar
 
 from leapgap.errors import InputError, needs
@@ -137,7 +141,7 @@ class Executor:
             started = processes
 
             def run(function: Callable[[Any], Any], item: Any) -> Any:
-                return started.submit(function, item).result()
+                return started.submit(_apply_pickled, snapshot((function, item))).result()
 
         elif self.kind == "ray":
             run, workers = self._on_ray()
@@ -156,8 +160,9 @@ class Executor:
     def _on_ray(self) -> tuple[Run, int]:
         """How a job runs on the cluster, and how many do at once."""
         ray = self._ray()
-        remote = ray.remote(num_cpus=1)(_apply)
-        return lambda function, item: ray.get(remote.remote(function, item)), int(ray.cluster_resources()["CPU"])
+        remote = ray.remote(num_cpus=1)(_apply_pickled)
+        cores = int(ray.cluster_resources()["CPU"])
+        return lambda function, item: ray.get(remote.remote(snapshot((function, item)))), cores
 
     def _by_ray(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         ray = self._ray()
@@ -176,5 +181,31 @@ class Executor:
         return ray
 
 
+class SnapshotPickler(pickle.Pickler):
+    """Pickles objects that other threads use: these may keep a cached property there while attributes are written."""
+
+    def reducer_override(self, value: Any) -> Any:
+        """The usual reduction of an object, with a copy of its attributes; other values are reduced as usual."""
+        named = isinstance(value, type | FunctionType) or type(value) in copyreg.dispatch_table
+        if named or not isinstance(getattr(value, "__dict__", None), dict):
+            return NotImplemented
+        reduced = value.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
+        if isinstance(reduced, str) or len(reduced) < 3 or not isinstance(reduced[2], dict):
+            return reduced
+        return (*reduced[:2], dict(reduced[2]), *reduced[3:])
+
+
+def snapshot(value: Any) -> bytes:
+    """A pickle of a value that other threads may use meanwhile."""
+    file = io.BytesIO()
+    SnapshotPickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
+    return file.getvalue()
+
+
 def _apply(function: Callable[[Item], Result], item: Item) -> Result:
+    return function(item)
+
+
+def _apply_pickled(call: bytes) -> Any:
+    function, item = pickle.loads(call)
     return function(item)
