@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -22,6 +23,7 @@ from omegaconf.errors import OmegaConfBaseException, ValidationError
 
 from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean
+from leapgap.import_closure import PACKAGE, SourceTree
 from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
 from stages.help import CONF, answered_at_once
 
@@ -75,8 +77,9 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
 def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -> Any:
     """Run one job of a multirun and keep its result below the folder of the multirun; its figures, by name.
 
-    A job whose settings have a result there already is not run again. One that fails is kept with its message, and the
-    others go on; the next multirun into the folder tries it again. A sweeper that optimises gets the first figure.
+    A job whose settings have a result of the same code there already is not run again. One that fails is kept with its
+    message, and the others go on; the next multirun into the folder tries it again. A sweeper that optimises gets the
+    first figure.
     """
     from hydra.core.hydra_config import HydraConfig
 
@@ -85,10 +88,13 @@ def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -
     key = hashlib.sha256(f"{name} {package_version()}\n{settings}".encode()).hexdigest()[:16]
     path = Path(hydra_config.sweep.dir) / JOBS / f"{key}.json"
     found = dict(read_json(path)) if path.is_file() else {}
-    if FIGURES in found:
+    if FIGURES in found and found.get("code") == code_of(name):
         print(f"kept: {hydra_config.job.override_dirname or 'defaults'}")
     else:
+        if FIGURES in found:
+            print(f"again, since the code has changed: {hydra_config.job.override_dirname or 'defaults'}")
         found = {"overrides": list(hydra_config.overrides.task), "folder": str(hydra_config.runtime.output_dir)}
+        found["code"] = code_of(name)
         try:
             returned = stage(config)
             found[FIGURES] = returned if isinstance(returned, dict) else {}
@@ -102,6 +108,12 @@ def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -
     if "_target_" in hydra_config.sweeper and "optuna" in hydra_config.sweeper._target_.lower():
         return next((value for value in found.get(FIGURES, {}).values() if isinstance(value, float)), float("inf"))
     return found.get(FIGURES)
+
+
+@cache
+def code_of(name: str) -> str:
+    """Hash of all code that a stage imports."""
+    return SourceTree((PACKAGE, Path(__file__).parent)).code_hash(f"stages.{name}")
 
 
 def find_robot(config: DictConfig) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
+from leapgap.atomic_io import read_json, write_json
 from leapgap.jumping.learning import windows as windows_module
 from stages.params import compose_params
 from stages.sweep import HELD, Table
@@ -101,6 +102,19 @@ def test_a_job_that_fails_is_shown_and_the_next_run_makes_only_what_is_missing(a
     assert len(rows) == 4 and "failed" not in rows[0]
     assert rows[0]["gap_corrected"] == rows[1]["gap_corrected"]  # the same logs under two names
     assert set(reports) < set(tmp_path.glob("sweep/*/out/report.json"))
+
+
+@pytest.mark.long
+def test_a_job_of_other_code_is_made_again(arm: Path, tmp_path: Path) -> None:
+    settings = [f"diagnose.logs={arm / 'logs'}", "diagnose.settings.effects=[joint_damping]"]
+    diagnoses(arm, tmp_path / "sweep", *settings)
+    [path] = (tmp_path / "sweep/jobs").iterdir()
+    before = read_json(path)
+    write_json(path, before | {"code": "of another day"})
+    said = diagnoses(arm, tmp_path / "sweep", *settings)
+    assert "again, since the code has changed: " in said and "kept: " not in said
+    assert read_json(path) == before
+    assert "kept: " in diagnoses(arm, tmp_path / "sweep", *settings)
 
 
 def test_the_folder_of_somebody_else_is_refused_and_kept(tmp_path: Path) -> None:
