@@ -1,16 +1,17 @@
-"""The tables of docs/experiments.md on landings hold the figures of landing_full.json."""
+"""The tables of docs/experiments.md on landings hold the figures of landing_full.json and landing_kicked.json."""
 
 import re
 
 import pytest
 
 from leapgap.atomic_io import read_json
-from stages.draws import single_tasks
+from stages.draws import single_tasks, tables
 from tests.code import ROOT
-from tests.docs.tables import table_of
+from tests.docs.tables import cells_of, table_of
 
 PAGE = ROOT / "docs" / "experiments.md"
 FULL = read_json(ROOT / "metrics" / "landing_full.json")
+KICKED = read_json(ROOT / "metrics" / "landing_kicked.json")
 WORN = {
     "joint PD on the plan": "joint_pd",
     "the same, target shifted by the best constant": "joint_pd_shifted",
@@ -22,6 +23,7 @@ WORN = {
     "goal-shift MPC": "learned_goal_mpc",
 }
 OTHERS = ["continuous_60", "block_60", "uneven_60", "push_60", "late_block_60", "crouch_60"]
+METHODS = {"goal-shift MPC": "learned_goal_mpc", "ours": "ours", "nominal MPC 25/100": "nominal_variable"}
 
 
 def errors(robot: str, method: str, tasks: list[str]) -> list[str]:
@@ -48,3 +50,25 @@ def test_landings_on_other_robots(robot: str, title: str) -> None:
         digits = len(mean.split(" ")[0].split(".")[1])
         numbers = [FULL["mean_abs_error_cm"][key], *FULL["mean_abs_error_ci95_cm"][key]]
         assert re.findall(r"[\d.]+", mean) == [f"{number:.{digits}f}" for number in numbers], method
+
+
+def test_landings_by_several_draws_of_practice() -> None:
+    """The page names a robot in the first of its rows only."""
+    printed = tables(KICKED).split("\n\n")[0].splitlines()[2:]
+    robot, told = "", []
+    for name, *cells in table_of(PAGE, "| | draws | mean of the five |"):
+        robot, _, method = name.rpartition(": ") if ": " in name else (robot, "", name)
+        told.append([f"{robot}: {METHODS[method]}", *(cell.replace(" %", "%") for cell in cells)])
+    assert told == [cells_of(row) for row in printed]
+
+
+def test_kinds_of_pushes() -> None:
+    """The page tells their amounts, too."""
+    by_kind = {(row[0], row[1]): row[2:] for row in map(cells_of, tables(KICKED).split("\n\n")[1].splitlines()[2:])}
+    rows = table_of(PAGE, "| | of 18 | goal-shift MPC | `ours` |")
+    kinds = {kind for kind, _ in by_kind}
+    assert len(rows) == len(kinds)
+    for told, of_18, shifted, ours in rows:
+        [kind] = [kind for kind in kinds if told.endswith(kind)]
+        assert by_kind[kind, "learned_goal_mpc"] == [of_18, shifted]
+        assert by_kind[kind, "ours"][1].startswith(f"{ours} (")
