@@ -107,6 +107,7 @@ def main() -> None:
         "steps_per_second": (steps_16 + steps_4) / (seconds_16 + seconds_4),
         "steps_per_second_rollout": limit,
         "share_of_rollout": (steps_16 + steps_4) / (seconds_16 + seconds_4) / limit,
+        "jumps": f"{many} of {real}",
         "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
     }
     for key, value in found.items():
