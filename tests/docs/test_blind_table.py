@@ -26,7 +26,7 @@ ROWS = [
     ("median parameter error", "parameter_error_median", 100),
     ("95 % intervals that hold the truth", "coverage", 100),
 ]
-COLUMNS = {"a1": 0, "ur5e": 2}
+COLUMNS = {"a1": 0, "ur5e": 1}
 SINGLES = (
     r"(\d+) of (\d+) detectable single causes are named first, all ten pairs that show .* and (\d+) of (\d+) members"
 )

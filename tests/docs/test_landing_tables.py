@@ -1,4 +1,4 @@
-"""The tables of docs/experiments.md on landings hold the figures of landing_full.json and landing_kicked.json."""
+"""The tables of docs/experiments.md on landings hold the figures of landing_full, landing_kicked and landing_corrected."""
 
 import re
 
@@ -12,6 +12,7 @@ from tests.docs.tables import cells_of, table_of
 PAGE = ROOT / "docs" / "experiments.md"
 FULL = read_json(ROOT / "metrics" / "landing_full.json")
 KICKED = read_json(ROOT / "metrics" / "landing_kicked.json")
+CORRECTED = read_json(ROOT / "metrics" / "landing_corrected.json")
 WORN = {
     "joint PD on the plan": "joint_pd",
     "the same, target shifted by the best constant": "joint_pd_shifted",
@@ -72,3 +73,19 @@ def test_kinds_of_pushes() -> None:
         [kind] = [kind for kind in kinds if told.endswith(kind)]
         assert by_kind[kind, "learned_goal_mpc"] == [of_18, shifted]
         assert by_kind[kind, "ours"][1].startswith(f"{ours} (")
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        ("joint PD", "joint_pd"),
+        ("nominal MPC 25/100", "nominal_variable"),
+        ("learned MPC 25/100", "learned_variable"),
+    ],
+)
+def test_landings_of_plans_for_the_corrected_robot(name: str, method: str) -> None:
+    rows = {
+        row[0]: row[1:] for row in table_of(PAGE, "| | plans for the nominal robot | plans for the corrected one |")
+    }
+    means = CORRECTED["mean_abs_error_cm"]
+    assert rows[name] == [f"{means[f'damped/{one}']:.1f}" for one in (method, f"{method}_corrected")]
