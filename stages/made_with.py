@@ -27,6 +27,8 @@ NOTED = Path("metrics/made_with.json")
 KINDS = {".py", ".xml", ".yaml", ".c", ".h"}
 """Files of these kinds are code."""
 DIAGNOSIS = "leapgap.diagnosis.diagnose"
+KEPT_WHOLE = ("leapgap.executor", "leapgap.output_folder", "leapgap.guardian", "leapgap.former_results")
+"""What workers and outputs of a killed stage are kept whole by."""
 
 
 def library(*parts: str) -> tuple[str, ...]:
@@ -41,7 +43,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/diagnosis.json": (DIAGNOSIS, "tests/benchmarks/diagnosis_injected.py"),
     "metrics/real/robots.json": (DIAGNOSIS, "leapgap.logs.reading", "conf/robots", "stages/robots.py"),
     "metrics/sensitivity.json": (DIAGNOSIS, "tests/benchmarks/sensitivity.py"),
-    "metrics/hostile.json": (*library("logs", "robot", "jumping/control"), "tests/hostile"),
+    "metrics/hostile.json": (*library("logs", "robot", "jumping/control"), *KEPT_WHOLE, "tests/hostile"),
     "metrics/landing_full.json": ("stages.land", "conf/land", "conf/size/full.yaml"),
     "metrics/landing_kicked.json": ("stages.land", "conf/land", "conf/experiment/kicked.yaml"),
     "metrics/learning_full.json": ("stages.train", "stages.evaluate", "conf/train", "conf/size/full.yaml"),
