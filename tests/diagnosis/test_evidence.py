@@ -103,6 +103,18 @@ def test_flights_tell_gravity_and_the_centre_of_mass(robot: Robot, true_model: m
     assert found["com_offset.z_m"].value == pytest.approx(0.0, abs=0.001)
 
 
+def test_flights_that_no_common_centre_of_mass_explains_say_nothing(robot: Robot) -> None:
+    """Each throw carries its load elsewhere: no offset is sure, and without one no flight is a parabola."""
+    logs = []
+    for k, x in enumerate((-0.15, 0.15, -0.13, 0.13)):
+        model = mujoco.MjModel.from_xml_path(str(robot.path))
+        model.body_ipos[1, 0] += x
+        start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
+        speed = np.concatenate([[1.0, 0, 1.5], [0, 5.0, 0], np.zeros(12)])
+        logs.append(log_of(model, robot, f"thrown_{k}", start, speed, 450))
+    assert told(logs, robot) == {}
+
+
 def test_legs_that_swing_in_the_air_tell_how_hard_the_trunk_turns(robot: Robot, true_model: mujoco.MjModel) -> None:
     """Where the hips are is told by logs that stand, and where the trunk's centre of mass is by the flights."""
     rng, logs = np.random.default_rng(1), logs_that_stand(true_model, robot, 4, 2000)

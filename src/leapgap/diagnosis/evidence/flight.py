@@ -44,6 +44,8 @@ class Flight(Source):
         value, spread = agree_all(fits)
         kept = sure(value, spread)[1:]
         anew = fit_flights(logs, robot, kept)
+        if len(anew) < LEAST_LOGS:  # without those offsets, which scatter from log to log, the flights are no parabolas
+            return []
         again, its_spread = agree_all(anew)
         spread = np.where(np.append(True, kept), its_spread, spread)
         told = []
