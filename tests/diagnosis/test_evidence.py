@@ -106,7 +106,7 @@ def test_flights_tell_gravity_and_the_centre_of_mass(robot: Robot, true_model: m
 def test_flights_that_no_common_centre_of_mass_explains_say_nothing(robot: Robot) -> None:
     """Each throw carries its load elsewhere: no offset is sure, and without one no flight is a parabola."""
     logs = []
-    for k, x in enumerate((-0.15, 0.15, -0.13, 0.13)):
+    for k, x in enumerate((-0.15, 0.15, -0.14, 0.14)):
         model = mujoco.MjModel.from_xml_path(str(robot.path))
         model.body_ipos[1, 0] += x
         start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
