@@ -1,12 +1,14 @@
 """Which code made the figures that `dvc repro` does not make, and whether it has changed since.
 
 Without a word: a line for each file of figures. With files of metrics: note that they were made just now by the code as
-it stands, as the targets of the Makefile do; what is noted stands in metrics/made_with.json.
+it stands, as the targets of the Makefile do; what is noted stands in metrics/made_with.json. Where it was shown that code
+that has changed since makes the same figures, ``--unchanged=`` notes how.
 
 Examples:
 
     python -m stages.made_with
     python -m stages.made_with metrics/blind.json
+    python -m stages.made_with "--unchanged=only the message of an error differs" metrics/blind.json
 """
 
 import subprocess
@@ -76,13 +78,16 @@ def fingerprint(root: Path, code: Sequence[str]) -> str:
 
 
 def noted(root: Path) -> dict[str, dict[str, Any]]:
-    """What is known of each file of figures: ``commit`` and ``code``, the fingerprint then."""
+    """What is known of each file of figures: ``commit`` that made it, and ``code``, the fingerprint then.
+
+    ``unchanged``, where it is there, says how it was shown that later code makes the same figures; ``code`` is its.
+    """
     path = root / NOTED
     return dict(read_json(path)) if path.is_file() else {}
 
 
-def note(root: Path, names: Sequence[str]) -> None:
-    """Note that files of figures were made by the code as it stands."""
+def note(root: Path, names: Sequence[str], unchanged: str = "") -> None:
+    """Note that files of figures were made by the code as it stands, or, and how, that it makes them the same."""
     known = noted(root)
     for name in names:
         if name not in CODE:
@@ -90,7 +95,10 @@ def note(root: Path, names: Sequence[str]) -> None:
             raise InputError("figures", name, f"one of {', '.join(CODE)}", do)
         if not (root / name).is_file():
             raise InputError(root / name, "no such file", "a file of figures", "make it first")
-        known[name] = {"commit": commit(root), "code": fingerprint(root, CODE[name])}
+        if unchanged and name not in known:
+            raise InputError(root / name, "no record of its code", "figures of known code", "make it anew")
+        made = {"commit": known[name]["commit"], "unchanged": unchanged} if unchanged else {"commit": commit(root)}
+        known[name] = made | {"code": fingerprint(root, CODE[name])}
     write_json(root / NOTED, dict(sorted(known.items())))
 
 
@@ -104,13 +112,18 @@ def commit(root: Path) -> str:
 
 
 def state(root: Path, name: str) -> str:
-    """One word on a file of figures: ``absent``, ``unknown`` code, or code ``as it stands`` or ``older``."""
+    """A word or two on a file of figures: ``absent``, ``unknown`` code, code ``as it stands`` or ``older``.
+
+    Code that is older and makes the same figures is ``unchanged``.
+    """
     if not (root / name).is_file():
         return "absent"
     entry = noted(root).get(name)
     if entry is None:
         return "unknown"
-    return "as it stands" if entry["code"] == fingerprint(root, CODE[name]) else "older"
+    if entry["code"] != fingerprint(root, CODE[name]):
+        return "older"
+    return "unchanged" if "unchanged" in entry else "as it stands"
 
 
 def table(root: Path) -> list[tuple[str, str, str]]:
@@ -119,17 +132,28 @@ def table(root: Path) -> list[tuple[str, str, str]]:
     return [(name, state(root, name), commits.get(name, "")) for name in CODE]
 
 
+def reasons_by_name(root: Path) -> dict[str, str]:
+    """How it was shown that later code makes the same figures, each with the files that it was shown of."""
+    found: dict[str, list[str]] = {}
+    for name, entry in noted(root).items():
+        if state(root, name) == "unchanged":
+            found.setdefault(entry["unchanged"], []).append(f"`{name}`")
+    return {how: ", ".join(names) for how, names in found.items()}
+
+
 def markdown(root: Path) -> str:
     """The same as a part of a page of the documentation."""
     lines = [
         "## Which code made them",
         "",
         "Figures of `dvc repro` are of the code that `dvc.lock` records. Of the others, which take hours, some may be",
-        "of older code:",
+        "of older code. `unchanged` is code that is older and was shown to make the same figures:",
         "",
         "| file | its code | commit |",
         "|---|---|---|",
         *(f"| `{name}` | {says} | {commit} |" for name, says, commit in table(root)),
+        "",
+        *(f"- {names} unchanged: {how}." for how, names in reasons_by_name(root).items()),
     ]
     return "\n".join(lines) + "\n"
 
@@ -139,8 +163,12 @@ if __name__ == "__main__":
         print(answer, end="")
         sys.exit()
     try:
-        if sys.argv[1:]:
-            note(Path(), sys.argv[1:])
+        option = "--unchanged="
+        reasons = [argument.removeprefix(option) for argument in sys.argv[1:] if argument.startswith(option)]
+        if "" in reasons:
+            raise InputError(option, "no reason", "how it was shown that the figures stay", "say it after the sign")
+        if names := [argument for argument in sys.argv[1:] if not argument.startswith(option)]:
+            note(Path(), names, "; ".join(reasons))
         for name, says, of in table(Path()):
             print(f"{name:36s} {says:13s} {of}".rstrip())
     except (InputError, OSError) as error:

@@ -242,10 +242,10 @@ def kill_once(
     try:
         if running.wait_for(call.workers):
             running.wait_for_end(after_s)
-        killed = running.process.poll() is None
-        if killed:
-            running.process.kill()
-        assert running.process.wait() == (-signal.SIGKILL if killed else 0), f"{call.name} failed after a kill"
+        running.process.kill()  # nothing, where it has ended, be it while we asked
+        ended = running.process.wait()
+        assert ended in (0, -signal.SIGKILL), f"{call.name} failed after a kill with {ended}"
+        killed = ended == -signal.SIGKILL
         tally.orphans += len(running.left_after(ORPHAN_S))
     finally:
         running.kill_all()

@@ -63,7 +63,16 @@ def test_a_change_of_code_makes_figures_older_and_another_file_does_not(tmp_path
     assert made_with.state(tmp_path, name) == "as it stands"
     planner.write_text("{ }")
     assert made_with.state(tmp_path, name) == "older"
-    planner.write_text("{}")
+    made = read_json(tmp_path / made_with.NOTED)[name]["commit"]
+    project.git("commit", "-qam", "a space more")
+    made_with.note(tmp_path, [name], unchanged="a space in a file does nothing")
+    assert made_with.state(tmp_path, name) == "unchanged"
+    assert read_json(tmp_path / made_with.NOTED)[name]["commit"] == made
+    assert made_with.reasons_by_name(tmp_path) == {"a space in a file does nothing": f"`{name}`"}
+    planner.write_text("{  }")
+    assert made_with.state(tmp_path, name) == "older"
+    made_with.note(tmp_path, [name])
+    assert made_with.state(tmp_path, name) == "as it stands"
     planner.rename(planner.with_name("other.py"))
     assert made_with.state(tmp_path, name) == "older"
     (tmp_path / name).unlink()
@@ -75,4 +84,8 @@ def test_only_figures_that_are_known_and_there_are_noted(tmp_path: Path) -> None
         made_with.note(tmp_path, ["metrics/blnd.json"])
     with pytest.raises(InputError, match="make it first"):
         made_with.note(tmp_path, ["metrics/blind.json"])
+    (tmp_path / "metrics").mkdir()
+    (tmp_path / "metrics/blind.json").write_text("{}")
+    with pytest.raises(InputError, match="make it anew"):
+        made_with.note(tmp_path, ["metrics/blind.json"], unchanged="it must be so")
     assert not (tmp_path / made_with.NOTED).exists()
