@@ -1,8 +1,8 @@
 """Which code made the figures that `dvc repro` does not make, and whether it has changed since.
 
-Without a word: a line for each file of figures. With files of metrics: note that they were made just now by the code as
-it stands, as the targets of the Makefile do; what is noted stands in metrics/made_with.json. Where it was shown that code
-that has changed since makes the same figures, ``--unchanged=`` notes how.
+Without a word: a line for each file of figures. With files of metrics: note that they were made just now by the code
+as it stands, as the targets of the Makefile do; what is noted stands in metrics/made_with.json. Where it was shown that
+code that has changed since makes the same figures, ``--unchanged=`` notes how.
 
 Examples:
 
