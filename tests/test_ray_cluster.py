@@ -63,6 +63,12 @@ def nodes_of(folder: Path) -> set[str]:
     return {path.name.split(".")[1] for path in folder.iterdir()}
 
 
+def test_a_function_that_workers_cannot_import_is_sent_whole(cluster: object) -> None:
+    """As one of the script that was started is."""
+    with Executor("ray", 2, cluster.address).pool() as pool:  # type: ignore[attr-defined]
+        assert list(pool.map(lambda number: 2 * number, [1, 2])) == [2, 4]
+
+
 def test_a_killed_worker_loses_no_case_and_changes_no_byte(cluster: object, tmp_path: Path) -> None:
     executor = Executor("ray", 2, cluster.address)  # type: ignore[attr-defined]
     with executor.pool() as pool:

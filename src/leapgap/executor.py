@@ -160,9 +160,14 @@ class Executor:
     def _on_ray(self) -> tuple[Run, int]:
         """How a job runs on the cluster, and how many do at once."""
         ray = self._ray()
+        from ray.cloudpickle import CloudPickler
+
+        class Pickler(SnapshotPickler, CloudPickler):
+            """Sends functions of the script that was started, too, which workers cannot import."""
+
         remote = ray.remote(num_cpus=1)(_apply_pickled)
         cores = int(ray.cluster_resources()["CPU"])
-        return lambda function, item: ray.get(remote.remote(snapshot((function, item)))), cores
+        return lambda function, item: ray.get(remote.remote(snapshot((function, item), Pickler))), cores
 
     def _by_ray(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         ray = self._ray()
@@ -185,20 +190,25 @@ class SnapshotPickler(pickle.Pickler):
     """Pickles objects that other threads use: these may keep a cached property there while attributes are written."""
 
     def reducer_override(self, value: Any) -> Any:
-        """The usual reduction of an object, with a copy of its attributes; other values are reduced as usual."""
-        named = isinstance(value, type | FunctionType) or type(value) in copyreg.dispatch_table
-        if named or not isinstance(getattr(value, "__dict__", None), dict):
-            return NotImplemented
+        """The usual reduction of an object, with a copy of its attributes; other values are reduced as usual.
+
+        What is usual is for the class beside this one to say, where there is one.
+        """
+        usual = getattr(super(), "reducer_override", lambda _: NotImplemented)(value)
+        table = getattr(self, "dispatch_table", copyreg.dispatch_table)
+        named = isinstance(value, type | FunctionType) or type(value) in table
+        if usual is not NotImplemented or named or not isinstance(getattr(value, "__dict__", None), dict):
+            return usual
         reduced = value.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
         if isinstance(reduced, str) or len(reduced) < 3 or not isinstance(reduced[2], dict):
             return reduced
         return (*reduced[:2], dict(reduced[2]), *reduced[3:])
 
 
-def snapshot(value: Any) -> bytes:
+def snapshot(value: Any, pickler: type[pickle.Pickler] = SnapshotPickler) -> bytes:
     """A pickle of a value that other threads may use meanwhile."""
     file = io.BytesIO()
-    SnapshotPickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
+    pickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
     return file.getvalue()
 
 
