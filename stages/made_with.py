@@ -132,17 +132,19 @@ def table(root: Path) -> list[tuple[str, str, str]]:
     return [(name, state(root, name), commits.get(name, "")) for name in CODE]
 
 
-def reasons_by_name(root: Path) -> dict[str, str]:
-    """How it was shown that later code makes the same figures, each with the files that it was shown of."""
+def files_by_reason(root: Path, unchanged: Sequence[str]) -> dict[str, list[str]]:
+    """The files of unchanged figures, by how it was shown that later code makes them the same."""
     found: dict[str, list[str]] = {}
-    for name, entry in noted(root).items():
-        if state(root, name) == "unchanged":
-            found.setdefault(entry["unchanged"], []).append(f"`{name}`")
-    return {how: ", ".join(names) for how, names in found.items()}
+    known = noted(root)
+    for name in unchanged:
+        found.setdefault(known[name]["unchanged"], []).append(name)
+    return found
 
 
 def markdown(root: Path) -> str:
     """The same as a part of a page of the documentation."""
+    rows = table(root)
+    reasons = files_by_reason(root, [name for name, says, _ in rows if says == "unchanged"])
     lines = [
         "## Which code made them",
         "",
@@ -151,9 +153,9 @@ def markdown(root: Path) -> str:
         "",
         "| file | its code | commit |",
         "|---|---|---|",
-        *(f"| `{name}` | {says} | {commit} |" for name, says, commit in table(root)),
+        *(f"| `{name}` | {says} | {commit} |" for name, says, commit in rows),
         "",
-        *(f"- {names} unchanged: {how}." for how, names in reasons_by_name(root).items()),
+        *(f"- {', '.join(f'`{name}`' for name in names)} unchanged: {how}." for how, names in reasons.items()),
     ]
     return "\n".join(lines) + "\n"
 

@@ -86,18 +86,21 @@ def logs_that_stand(model: mujoco.MjModel, robot: Robot, number: int, steps: int
     return [log_of(model, robot, f"stands_{k}", start, np.zeros(18), steps + k, swings) for k in range(number)]
 
 
+def log_of_throw(model: mujoco.MjModel, robot: Robot, number: int, turn: float, swings: float = 1.0) -> Log:
+    """A log of the robot in the air, thrown so that it pitches by ``turn``, rad/s."""
+    start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
+    speed = np.concatenate([[1.0, 0, 1.5], [0, turn, 0], np.zeros(12)])
+    return log_of(model, robot, f"thrown_{number}", start, speed, 450, swings)
+
+
 def told(logs: list[Log], robot: Robot) -> dict[str, Evidence]:
     """The evidence of some logs, by quantity."""
     return {one.quantity: one for one in gather(logs, robot)}
 
 
 def test_flights_tell_gravity_and_the_centre_of_mass(robot: Robot, true_model: mujoco.MjModel) -> None:
-    rng, logs = np.random.default_rng(0), []
-    for k in range(4):
-        start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
-        speed = np.concatenate([[1.0, 0, 1.5], [0, rng.uniform(-5, 5), 0], np.zeros(12)])
-        logs.append(log_of(true_model, robot, f"thrown_{k}", start, speed, 450))
-    found = told(logs, robot)
+    rng = np.random.default_rng(0)
+    found = told([log_of_throw(true_model, robot, k, rng.uniform(-5, 5)) for k in range(4)], robot)
     assert found["gravity"].value == pytest.approx(9.81, abs=0.01)
     assert found["com_offset.x_m"].value == pytest.approx(COM_X, abs=0.001)
     assert found["com_offset.z_m"].value == pytest.approx(0.0, abs=0.001)
@@ -109,19 +112,14 @@ def test_flights_that_no_common_centre_of_mass_explains_say_nothing(robot: Robot
     for k, x in enumerate((-0.15, 0.15, -0.14, 0.14)):
         model = mujoco.MjModel.from_xml_path(str(robot.path))
         model.body_ipos[1, 0] += x
-        start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
-        speed = np.concatenate([[1.0, 0, 1.5], [0, 5.0, 0], np.zeros(12)])
-        logs.append(log_of(model, robot, f"thrown_{k}", start, speed, 450))
+        logs.append(log_of_throw(model, robot, k, 5.0))
     assert told(logs, robot) == {}
 
 
 def test_legs_that_swing_in_the_air_tell_how_hard_the_trunk_turns(robot: Robot, true_model: mujoco.MjModel) -> None:
     """Where the hips are is told by logs that stand, and where the trunk's centre of mass is by the flights."""
     rng, logs = np.random.default_rng(1), logs_that_stand(true_model, robot, 4, 2000)
-    for k in range(4):
-        start = np.concatenate([[0, 0, 2.0, 1, 0, 0, 0], CROUCH])
-        speed = np.concatenate([[1.0, 0, 1.5], [0, rng.uniform(-3, 3), 0], np.zeros(12)])
-        logs.append(log_of(true_model, robot, f"thrown_{k}", start, speed, 450, swings=10.0))
+    logs += [log_of_throw(true_model, robot, k, rng.uniform(-3, 3), swings=10.0) for k in range(4)]
     found = told(logs, robot)
     assert found["trunk_inertia.scale"].value == pytest.approx(INERTIA, rel=0.03)
     assert found["trunk_inertia.scale"].spread < 0.05

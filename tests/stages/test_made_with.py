@@ -68,7 +68,8 @@ def test_a_change_of_code_makes_figures_older_and_another_file_does_not(tmp_path
     made_with.note(tmp_path, [name], unchanged="a space in a file does nothing")
     assert made_with.state(tmp_path, name) == "unchanged"
     assert read_json(tmp_path / made_with.NOTED)[name]["commit"] == made
-    assert made_with.reasons_by_name(tmp_path) == {"a space in a file does nothing": f"`{name}`"}
+    assert made_with.files_by_reason(tmp_path, [name]) == {"a space in a file does nothing": [name]}
+    assert f"- `{name}` unchanged: a space in a file does nothing." in made_with.markdown(tmp_path)
     planner.write_text("{  }")
     assert made_with.state(tmp_path, name) == "older"
     made_with.note(tmp_path, [name])
