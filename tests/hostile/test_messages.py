@@ -1,6 +1,7 @@
 """What a user reads: help of every stage, the version, the nearest key to a misspelt one; from any folder."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -48,10 +49,12 @@ def test_help_says_what_a_stage_does_with_examples_and_its_options(name: str, tm
 def test_examples_name_options_that_exist() -> None:
     keys = OmegaConf.load(ROOT / "params.yaml")
     for name in NAMES:
-        docstring = (ROOT / "stages" / f"{name}.py").read_text().split('"""')[1]
-        words = [word.strip("'") for line in docstring.splitlines() if "python -m" in line for word in line.split()]
+        _, docstring, code = (ROOT / "stages" / f"{name}.py").read_text().split('"""', 2)
+        words = [word for line in docstring.splitlines() if "python -m" in line for word in shlex.split(line)]
         for word in words:
-            if "=" in word and not word.startswith("size="):
+            if word.startswith("--"):
+                assert f'"{word.split("=")[0]}' in code, f"{name}: {word}"
+            elif "=" in word and not word.startswith("size="):
                 section, _, key = word.split("=")[0].rpartition(".")
                 assert key in OmegaConf.select(keys, section), f"{name}: {word}"
 
