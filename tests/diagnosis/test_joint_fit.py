@@ -4,15 +4,21 @@ import mujoco
 import numpy as np
 import pytest
 
+from leapgap.diagnosis import joint_likelihood
+from leapgap.diagnosis.candidates import effects_on_logs
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
+from leapgap.diagnosis.joint_likelihood import JointLikelihood
 from leapgap.diagnosis.joint_search import SearchInParts, search_jointly
 from leapgap.diagnosis.log_errors import LogErrors, updated
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.robot.model import DEFAULT_MODEL, Robot
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 from tests.diagnosis.joint_fits import heldout_gap, noisy_logs, short_rollouts, worn
 from tests.diagnosis.two_link_arm import torque_driven_arm
 from tests.plain_simulation import Pd
@@ -39,6 +45,31 @@ def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, Hel
     assert gap.closure_value(fit.heldout) > 0.9
     closes = [gap.closure_value(squares) for squares in gap.squares([cause.fit for cause in causes])]
     assert closes == sorted(closes)
+
+
+def test_few_whole_replays_are_in_memory_at_once_and_their_errors_are_the_same(
+    arm: tuple[Robot, HeldOutGap, ShortRollouts], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, gap, short = arm
+    every = {h.name: h for h in list_hypotheses(["joint_damping"], robot, None) if h.location == "all"}
+    sets = effects_on_logs((every["joint_damping"],), [np.array([0.1 * i]) for i in range(5)], gap.names)
+    likelihood, logs = JointLikelihood(gap, short), range(4)
+    together = likelihood.whole_errors(sets, logs)
+    asked: list[int] = []
+    original = Replayer.motions
+
+    def counting(self: Replayer, trials: list[Rollout], rows: int | None = None) -> list[Motion]:
+        asked.append(len(trials))
+        return original(self, trials, rows)
+
+    monkeypatch.setattr(Replayer, "motions", counting)
+    monkeypatch.setattr(joint_likelihood, "LOGS_AT_ONCE", 8)
+    few = likelihood.whole_errors(sets, logs)
+    assert asked == [8, 8, 4]
+    assert len(few) == 5 and all(len(of_set) == 4 for of_set in few)
+    for one, other in zip(together, few, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    assert not np.array_equal(few[0][0], few[1][0])
 
 
 def test_a_wrong_effect_is_exchanged_for_the_right_one(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:

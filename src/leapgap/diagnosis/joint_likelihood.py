@@ -16,6 +16,8 @@ from leapgap.diagnosis.numbers_beside import NumbersBeside, tolerance_effects
 from leapgap.diagnosis.short_rollouts import FINE, ROUGH, ShortRollouts
 from leapgap.effects.base import Effect
 
+LOGS_AT_ONCE = 64
+"""Whole replays whose motions are in memory at once."""
 DIFFERENCE = 0.1
 """Step of finite differences, as a share of the scale of a number."""
 
@@ -175,6 +177,11 @@ class JointLikelihood:
 
     def whole_errors(self, sets: Sequence[Sequence[tuple]], logs: Sequence[int]) -> list[list[np.ndarray]]:
         """Scaled errors ``[set][log]`` (values,) of whole replays of some logs, with effects ``[set][any log]``."""
+        at_once = max(1, LOGS_AT_ONCE // max(1, len(logs)))
+        some = (sets[first : first + at_once] for first in range(0, len(sets), at_once))
+        return [errors for of_some in some for errors in self._whole_errors(of_some, logs)]
+
+    def _whole_errors(self, sets: Sequence[Sequence[tuple]], logs: Sequence[int]) -> list[list[np.ndarray]]:
         judged = self.heldout_gap.judged
         trials = [of_all[log] for of_all in map(judged.trials, sets) for log in logs]
         motions = iter(self.heldout_gap.replayer.motions(trials))

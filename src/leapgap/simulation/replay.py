@@ -26,8 +26,8 @@ from leapgap.simulation.trial_log import without_warnings
 
 FINER = 0.255
 """Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
-MOST_MODEL_BYTES = 256 * 2**20
-"""Memory of the models of trials that are replayed at once: meshes of a maker's file are 8 MB and more in each."""
+MOST_BATCH_BYTES = 256 * 2**20
+"""Memory of trials that are replayed at once: a maker's model with meshes is 8 MB and more, and a minute as much."""
 
 
 def batch_controls(controls: Sequence[np.ndarray]) -> np.ndarray:
@@ -214,9 +214,17 @@ class Replayer(RolloutModels):
         switches = sorted(
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
         )
-        most = max(self.threads, MOST_MODEL_BYTES // mujoco.mj_sizeModel(self._compiled(trials[0])))
+        most = max(self.threads, MOST_BATCH_BYTES // self._bytes_of(trials[0], rows * substeps))
         batches = [trials[first : first + most] for first in range(0, len(trials), most)]
         return [motion for batch in batches for motion in self._batch(batch, rows, switches)]
+
+    def _bytes_of(self, trial: Rollout, steps: float) -> int:
+        """Memory that a trial of some steps takes while it is replayed: its model, and values of every step."""
+        model = self._compiled(trial)
+        state = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        # Controls are held as they are made, and side by side with those of other trials.
+        values = state + model.nsensordata + 2 * model.nu
+        return mujoco.mj_sizeModel(model) + int(steps * values * np.dtype(float).itemsize)
 
     def _batch(self, trials: Sequence[Rollout], rows: int, switches: Sequence[int]) -> list[Motion]:
         """Replay trials at once, each with a model of its own, between rows at which gains of some trial change."""
