@@ -1,4 +1,4 @@
-"""The table of docs/blind.md and the counts of README.md hold the figures of blind.json and real/robots.json."""
+"""The tables of docs/blind.md and the counts of README.md hold the figures of the metrics."""
 
 import re
 
@@ -26,6 +26,16 @@ ROWS = [
     ("median parameter error", "parameter_error_median", 100),
     ("95 % intervals that hold the truth", "coverage", 100),
 ]
+INJECTED = [
+    ("single effects named first", "injected_named_first", 100),
+    ("single effects named, and nothing beside", "injected_named_alone", 100),
+    ("places named rightly", "locations_right", 100),
+    ("both of a pair named", "pairs_both_named", 100),
+    ("nothing wrong", "none_correct", 100),
+    ("median parameter error", "injected_parameter_error_median", 100),
+    ("95 % intervals that hold the truth", "injected_coverage", 100),
+    ("mean difference of promised and realised closure", "closure_promise_error", 1),
+]
 COLUMNS = {"a1": 0, "ur5e": 1}
 SINGLES = (
     r"(\d+) of (\d+) detectable single causes are named first, all ten pairs that show .* and (\d+) of (\d+) members"
@@ -43,6 +53,16 @@ def test_scores(robot: str, beginning: str, metric: str, units: int) -> None:
     found = re.match(r"\d+(?:\.(\d+))?", cell)
     assert found, cell
     assert found[0] == f"{units * value:.{len(found[1] or '')}f}"
+
+
+@pytest.mark.parametrize(("beginning", "metric", "units"), INJECTED)
+def test_injected_causes(beginning: str, metric: str, units: int) -> None:
+    metrics = read_json(ROOT / "metrics" / "diagnosis.json")
+    rows = dict(table_of(ROOT / "docs" / "blind.md", f"| found | {metrics['cases']} cases |"))
+    [cell] = [cell for name, cell in rows.items() if name.startswith(beginning)]
+    found = re.match(r"\d+(?:\.(\d+))?", cell)
+    assert found, cell
+    assert found[0] == f"{units * metrics[metric]:.{len(found[1] or '')}f}"
 
 
 def test_counts_of_the_front_page() -> None:
