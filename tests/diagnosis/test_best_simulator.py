@@ -126,7 +126,7 @@ def test_a_report_has_it_in_print_on_its_page_and_in_a_folder(report: Report, tm
     report.save(tmp_path / "out")
     (line,) = [one for one in str(report).splitlines() if one.startswith("best simulator: ")]
     assert line.startswith("best simulator: all effects fitted together close 99 % (95 %: ")
-    assert line.endswith(f"; {len(best.believed)} of its {len(best.numbers)} numbers are to be believed")
+    assert line.endswith(f"; believe {len(best.believed)} of its {len(best.numbers)} numbers")
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Simulate with it, and do not explain with it." in page
     assert page.count('<td class="bad">no</td>') == len(best.numbers) - len(best.believed)

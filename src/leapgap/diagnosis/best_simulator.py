@@ -98,7 +98,7 @@ class BestSimulator:
         )
         return (
             f"all effects fitted together close {value} % (95 %: {low} to {high}) of the gap on logs not fitted on, "
-            f"the answer {answer} %; {len(self.believed)} of its {len(self.numbers)} numbers are to be believed"
+            f"the answer {answer} %; believe {len(self.believed)} of its {len(self.numbers)} numbers"
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Coulomb friction of the gears."""
+"""Dry (Coulomb) friction of the gears."""
 
 from dataclasses import dataclass
 from math import inf
