@@ -42,6 +42,13 @@ SINGLES = (
 )
 
 
+def assert_begins_with(cell: str, value: float) -> None:
+    """A cell begins with a value, as rounded as it stands there."""
+    found = re.match(r"\d+(?:\.(\d+))?", cell)
+    assert found, cell
+    assert found[0] == f"{value:.{len(found[1] or '')}f}"
+
+
 @pytest.mark.parametrize("robot", COLUMNS)
 @pytest.mark.parametrize(("beginning", "metric", "units"), ROWS)
 def test_scores(robot: str, beginning: str, metric: str, units: int) -> None:
@@ -50,9 +57,7 @@ def test_scores(robot: str, beginning: str, metric: str, units: int) -> None:
     if value is None:
         assert cell == "none drawn"
         return
-    found = re.match(r"\d+(?:\.(\d+))?", cell)
-    assert found, cell
-    assert found[0] == f"{units * value:.{len(found[1] or '')}f}"
+    assert_begins_with(cell, units * value)
 
 
 @pytest.mark.parametrize(("beginning", "metric", "units"), INJECTED)
@@ -60,9 +65,7 @@ def test_injected_causes(beginning: str, metric: str, units: int) -> None:
     metrics = read_json(ROOT / "metrics" / "diagnosis.json")
     rows = dict(table_of(ROOT / "docs" / "blind.md", f"| found | {metrics['cases']} cases |"))
     [cell] = [cell for name, cell in rows.items() if name.startswith(beginning)]
-    found = re.match(r"\d+(?:\.(\d+))?", cell)
-    assert found, cell
-    assert found[0] == f"{units * metrics[metric]:.{len(found[1] or '')}f}"
+    assert_begins_with(cell, units * metrics[metric])
 
 
 def test_counts_of_the_front_page() -> None:
