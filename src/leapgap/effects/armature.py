@@ -18,6 +18,7 @@ class Armature(Effect):
 
     name = "armature"
     places = "joints"
+    along_joints = True
 
     inertia: float = parameter(0.0, "kg·m²", 0.0, 0.15, 0.02, limits=(-inf, inf))
 

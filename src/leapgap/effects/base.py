@@ -150,6 +150,8 @@ class Effect(ABC):
     """Whether it is looked for beside the answer of such a fit: it can do what several do, and would hide them."""
     has_rotors: ClassVar[bool] = False
     """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
+    along_joints: ClassVar[bool] = False
+    """Whether it acts at each joint of its place as a torque along that joint alone, whatever it does at others."""
     command_stage: ClassVar[CommandStage] = CommandStage.ARRIVAL
     """Where on their way it changes commands. Where rows are uneven, effects act in the order of these stages, since
     commands that are shifted in time no longer tell what each row sent."""

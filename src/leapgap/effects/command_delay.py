@@ -20,6 +20,7 @@ class CommandDelay(Effect):
 
     name = "command_delay"
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     delay_s: float = parameter(0.0, "s", 0.0, 0.025, 0.005)

@@ -22,6 +22,7 @@ class DutyLimit(Effect):
     name = "duty_limit"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     droop_s_rad: float = parameter(0.0, "s/rad", 0.0, 0.5, 0.05, limits=(0.0, inf))

@@ -25,6 +25,7 @@ class FrictionCompensation(Effect):
     by_default = False
     in_joint_fit = True
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 2.0, 0.2, limits=(-np.inf, np.inf))

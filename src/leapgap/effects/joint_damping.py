@@ -18,6 +18,7 @@ class JointDamping(Effect):
 
     name = "joint_damping"
     places = "joints"
+    along_joints = True
 
     damping: float = parameter(0.0, "N·m·s/rad", 0.0, 4.0, 0.4, limits=(-inf, inf))
 

@@ -18,6 +18,7 @@ class JointFriction(Effect):
 
     name = "joint_friction"
     places = "joints"
+    along_joints = True
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0, 1.0, limits=(-inf, inf))
 

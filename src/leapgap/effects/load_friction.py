@@ -30,6 +30,7 @@ class LoadFriction(Effect):
     name = "load_friction"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     share: float = parameter(0.0, "1", 0.0, 0.6, 0.1, limits=(0.0, 1.0))

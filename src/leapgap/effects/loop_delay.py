@@ -20,6 +20,7 @@ class LoopDelay(Effect):
     name = "loop_delay"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     delay_s: float = parameter(0.0, "s", 0.0, 0.02, 0.003)

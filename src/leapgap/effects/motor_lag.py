@@ -20,6 +20,7 @@ class MotorLag(Effect):
 
     name = "motor_lag"
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     time_constant_s: float = parameter(0.0, "s", 0.0, 0.03, 0.005)

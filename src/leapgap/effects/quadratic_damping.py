@@ -19,6 +19,7 @@ class QuadraticDamping(Effect):
     name = "quadratic_damping"
     by_default = False
     places = "joints"
+    along_joints = True
 
     coefficient: float = parameter(0.0, "N·m·s²/rad²", 0.0, 1.0, 0.05, limits=(-inf, inf))
 

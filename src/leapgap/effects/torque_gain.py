@@ -13,6 +13,7 @@ class TorqueGain(Effect):
 
     name = "torque_gain"
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     scale: float = parameter(1.0, "1", 0.3, 1.5, 0.85)

@@ -21,6 +21,7 @@ class VelocityFilter(Effect):
 
     name = "velocity_filter"
     places = "joints"
+    along_joints = True
     needs_motor = True
     in_controller = True
     by_default = False

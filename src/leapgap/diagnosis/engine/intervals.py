@@ -1,0 +1,326 @@
+"""Logs cut into short intervals, each replayed from the state that the log has at its beginning.
+
+A replay that starts anew every few milliseconds stays at the log's own contacts, and what it misses by the end of an
+interval is what the model lacks there. Effects change that by amounts that are linear in nearly all of their numbers.
+All states are as the log reports them: what acts in the sensors alone is a change of the reported state.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+
+from leapgap.diagnosis.channels import displaced, tangent_difference
+from leapgap.diagnosis.short_rollouts import StateChannels, smooth_starts
+from leapgap.effects.base import Effect, overriding
+from leapgap.logs.state import States
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer, batch_controls
+from leapgap.simulation.rollout import Rollout, joint_gains
+from leapgap.simulation.trial_log import without_warnings
+
+Effects = tuple[Effect, ...]
+T = TypeVar("T")
+
+WITH_FORCE = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+MEMORY = 4
+"""Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """One log at instants that are a fixed number of rows apart, with the states from which intervals are replayed."""
+
+    states: States
+    rows: np.ndarray
+    """Rows of the instants, (intervals + 1,)."""
+    reference: Motion
+    """States at the instants, as reported."""
+    noise: np.ndarray
+    """Standard deviation of the sensor noise of each channel, (channels,)."""
+
+    @staticmethod
+    def of(states: States, every: int, channels: StateChannels) -> "Course":
+        """A log cut every ``every`` rows; references are smoothed states."""
+        rows = np.arange(0, len(states.log), every)
+        starts, _ = smooth_starts(states.motion, rows.tolist(), states.log, channels.robot)
+        reference = Motion(*np.split(starts.states, [channels.robot.model.nq], axis=1))
+        return Course(states, rows, reference, channels.noise(states.motion, states.log))
+
+    @property
+    def every(self) -> int:
+        """Rows of an interval."""
+        return int(self.rows[1] - self.rows[0])
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals."""
+        return len(self.rows) - 1
+
+    @cached_property
+    def measured(self) -> Motion:
+        """What the log reports at the instants."""
+        return self.states.motion[self.rows]
+
+    @cached_property
+    def start_states(self) -> np.ndarray:
+        """Reference at the beginning of each interval, (intervals, nq + nv)."""
+        return np.concatenate([self.reference.qpos, self.reference.qvel], axis=1)[:-1]
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """The intervals of all logs, by a robot with some effects."""
+
+    channels: StateChannels
+    replayer: Replayer
+    courses: tuple[Course, ...]
+    acting: tuple[Effects, ...]
+    """Effects of the robot on each log."""
+
+    @staticmethod
+    def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
+        """Logs cut into intervals of a length, or of one row where that is longer, by the nominal robot."""
+        channels = StateChannels.of([own.log for own in states], replayer.robot)
+        courses = (Course.of(own, max(1, own.log.info.rows(interval_s)), channels) for own in states)
+        return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the logs."""
+        return self.replayer.robot
+
+    @property
+    def interval_s(self) -> float:
+        """Length of an interval, s."""
+        own = self.courses[0]
+        return own.every * own.states.log.info.sample_period_s
+
+    def with_references(self, references: Sequence[Motion], acting: Sequence[Effects]) -> "Intervals":
+        """The same intervals from other states, by a robot with other effects."""
+        courses = tuple(replace(own, reference=new) for own, new in zip(self.courses, references, strict=True))
+        return replace(self, courses=courses, acting=tuple(acting))
+
+    def with_replayer(self, replayer: Replayer) -> "Intervals":
+        """The same intervals by another replayer."""
+        return replace(self, replayer=replayer)
+
+    @cached_property
+    def predicted(self) -> list[Motion]:
+        """Reported states at the end of each interval by the robot with what acts and has no memory."""
+        def of_log(log: int) -> Motion:
+            plain = self.without_memory(log)
+            return self._reached(log, plain, self._reported_change(self.courses[log], plain))
+
+        return self.each(range(len(self.courses)), of_log)
+
+    def defects(self, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Replay by what acts − reference at the end of each interval, in the tangent, (intervals, 2 nv) a log."""
+        remembered = self.remembered(transitions)
+        return [
+            tangent_difference(reached, own.reference[1:], self.robot) + more
+            for reached, own, more in zip(self.predicted, self.courses, remembered, strict=True)
+        ]
+
+    def remembered(self, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """What those of the acting effects that have a memory change, (intervals, 2 nv) a log."""
+        logs = range(len(self.courses))
+        plain = [self.without_memory(log) for log in logs]
+        if all(len(own) == len(all_of) for own, all_of in zip(plain, self.acting, strict=True)):
+            return [np.zeros((own.intervals, 2 * self.robot.model.nv)) for own in self.courses]
+        base = replace(self, acting=tuple(plain))
+        return base.each(logs, lambda log: base.change(log, self.acting[log], transitions[log]))
+
+    def innovations(self) -> list[np.ndarray]:
+        """Measured − reference at the end of each interval, in the measured channels, (intervals, channels)."""
+        entries = self.channels.state_entries
+        return [tangent_difference(own.measured, own.reference, self.robot)[1:, entries] for own in self.courses]
+
+    def changes(
+        self, sets: Sequence[Sequence[Effects]], transitions: Sequence[np.ndarray]
+    ) -> list[list[np.ndarray]]:
+        """By how much effects ``[set][log]``, in place of what acts, change the reported states: ``[set][log]``.
+
+        At the end of each interval, (intervals, 2 nv). ``transitions`` (intervals, 2 nv, 2 nv) of each log tell what of
+        a change has come from earlier intervals, where replays last several.
+        """
+        tasks = [(log, of[log]) for of in sets for log in range(len(self.courses))]
+        self.predicted  # noqa: B018  before several threads ask for it
+        found = iter(self.each(tasks, lambda task: self.change(*task, transitions[task[0]])))
+        return [[next(found) for _ in self.courses] for _ in sets]
+
+    def each(self, tasks: Sequence[T], function: Callable[[T], np.ndarray | Motion]) -> list:  # type: ignore[type-arg]
+        """Results of a function of each task, by all threads."""
+        with ThreadPoolExecutor(self.replayer.threads) as pool:
+            return list(pool.map(function, tasks))
+
+    def change(self, log: int, effects: Effects, transition: np.ndarray) -> np.ndarray:
+        """By how much effects in place of what acts change the reported states of one log, (intervals, 2 nv).
+
+        The true states at the beginning of each interval are those of what acts: what sensors misreport moves them by
+        ``transition``, exactly, and feet stay as deep in the ground as they are.
+        """
+        own, acting = self.courses[log], self.acting[log]
+        if self.has_memory(log, effects) or self.has_memory(log, acting):
+            change = self._with_memory(log, effects, transition)
+        else:
+            late = self._reported_change(own, acting)
+            change = tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
+        misreported = [self._reported_change(own, of) for of in (effects, acting)]
+        if all(one is None for one in misreported):
+            return change
+        zero = np.zeros((own.intervals + 1, 2 * self.robot.model.nv))
+        after, before = (zero if one is None else one for one in misreported)
+        further = after - before
+        return change + further[1:] - np.einsum("kij,kj->ki", transition, further[:-1])
+
+    def has_memory(self, log: int, effects: Effects) -> bool:
+        """Whether a robot with some effects has states beside its joints' that the nominal robot has not."""
+        trial = Rollout(self.courses[log].states.log, effects)
+        if not trial.structure:
+            return False
+        model, plain = (self.replayer._compiled(own) for own in (trial, replace(trial, effects=())))
+        return (model.na, model.nq) != (plain.na, plain.nq)
+
+    def without_memory(self, log: int) -> Effects:
+        """The acting effects on a log but those with a memory."""
+        return tuple(effect for effect in self.acting[log] if not self.has_memory(log, (effect,)))
+
+    def _reached(self, log: int, effects: Effects, late: np.ndarray | None) -> Motion:
+        """States at the end of every interval of a log, by effects from the reference less ``late``, and with it."""
+        own = self.courses[log]
+        prepared = self.prepare(log, effects)
+        data = self.replayer._own_data(prepared.trial)
+        reached = roll([(prepared, np.arange(own.intervals))], self._true_starts(own, late), data)[:, 0]
+        return reached if late is None else displaced(reached, late[1:], self.robot)
+
+    def _true_starts(self, own: Course, late: np.ndarray | None) -> np.ndarray:
+        """True states at the beginning of each interval, (intervals, nq + nv), of sensors that report ``late`` more."""
+        if late is None:
+            return own.start_states
+        true = displaced(own.reference[: own.intervals], -late[:-1], self.robot)
+        return np.concatenate([true.qpos, true.qvel], axis=1)
+
+    def _reported_change(self, own: Course, effects: Effects) -> np.ndarray | None:
+        """Reported − true state at the instants, (intervals + 1, 2 nv); None where sensors report the true state."""
+        acting = overriding(effects, "change_measured")
+        if not acting:
+            return None
+        motion = own.reference
+        for effect in acting:
+            motion = effect.change_measured(motion, self.interval_s, self.robot)
+        return tangent_difference(motion, own.reference, self.robot)
+
+    def _with_memory(self, log: int, effects: Effects, transition: np.ndarray) -> np.ndarray:
+        """Changes by effects with states of their own, which begin at rest: replays last several intervals.
+
+        They overlap by one interval, since in its first one a replay has no memory yet.
+        """
+        own, span = self.courses[log], min(MEMORY + 1, self.courses[log].intervals)
+        begins = np.minimum(np.arange(0, max(1, own.intervals - 1), MEMORY), own.intervals - span)
+        starts = self._true_starts(own, self._reported_change(own, self.acting[log]))[begins]
+        changed, plain = (
+            roll([(prepared, begins)], starts, self.replayer._own_data(prepared.trial))
+            for prepared in (self.prepare(log, of, span) for of in (effects, self.acting[log]))
+        )
+        found = np.zeros((own.intervals, 2 * self.robot.model.nv))
+        change = np.zeros((len(begins), found.shape[1]))
+        for k in range(span):
+            before = np.einsum("bij,bj->bi", transition[begins + k], change)
+            change = tangent_difference(changed[:, k], plain[:, k], self.robot)
+            warm = slice(None) if k else slice(0, 1)
+            found[(begins + k)[warm]] = (change - before)[warm]
+        return found
+
+    def prepare(self, log: int, effects: Effects, span: int = 1) -> "PreparedIntervals":
+        """The intervals of a log by a robot with some effects, ready for replays of ``span`` intervals each."""
+        own, replayer = self.courses[log], self.replayer
+        trial = Rollout(own.states.log, effects, measured=own.states.motion)
+        steps = replayer.row_steps(trial)[: own.rows[-1]]
+        control, ends = replayer._step_controls(trial, steps), np.concatenate([[0], np.cumsum(steps)])
+        at = ends[own.rows]
+        first = at[: len(at) - span]
+        steps_until = np.stack([at[k : len(at) - span + k] - first for k in range(1, span + 1)], axis=1)
+        controls = batch_controls([control[a:b] for a, b in zip(first, at[span:], strict=True)])
+        gains = joint_gains(trial.log, self.robot)[own.rows[:-1]]
+        _, rows, which = np.unique(gains, axis=0, return_index=True, return_inverse=True)
+        models = [replayer.model(trial, row=int(own.rows[row])) for row in rows]
+        return PreparedIntervals(replayer, trial, models, which.ravel(), controls, steps_until)
+
+
+@dataclass(frozen=True)
+class PreparedIntervals:
+    """The intervals of one log by one robot."""
+
+    replayer: Replayer
+    trial: Rollout
+    models: list[mujoco.MjModel]
+    """One for each set of joint gains."""
+    model_of: np.ndarray
+    """Index of the model of each interval, (intervals,)."""
+    controls: np.ndarray
+    """(intervals, steps, actuators)"""
+    steps: np.ndarray
+    """Number of steps until the end of each of the intervals that a replay lasts, (intervals, span)."""
+
+    def full_states(self, which: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """MuJoCo's full states at the beginning of some intervals, from positions and velocities (some, nq + nv)."""
+        if not self.models[0].na:
+            return np.concatenate([np.zeros((len(states), 1)), states], axis=1)
+        of_robot = zip(which.tolist(), states, strict=True)
+        return np.array([
+            self.replayer.full_state(
+                replace(self.trial, first_state=state), self.models[self.model_of[k]], self.controls[k]
+            )
+            for k, state in of_robot
+        ])
+
+
+def roll(
+    parts: Sequence[tuple[PreparedIntervals, np.ndarray]],
+    states: np.ndarray,
+    data: mujoco.MjData | list[mujoco.MjData],
+    forces: np.ndarray | None = None,
+) -> "ReachedStates":
+    """True states at the ends of intervals of several logs, from true states (some, nq + nv).
+
+    ``parts`` are the first intervals of each log, in the order of ``states`` and of ``forces`` (some, nv), N or N·m.
+    """
+    robot = parts[0][0].replayer.robot
+    models = [own.models[own.model_of[k]] for own, which in parts for k in which]
+    split = np.split(states, np.cumsum([len(which) for _, which in parts])[:-1])
+    full = np.concatenate([own.full_states(which, of) for (own, which), of in zip(parts, split, strict=True)])
+    longest = max(own.controls.shape[1] for own, _ in parts)
+    controls = np.concatenate([
+        np.pad(own.controls[which], ((0, 0), (0, longest - own.controls.shape[1]), (0, 0)), "edge")
+        for own, which in parts
+    ])
+    spec = int(mujoco.mjtState.mjSTATE_CTRL)
+    if forces is not None:
+        applied = np.broadcast_to(forces[:, None], (len(forces), longest, forces.shape[1]))
+        controls, spec = np.concatenate([controls, applied], axis=2), WITH_FORCE
+    with without_warnings():
+        out, _ = mujoco.rollout.rollout(models, data, full, controls, control_spec=spec)
+    until = np.concatenate([own.steps[which] for own, which in parts]) - 1
+    ended = out[np.arange(len(out))[:, None], until]
+    nq, nv, first = robot.model.nq, robot.model.nv, 1 + parts[0][0].models[0].nq
+    return ReachedStates(ended[:, :, 1 : 1 + nq], ended[:, :, first : first + nv])
+
+
+@dataclass(frozen=True)
+class ReachedStates:
+    """States at the ends of the intervals of several replays."""
+
+    qpos: np.ndarray
+    """(replays, span, nq)"""
+    qvel: np.ndarray
+    """(replays, span, nv)"""
+
+    def __getitem__(self, which: tuple[slice, int]) -> Motion:
+        return Motion(self.qpos[which], self.qvel[which])
