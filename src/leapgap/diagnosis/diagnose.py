@@ -15,6 +15,8 @@ from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_sour
 from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.doubts import with_doubts
+from leapgap.diagnosis.engine.search import Workbench
+from leapgap.diagnosis.engine.verdict import EvidenceJudgement, conclude
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
@@ -35,7 +37,7 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
 from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
-from leapgap.effects.base import Effect
+from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
@@ -103,7 +105,12 @@ def diagnose(
     places = localise(mapped, fine, settings.where_horizon_s, settings.noise_draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     pieces = (settings.horizon_s, settings.every_s)
-    proposal = propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
+    searched = isinstance(judgement, Judgement)
+    proposal = (
+        propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
+        if searched
+        else None
+    )
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, corrected, names),
@@ -125,7 +132,8 @@ def diagnose(
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
         next_experiment=proposal.to_json() if proposal else None,
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
-        profiles=tuple(profiles_of(judgement.result)),
+        profiles=tuple(profiles_of(judgement.result)) if searched else (),
+        evidence_numbers=None if searched else judgement.numbers,
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
@@ -191,7 +199,7 @@ def prepare(
 class FoundAnswer:
     """The search for causes with its conclusion."""
 
-    judgement: Judgement
+    judgement: Judgement | EvidenceJudgement
     heldout_gap: HeldOutGap
     """At the horizon at which the answer is judged."""
     evidence: Sequence[Evidence]
@@ -207,6 +215,8 @@ def find_answer(
 ) -> FoundAnswer:
     """Search for causes one by one, and where these leave much for all together; judge them."""
     judged, clock = ready.judged, ready.clock
+    if settings.engine == "evidence" and clock is None:
+        return answer_by_evidence(ready, kinds, settings, progress)
     kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
@@ -243,6 +253,26 @@ def find_answer(
         judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     best = best_simulator(joint, judgement.selected, hypotheses, settings, clock) if settings.best else None
     return FoundAnswer(judgement, heldout_gap, evidence, by_source, best, tuple(joint.notes))
+
+
+def answer_by_evidence(
+    ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
+) -> FoundAnswer:
+    """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
+    judged, gap = ready.judged, ready.heldout_gap
+    kinds = [*kinds, *(kind for kind in effects.known().values() if not settings.effects and is_for(kind, judged.robot))]
+    hypotheses = list_hypotheses(list(dict.fromkeys(kinds)), judged.robot, None)
+    bench = Workbench(hypotheses, settings.tolerances, gap.folds, progress)
+    path = bench.explore(judged.states, ready.replayer)
+    judgement = conclude(bench, path, gap)
+    gap = gap.at_stable_horizon(judgement.selected, settings.noise_draws, np.random.default_rng(settings.seed))
+    told = gather([states.log for states in judged.whole], judged.robot)
+    return FoundAnswer(judgement, gap, told, None, None)
+
+
+def is_for(kind: type[Effect], robot: Robot) -> bool:
+    """Whether an effect that is not looked for by default is looked for on a robot: every one on a held robot."""
+    return not robot.has_free_base and not overrides(kind, "change_step")
 
 
 def whitened(pieces: ShortRollouts) -> ShortRollouts:

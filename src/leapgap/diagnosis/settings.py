@@ -38,6 +38,8 @@ class Settings:
     """Names of effects that are not looked for; the others are, as if these were unknown."""
     model_fields: list[ModelField] = field(default_factory=list)
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
+    engine: str = "search"
+    """``evidence``: one evidence of all sets of effects and of a force without a name; ``search``: the search of 0.2."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1

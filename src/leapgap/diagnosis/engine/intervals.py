@@ -271,7 +271,7 @@ class PreparedIntervals:
 
     def full_states(self, which: np.ndarray, states: np.ndarray) -> np.ndarray:
         """MuJoCo's full states at the beginning of some intervals, from positions and velocities (some, nq + nv)."""
-        if not self.models[0].na:
+        if not self.models[0].na and self.models[0].nq == self.replayer.robot.model.nq:
             return np.concatenate([np.zeros((len(states), 1)), states], axis=1)
         of_robot = zip(which.tolist(), states, strict=True)
         return np.array([

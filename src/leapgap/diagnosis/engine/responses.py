@@ -43,6 +43,8 @@ class Linearisation:
     """By a constant force of one unit at each degree of freedom, (intervals, 2 nv, nv)."""
     units: np.ndarray
     """Unit of the force at each degree of freedom, N or N·m, (nv,)."""
+    gains: np.ndarray
+    """By which states, force and zeros of joint sensors follow what is measured, (chunks, longest, N, channels)."""
 
 
 

@@ -16,7 +16,7 @@ from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.engine.evidence import BLOCK_S, Evidence, Posterior, inner_products, posterior_of
 from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation
-from leapgap.diagnosis.engine.whitening import FOLLOWING, LEVELS, Chunks, Filter, filters_of, follow, linearise
+from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD, Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import overrides
 from leapgap.diagnosis.sensitivities import tolerance, usable
@@ -33,7 +33,10 @@ LEAST_GAIN = 20.0
 MOST_CAUSES = 6
 MUCH = 1000.0
 """Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
-TRIED = 8
+WORTH_A_LOOK = 5.0
+"""Evidence that a hypothesis has to gain by its columns to be compared closely, nats."""
+TRIED = 12
+"""Number of effects that are replayed to both sides where columns tell little."""
 SHORTLIST = 6
 """Number of sets that are compared closely in each round."""
 SETTLED = 0.2
@@ -47,6 +50,8 @@ SMALL = {
     "leg_geometry.lower_m": 5e-4,
     "ground_height.height_m": 5e-4,
     "torque_gain.scale": 0.005,
+    "link_com.outward_m": 1e-3,
+    "link_inertia.scale": 0.02,
 }
 """Further tolerances, in the unit of the number: no robot is built, and no floor laid, more exactly."""
 LATE = ("command_delay", "state_latency")
@@ -108,11 +113,31 @@ class Workbench:
         ]
         return self.linearise(intervals, ())
 
-    def linearise(self, intervals: Intervals, acting: Acting) -> Point:
-        """The point of a robot with some effects, with everything linearised about it."""
+    def explore(self, states: Sequence[States], replayer: Replayer) -> list[Found]:
+        """The sets found on the way from the nominal robot to the answer.
+
+        Where a robot with feet leaves much unexplained, the search is made once more from references that allow for
+        wrong zeros of its joints, and the likelier of both answers stays.
+        """
+        start = self.begin(states, replayer)
+        path = self.search(start)
+        if not self.robot.feet or self.unnamed(path[-1]) < MUCH:
+            return path
+        kept = dict(self.__dict__)
+        free = self.search(self.linearise(start.intervals, (), WRONG_ZERO_RAD), replay=True)
+        if free[-1].members and free[-1].evidence > path[-1].evidence:
+            return [path[0], *free[1:]]
+        self.__dict__.update(kept)
+        return path
+
+    def linearise(self, intervals: Intervals, acting: Acting, wrong_zero: float = 0.0) -> Point:
+        """The point of a robot with some effects, with everything linearised about it.
+
+        ``wrong_zero``, rad, as in ``whitening.linearise``.
+        """
         offsets = intervals.remembered(self.transitions)
-        intervals, linearisation = linearise(intervals, self.chunks, offsets)
-        self.transitions, self.units = linearisation.transitions, linearisation.units
+        intervals, linearisation = linearise(intervals, self.chunks, offsets, wrong_zero)
+        self.linearisation, self.transitions = linearisation, linearisation.transitions
         self.filters = filters_of(intervals, linearisation, self.chunks)
         present = [h.name for h, _ in acting]
         self.columns = Columns.of(intervals, linearisation, list(self.kinds.values()), self.columns, present)
@@ -176,8 +201,7 @@ class Workbench:
         """The intervals of a robot with other effects, with references that follow the logs."""
         names = [course.states.log.name for course in near.intervals.courses]
         here = replace(near.intervals, acting=tuple(self.effects_of(acting, name) for name in names))
-        following = self.filters[LEVELS.index(FOLLOWING)]
-        return follow(here, self.chunks, here.remembered(self.transitions), following, self.units)
+        return follow(here, self.chunks, here.remembered(self.transitions), self.linearisation)
 
     def glance(self, near: Point, acting: Acting) -> float:
         """Evidence of a robot with some effects at just these numbers, nats, without columns of its effects."""
@@ -322,25 +346,22 @@ class Workbench:
                 break
         return found
 
-    def search(self, start: Point) -> list[Found]:
-        """The sets found on the way, the first without effects, the last the answer."""
+    def search(self, start: Point, replay: bool = False) -> list[Found]:
+        """The sets found on the way, the first without effects, the last the answer.
+
+        With ``replay`` the first effect may be one whose columns tell little.
+        """
         path = [self.judge(start)]
         while len(path) <= MOST_CAUSES:
             now = path[-1]
-            shortlist, seen = [], {}
-            for gain, h in self.screen(now.point):
-                if gain < 5 or len(shortlist) >= SHORTLIST:
-                    break
-                if seen.get(h.name, 0) < 2:
-                    seen[h.name] = seen.get(h.name, 0) + 1
-                    shortlist.append(h)
+            shortlist = few_of_each([h for gain, h in self.screen(now.point) if gain > WORTH_A_LOOK], 2)[:SHORTLIST]
             linear = sorted((self.judge(now.point, [h]) for h in shortlist), key=lambda one: -one.predictive)
             tried = [self.settle(one) for one in linear[:3]]
             tried = [one for one in tried if np.isfinite(one.predictive)]
             if not tried:
                 break
             best = max(tried, key=lambda one: one.predictive)
-            if self.unnamed(best) > MUCH:
+            if replay and not now.members:
                 tried += self.tried_in_full(now)
                 best = max(tried, key=lambda one: one.predictive)
             self.progress(
@@ -359,7 +380,7 @@ class Workbench:
 
         Those that columns like best are replayed at moderate size to both sides, and the best two fitted.
         """
-        shortlist = [h for _, h in self.screen(now.point) if moves_contacts(h)][:TRIED]
+        shortlist = few_of_each([h for _, h in self.screen(now.point) if moves_contacts(h)], 2)[:TRIED]
         trials = []
         for h in shortlist:
             for side in (1.0, -1.0):
@@ -368,6 +389,7 @@ class Workbench:
                     acting = (*now.point.acting, (h, numbers))
                     trials.append((self.glance(now.point, acting), acting))
         trials.sort(key=lambda pair: -pair[0])
+        self.progress("replayed: " + ", ".join(f"{describe_acting(a[-1:])} {e - now.evidence:.0f}" for e, a in trials[:6]))
         return [self.settle(self.judge(self.move(now.point, acting))) for _, acting in trials[:2]]
 
     def relinearised(self, found: Found) -> Found:
@@ -378,8 +400,7 @@ class Workbench:
         """The set with one member in place of another, where that predicts the logs better."""
         for m in range(len(found.members)):
             own = found.point
-            kept = own.evidence.posterior(*self.transform(own)[:3]).evidence
-            less = own.evidence.posterior(*self.transform(own, (), [m])[:3]).evidence
+            kept, less = found.evidence, self.evidence_without(found, [m])
             for gain, h in self.screen(own, [m])[:3]:
                 if gain + less < kept + LEAST_GAIN / 2 and gain + less < kept - 200:
                     continue
@@ -410,12 +431,27 @@ class Workbench:
             found = fewer
         return found
 
+    def evidence_without(self, found: Found, members: Sequence[int]) -> float:
+        """Evidence of a set with some members at nominal, by its linearisation, nats."""
+        return found.point.evidence.posterior(*self.transform(found.point, (), members)[:3]).evidence
+
     def unnamed(self, found: Found) -> float:
         """Evidence of a force without a name beside a set, nats."""
         transform, deviation, centre, _ = self.transform(found.point)
         mean = found.point.evidence.posterior(transform, deviation, centre).mean
         by_level = found.point.evidence.by_level(transform @ mean)
         return float((by_level.max(axis=0) - by_level[0]).sum())
+
+
+def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
+    """The hypotheses in their order, at most so many of one effect."""
+    seen: dict[str, int] = {}
+    found = []
+    for h in hypotheses:
+        seen[h.name] = seen.get(h.name, 0) + 1
+        if seen[h.name] <= most:
+            found.append(h)
+    return found
 
 
 def moves_contacts(hypothesis: Hypothesis) -> bool:
@@ -439,5 +475,9 @@ def split(members: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray
 
 def describe(found: Found) -> str:
     """The set in words: ``payload 1.7 + joint_damping at elbow 0.4``."""
-    parts = zip(found.members, split(found.members, found.numbers), strict=True)
-    return " + ".join(f"{h.label} {' '.join(f'{n:.4g}' for n in own)}" for h, own in parts)
+    return describe_acting(tuple(zip(found.members, split(found.members, found.numbers), strict=True)))
+
+
+def describe_acting(acting: Acting) -> str:
+    """Effects with numbers in words."""
+    return " + ".join(f"{h.label} {' '.join(f'{n:.4g}' for n in own)}" for h, own in acting)

@@ -25,6 +25,8 @@ LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 FOLLOWING = 0.3
 """Level of the force at which references follow the logs."""
+WRONG_ZERO_RAD = 0.05
+"""Zeros of joint sensors that are far off."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +224,7 @@ class Following:
         at = zip(self.chunks.log, self.chunks.first, strict=True)
         self.state = np.array([self.references[log][first] for log, first in at])
         self.force = np.zeros((len(self.chunks.log), self.nv))
+        self.zeros = np.zeros((len(self.chunks.log), len(zero_entries(own))))
 
     def motion(self, states: np.ndarray) -> Motion:
         """States (some, nq + nv) as a motion."""
@@ -261,9 +264,11 @@ class Following:
         at = [(int(self.chunks.log[c]), int(self.chunks.first[c]) + k) for c in order]
         seen = [own.courses[log].measured[np.array([interval + 1])] for log, interval in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
-        missed = tangent_difference(measured, base, own.robot)[:, own.channels.state_entries, None]
-        moved = (gain @ missed)[:, :, 0]
-        self.force[order] = np.exp(-own.interval_s / CORRELATION_S) * self.force[order] + moved[:, n:]
+        missed = tangent_difference(measured, base, own.robot)
+        missed[:, zero_entries(own)] -= self.zeros[order]
+        moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
+        self.force[order] = np.exp(-own.interval_s / CORRELATION_S) * self.force[order] + moved[:, n : n + self.nv]
+        self.zeros[order] += moved[:, n + self.nv :]
         following = displaced(base, moved[:, :n], own.robot)
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
         for c, (log, interval), state in zip(order, at, self.state[order], strict=True):
@@ -276,25 +281,42 @@ class Following:
         return self.intervals.with_references([self.motion(one) for one in self.references], self.intervals.acting)
 
 
+def zero_entries(intervals: Intervals) -> np.ndarray:
+    """Entries of the state whose sensors may have a wrong zero while a log is followed: joints of a robot with feet."""
+    if not intervals.robot.feet:
+        return np.zeros(0, int)
+    return np.intersect1d(intervals.robot.joint_dofs, intervals.channels.state_entries)
+
+
 def linearise(
-    intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], level: float = FOLLOWING
+    intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], wrong_zero: float = 0.0, level: float = FOLLOWING
 ) -> tuple[Intervals, Linearisation]:
     """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
 
-    Derivatives are by long steps of the simulation, whose error cancels in a difference.
+    Derivatives are by long steps of the simulation, whose error cancels in a difference. ``wrong_zero``, rad, is the
+    standard deviation of zeros of joint sensors while a log is followed: feet that are reported in the air, or deep in
+    the ground, would else have no contact to linearise about. No zero is counted where sets are judged.
     """
     following, robot = Following(intervals, chunks, offsets), intervals.robot
     rough = Following(rough_steps(intervals), chunks, offsets)
     entries, nv = intervals.channels.state_entries, robot.model.nv
-    size, n = 3 * nv, 2 * nv
+    zeros = zero_entries(intervals)
+    n = 2 * nv
+    size = n + nv + len(zeros)
+    of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
     displacements = Displacements(force_units(intervals))
     width = 1 + 3 * nv
     noise2 = np.array([intervals.courses[log].noise[: len(entries)] ** 2 for log in chunks.log])
     stay = np.exp(-intervals.interval_s / CORRELATION_S)
     covariance = np.zeros((len(chunks.log), size, size))
     covariance[:, range(n), range(n)] = start_deviation(intervals, chunks) ** 2
-    covariance[:, range(n, size), range(n, size)] = level**2
-    added = np.concatenate([np.full(n, 1e-14), np.full(nv, level**2 * (1 - stay**2))])
+    covariance[:, of_force, of_force] = level**2
+    covariance[:, of_zeros, of_zeros] = wrong_zero**2
+    added = np.concatenate([np.full(n, 1e-14), np.full(nv, level**2 * (1 - stay**2)), np.zeros(len(zeros))])
+    seen = np.zeros((len(entries), size))
+    seen[range(len(entries)), entries] = 1
+    seen[np.searchsorted(entries, zeros), of_zeros] = 1
+    gains = np.zeros((len(chunks.log), chunks.longest, size, len(entries)))
     counts = [own.intervals for own in intervals.courses]
     transitions, responses = ([np.zeros((k, n, columns)) for k in counts] for columns in (n, nv))
     for k in range(chunks.longest):
@@ -305,29 +327,32 @@ def linearise(
         by_state, by_force = displacements.derivatives(reached, robot)
         base = following.reach(k, order, following.state[order], force)
         full = np.zeros((len(order), size, size))
-        full[:, :n, :n], full[:, :n, n:] = by_state, by_force
-        full[:, range(n, size), range(n, size)] = stay
+        full[:, :n, :n], full[:, :n, of_force] = by_state, by_force
+        full[:, of_force, of_force] = stay
+        full[:, of_zeros, of_zeros] = 1
         own = full @ covariance[order] @ full.transpose(0, 2, 1)
         own[:, range(size), range(size)] += added
-        innovation = own[:, entries[:, None], entries]
+        cross = seen @ own
+        innovation = cross @ seen.T
         innovation[:, range(len(entries)), range(len(entries))] += noise2[order]
-        gain = np.linalg.solve(innovation, own[:, entries]).transpose(0, 2, 1)
-        own = own - gain @ own[:, entries]
+        gain = np.linalg.solve(innovation, cross).transpose(0, 2, 1)
+        own = own - gain @ cross
+        gains[order, k] = gain
         covariance[order] = 0.5 * (own + own.transpose(0, 2, 1))
         following.correct(k, order, base, gain)
         for c, state, force in zip(order, by_state, by_force, strict=True):
             log, interval = int(chunks.log[c]), int(chunks.first[c]) + k
             transitions[log][interval], responses[log][interval] = state, force
-    return following.result, Linearisation(tuple(transitions), tuple(responses), displacements.units)
+    return following.result, Linearisation(tuple(transitions), tuple(responses), displacements.units, gains)
 
 
 def follow(
-    intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], gains: Filter, units: np.ndarray
+    intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], linearisation: Linearisation
 ) -> Intervals:
-    """Intervals whose references follow the logs with the gains of a filter that is known already."""
+    """Intervals whose references follow the logs with the gains of a linearisation."""
     following = Following(intervals, chunks, offsets)
     for k in range(chunks.longest):
         order = following.chunks_at(k)
-        base = following.reach(k, order, following.state[order], following.force[order] * units)
-        following.correct(k, order, base, gains.gain[order, k])
+        base = following.reach(k, order, following.state[order], following.force[order] * linearisation.units)
+        following.correct(k, order, base, linearisation.gains[order, k])
     return following.result
