@@ -137,6 +137,8 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    other_names: ClassVar[tuple[str, ...]] = ()
+    """Further names by which it is found; ``called`` says which of them all reports use."""
     by_default: ClassVar[bool] = True
     """Whether a diagnosis looks for it when its settings name no effects; each effect looked for costs time."""
     differs_per_log: ClassVar[bool] = False
@@ -160,6 +162,11 @@ class Effect(ABC):
     commands that are shifted in time no longer tell what each row sent."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
+
+    @classmethod
+    def called(cls, robot: Robot) -> str:
+        """Its name in reports on a robot."""
+        return cls.name
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:

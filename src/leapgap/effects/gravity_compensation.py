@@ -37,7 +37,9 @@ class GravityCompensation(Effect):
         """Drives know the direction of gravity where the base is held."""
         if robot.has_free_base:
             return "a base that is held"
-        return super().lacks(robot) or (None if np.any(gravity_of(robot.model)) else "gravity")
+        if not np.any(gravity_of(robot.model)):
+            return "gravity"
+        return super().lacks(robot) or (None if len(carried(robot, "all")) else "links that motors alone hold")
 
     @classmethod
     def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:

@@ -45,7 +45,7 @@ def effect_entry(effect: Effect, robot: Robot, in_model: bool) -> dict[str, Any]
     }
     at = {"joints": robot.topology.joints_at, "feet": robot.topology.feet_at}.get(effect.places)
     return {
-        "name": effect.name,
+        "name": effect.called(robot),
         "what": describe(type(effect)),
         "location": effect.location,
         "at": list(at(effect.location)) if at else [],
