@@ -84,7 +84,7 @@ def diagnose(
     """
     own = (*own, *map(effect_class, settings.model_fields))
     kinds = chosen_kinds(settings, own)
-    check_tolerances(settings, own)
+    settings = replace(settings, tolerances=tolerances_on(robot, settings, own))
     rng = np.random.default_rng(settings.seed)
     ready = prepare(logs, robot, settings, threads, rng, progress)
     answer = find_answer(ready, kinds, settings, progress)
@@ -298,7 +298,8 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
             expected = f"names among {', '.join(kinds)}"
             raise InputError(f"diagnose.settings.{key}", ", ".join(unknown), expected, "correct the name")
     names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
-    found = [kinds[name] for name in dict.fromkeys(names) if name not in settings.without]
+    without = {kinds[name] for name in settings.without}
+    found = [kind for kind in dict.fromkeys(kinds[name] for name in names) if kind not in without]
     if not found:
         raise InputError("diagnose.settings.without", "every effect", "some that are looked for", "leave out fewer")
     return found
@@ -318,11 +319,13 @@ def further_kinds(kinds: Sequence[type[Effect]], robot: Robot, settings: Setting
     return [kind for kind in known if kind not in kinds and kind.name not in settings.without]
 
 
-def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:
-    """Raise ``InputError`` for a tolerance that does not name a parameter of an effect."""
-    kinds = effects.registry(own)
-    for name in settings.tolerances:
+def tolerances_on(robot: Robot, settings: Settings, own: Sequence[type[Effect]] = ()) -> dict[str, float]:
+    """Tolerances by the names that effects have on a robot; ``InputError`` for one that names no parameter of one."""
+    kinds, found = effects.registry(own), {}
+    for name, share in settings.tolerances.items():
         effect, _, parameter = name.partition(".")
         if effect not in kinds or parameter not in kinds[effect].declarations():
             expected = "<effect>.<parameter>, such as armature.inertia"
             raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
+        found[f"{kinds[effect].called(robot)}.{parameter}"] = share
+    return found

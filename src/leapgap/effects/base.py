@@ -36,6 +36,8 @@ class Parameter:
     """
     lower_is_physical: bool = False
     """Whether ``lower`` is a physical limit (zero friction), so that a fit may end there."""
+    logarithmic: bool = False
+    """Whether its natural scale is logarithmic, as that of a factor which may be a fiftieth or fifty; ``lower`` > 0."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class Declaration:
     moderate: float | None
     limits: tuple[float, float]
     """Range of values that may be set."""
+    logarithmic: bool = False
+    """As in ``Parameter``."""
 
 
 def parameter(
@@ -59,16 +63,17 @@ def parameter(
     upper: float,
     moderate: float | None = None,
     limits: tuple[float, float] | None = None,
+    logarithmic: bool = False,
 ) -> Any:
     """Declare a dataclass field as a parameter; its default is the value at which the effect is absent.
 
     ``None`` as nominal value means the model's own: the class then says in ``Effect.parameters`` what that is on a
     robot. ``lower`` to ``upper`` is the range that is searched; ``limits`` is the range of values that may be set
-    (by default the same).
+    (by default the same). ``logarithmic`` as in ``Parameter``.
     """
     if moderate is None and nominal is not None:
         moderate = nominal + max(upper - nominal, lower - nominal, key=abs) / 10
-    about = Declaration(nominal, unit, lower, upper, moderate, limits or (lower, upper))
+    about = Declaration(nominal, unit, lower, upper, moderate, limits or (lower, upper), logarithmic)
     return field(default=nominal, metadata={PARAMETER: about})
 
 
@@ -132,6 +137,8 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    other_names: ClassVar[tuple[str, ...]] = ()
+    """Further names by which it is found; ``called`` says which of them all reports use."""
     by_default: ClassVar[bool] = True
     """Whether a diagnosis looks for it when its settings name no effects; each effect looked for costs time."""
     differs_per_log: ClassVar[bool] = False
@@ -159,6 +166,11 @@ class Effect(ABC):
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
 
     @classmethod
+    def called(cls, robot: Robot) -> str:
+        """Its name in reports on a robot."""
+        return cls.name
+
+    @classmethod
     def lacks(cls, robot: Robot) -> str | None:
         """What a robot lacks for this effect to exist on it, in words; None where it lacks nothing."""
         if (cls.needs_base or cls.places == "feet") and not robot.has_free_base:
@@ -176,7 +188,8 @@ class Effect(ABC):
         for name, about in cls.declarations().items():
             if about.nominal is None or about.moderate is None:
                 raise TypeError(f"{cls.__name__}.parameters has to say what the model's own {name} is")
-            found.append(Parameter(name, about.unit, about.nominal, about.lower, about.upper, about.moderate))
+            ends = (about.lower, about.upper, about.moderate)
+            found.append(Parameter(name, about.unit, about.nominal, *ends, logarithmic=about.logarithmic))
         return tuple(found)
 
     @classmethod
@@ -243,6 +256,11 @@ class Effect(ABC):
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Commands as they reach the joints in periods of ``period_s`` true seconds."""
         return commands
+
+    @property
+    def memory_s(self) -> float:
+        """How long ago commands and states still count in ``change_commands`` and ``change_measured``, s."""
+        return 0.0
 
     def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """The last period of ``change_commands`` alone, which a closed loop asks for at every tick.

@@ -23,7 +23,12 @@ class LoopDelay(Effect):
     along_joints = True
     needs_motor = True
 
-    delay_s: float = parameter(0.0, "s", 0.0, 0.02, 0.003)
+    delay_s: float = parameter(0.0, "s", 0.0, 0.15, 0.003)
+
+    @property
+    def memory_s(self) -> float:
+        """All of the delay."""
+        return self.delay_s
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the commands of the joints."""

@@ -23,7 +23,7 @@ class MotorLag(Effect):
     along_joints = True
     needs_motor = True
 
-    time_constant_s: float = parameter(0.0, "s", 0.0, 0.03, 0.005)
+    time_constant_s: float = parameter(0.0, "s", 0.0, 0.15, 0.005)
 
     @property
     def structure(self) -> Hashable | None:

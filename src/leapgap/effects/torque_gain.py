@@ -1,6 +1,6 @@
 """Motors that deliver another torque than they were told."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from leapgap.effects.base import Effect, parameter
 from leapgap.effects.drive import Drive
@@ -20,6 +20,4 @@ class TorqueGain(Effect):
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the gain of the motors."""
-        gain = drive.gain.copy()
-        gain[robot.joints_at(self.location)] *= self.scale
-        return replace(drive, gain=gain)
+        return drive.scaled("gain", robot.joints_at(self.location), self.scale)

@@ -204,10 +204,11 @@ def split_joint_pd(model: mujoco.MjModel, motors: np.ndarray, dampers: np.ndarra
         put(model, motors[chosen], kp, np.zeros_like(kd))
         set_dc_joint_pd(model, dampers[chosen], np.zeros_like(kp), kd)
     model.actuator_dynprm[dampers, DC_TIME_CONSTANT] = lag_s
-    joints = model.actuator_trnid[motors, 0]
-    model.jnt_actfrclimited[joints] = model.actuator_forcelimited[motors]
-    model.jnt_actfrcrange[joints] = model.actuator_forcerange[motors]
-    model.actuator_forcelimited[motors] = False
+    limited = motors[model.actuator_forcelimited[motors].astype(bool)]
+    joints = model.actuator_trnid[limited, 0]
+    model.jnt_actfrclimited[joints] = True
+    model.jnt_actfrcrange[joints] = model.actuator_forcerange[limited]
+    model.actuator_forcelimited[limited] = False
 
 
 @dataclass(frozen=True)

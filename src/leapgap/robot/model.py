@@ -12,7 +12,7 @@ from leapgap.errors import InputError
 from leapgap.robot.actuators import check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
 from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import compile_spec, gravity_of, read_spec
+from leapgap.robot.model_file import compile_spec, gravity_of, keep_inertia_changeable, read_spec
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of
@@ -109,7 +109,9 @@ class Robot:
     @cached_property
     def model(self) -> mujoco.MjModel:
         """The compiled model, with one actuator at each joint. Shared: copy it before changing anything."""
-        return compile_spec(self.spec(), self.path)
+        spec = self.spec()
+        keep_inertia_changeable(spec)
+        return compile_spec(spec, self.path)
 
     def published_spec(self) -> mujoco.MjSpec:
         """Specification of the model file with the actuators of its makers; a fresh one at each call."""
@@ -336,6 +338,7 @@ class Robot:
         terrains have equal sizes and can be rolled out in one batch.
         """
         spec = self.spec()
+        keep_inertia_changeable(spec)
         slots = len(boxes) if slots is None else slots
         contype, conaffinity = collision_bits(spec)
         for i in range(slots):

@@ -5,6 +5,7 @@ the model, on measurements or on the clock cannot be: those effects are named as
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ from leapgap.effects.drive import COOLING_S, Drive
 from leapgap.robot import dc_motors, makers_actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import keep_inertia_changeable
 
 OUTSIDE = (
     *("change_period", "change_rows", "change_step", "change_commands", "change_measured", "true_start"),
@@ -70,7 +72,11 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
     for effect in inside:
         if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
             effect.change_spec(changed, robot)
+    own = [body.simple for body in changed.bodies]
+    keep_inertia_changeable(changed)
     model = changed.compile()
+    for body, simple in zip(changed.bodies, own, strict=True):
+        body.simple = simple
     if any(effect.structure is not None for effect in inside) and model.nq != spec.copy().compile().nq:
         return None  # a joint that the makers' model does not have
     makers = [getattr(model, name).copy() for name in ACTUATORS]
@@ -99,6 +105,9 @@ def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
         gain = float(drive.gain[i])
         if gain != 1:
             makers_actuators.scale_joint(spec, motor.joint, gain)
+        if (limit := float(drive.limit_scale[i])) != 1:
+            makers_actuators.scale_limit(spec, motor.joint, limit)
+            motor = replace(motor, limit=(limit * motor.limit[0], limit * motor.limit[1]))
         if drive.electric[i]:
             electric = (resistance[i], voltage[i], drive.lag_s[i], drive.heating[i], COOLING_S)
             winding = dc_motors.Winding(*(float(number) for number in electric))

@@ -45,7 +45,7 @@ def effect_entry(effect: Effect, robot: Robot, in_model: bool) -> dict[str, Any]
     }
     at = {"joints": robot.topology.joints_at, "feet": robot.topology.feet_at}.get(effect.places)
     return {
-        "name": effect.name,
+        "name": effect.called(robot),
         "what": describe(type(effect)),
         "location": effect.location,
         "at": list(at(effect.location)) if at else [],
@@ -74,8 +74,10 @@ def joint_entries(
             "damping": pair(nominal.dof_damping[dof], corrected.dof_damping[dof]),
             "friction": pair(nominal.dof_frictionloss[dof], corrected.dof_frictionloss[dof]),
             "armature": pair(nominal.dof_armature[dof], corrected.dof_armature[dof]),
-            "torque_limit": pair(limit, limit * drive.gain[i]),
+            "torque_limit": pair(limit, limit * drive.limit_scale[i] * drive.gain[i]),
             "torque_gain": pair(1.0, drive.gain[i]),
+            "position_gain": pair(1.0, drive.kp_scale[i]),
+            "velocity_gain": pair(1.0, drive.kd_scale[i]),
             "motor_lag_s": pair(0.0, drive.lag_s[i]),
             "motor_voltage_v": pair(np.inf, drive.voltage_v[i]),
             "motor_heating_per_n2m2s": pair(0.0, drive.heating[i]),
@@ -144,8 +146,8 @@ def isaac_actuators(found: Mapping[str, Any], gains: Gains) -> dict[str, Any]:
     for joint, of in found["joints"].items():
         kp, kd = gains.get(joint, (None, None))
         settings[joint] = {
-            "stiffness": None if kp is None else kp * of["torque_gain"]["corrected"],
-            "damping": None if kd is None else kd * of["torque_gain"]["corrected"],
+            "stiffness": None if kp is None else kp * of["torque_gain"]["corrected"] * of["position_gain"]["corrected"],
+            "damping": None if kd is None else kd * of["torque_gain"]["corrected"] * of["velocity_gain"]["corrected"],
             "effort_limit": of["torque_limit"]["corrected"],
             "armature": of["armature"]["corrected"],
             "friction": of["friction"]["corrected"],

@@ -13,7 +13,7 @@ from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
-from leapgap.robot import actuators, dc_motors
+from leapgap.robot import dc_motors
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors
 from leapgap.robot.motion import Motion
@@ -98,9 +98,8 @@ class RolloutModels:
         log = trial.log
         model = copy.copy(self._compiled(trial))
         kp, kd = (joint_commands(log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
-        actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
         model.opt.timestep = trial.period_s / self.substeps(log)
-        self.drive(trial).put_into(model, self.robot)
+        self.drive(trial).put_into(model, self.robot, kp, kd)
         with constants_at_end(model):
             for effect in overriding(trial.effects, "change_model"):
                 effect.change_model(model, self.robot)
@@ -180,7 +179,7 @@ class RolloutModels:
             acting.sort(key=lambda effect: effect.command_stage)
         for effect in acting:
             commands = replace(effect.change_commands(commands, period_s, robot), row=row)
-        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        kp, kd = self._gains(trial, row)
         asked = commands.torque + kp * commands.position + kd * commands.velocity
         for added in torques_by_velocity(trial, robot):
             asked = asked + added[row]
@@ -197,12 +196,15 @@ class RolloutModels:
         misread = (self.measure(trial, measured).qpos - measured.qpos)[:, robot.joint_qpos]  # biases of encoders
         position = (measured.qpos[:, robot.joint_qpos] - misread)[row]
         velocity = measured.qvel[row][:, robot.joint_dofs]
-        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        drive, (kp, kd) = self.drive(trial), self._gains(trial, row)
         torque = asked - kp * position - kd * velocity
-        limits = robot.torque_limits if limited else np.inf
-        return Load(
-            np.clip(torque, -limits, limits) * self.drive(trial).gain, velocity, trial.period_s / self.substeps(log)
-        )
+        limits = drive.torque_limits(robot) if limited else np.inf
+        return Load(np.clip(torque, -limits, limits) * drive.gain, velocity, trial.period_s / self.substeps(log))
+
+    def _gains(self, trial: Rollout, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains kp and kd of the joint PD that act in periods, (periods, joints), by the log's ``row`` in each."""
+        sent = (joint_commands(trial.log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        return self.drive(trial).gains(*sent)
 
     def measure(self, trial: Rollout, motion: Motion, steps: np.ndarray | None = None) -> Motion:
         """A true motion as the sensors of the trial's robot report it.

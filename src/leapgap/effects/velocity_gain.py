@@ -1,0 +1,28 @@
+"""Joint PDs that damp more or less than the gain that was sent: gains in units of the drive, or set in it."""
+
+from dataclasses import dataclass
+from math import inf
+
+from leapgap.effects.base import Effect, parameter
+from leapgap.effects.drive import Drive
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class VelocityGain(Effect):
+    """Ratio of the damping with which a joint PD acts to the logged ``cmd_kd``; feed-forward and limits stay.
+
+    Where no velocity gain is logged there is nothing to scale, and a drive's damping is a ``joint_damping``.
+    """
+
+    name = "velocity_gain"
+    by_default = False
+    places = "joints"
+    needs_motor = True
+    in_controller = True
+
+    scale: float = parameter(1.0, "1", 0.02, 50.0, 1.5, limits=(0.0, inf), logarithmic=True)
+
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        """Scale the damping of the joint PDs."""
+        return drive.scaled("kd_scale", robot.joints_at(self.location), self.scale)
