@@ -147,6 +147,16 @@ def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -
     return Starts(rows, states, course), np.array([kept for _, kept in found])
 
 
+def at_ages(motions: Sequence[Motion], ages: np.ndarray) -> Motion:
+    """Rows of several motions, one motion after the other."""
+    sensors = [motion.sensors[ages] for motion in motions if motion.sensors is not None]
+    return Motion(
+        np.concatenate([motion.qpos[ages] for motion in motions]),
+        np.concatenate([motion.qvel[ages] for motion in motions]),
+        np.concatenate(sensors) if sensors else None,
+    )
+
+
 @dataclass(frozen=True)
 class Pieces:
     """The pieces of one log."""
@@ -184,11 +194,9 @@ class Pieces:
 
     def errors(self, motions: Sequence[Motion], starts: Starts, state: StateChannels) -> np.ndarray:
         """Simulated − logged values of replays from some starts, (starts, ages × channels)."""
-        found = [
-            state.differences(motion[self.ages], self.logged[row + self.ages]).ravel()
-            for motion, row in zip(motions, starts.rows, strict=True)
-        ]
-        return np.array(found).reshape(len(found), len(self.ages) * len(state.channels))
+        rows = (np.array(starts.rows, int)[:, None] + self.ages).ravel()
+        errors = state.differences(at_ages(motions, self.ages), self.logged[rows]) if len(rows) else np.zeros(0)
+        return errors.reshape(len(motions), len(self.ages) * len(state.channels))
 
 
 @dataclass(frozen=True)
@@ -258,15 +266,11 @@ class ShortRollouts:
             yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
 
     def _batch(self, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
-        found: dict[int, np.ndarray] = {}
-        lengths = [int(self.pieces[log].ages[-1]) + 1 for log, _, _ in batch]
-        for length in dict.fromkeys(lengths):
-            chosen = [k for k, own in enumerate(lengths) if own == length]
-            trials = [Rollout(self.pieces[batch[k][0]].log, batch[k][1]) for k in chosen]
-            motions = self.replayer.replay_pieces(trials, [batch[k][2] for k in chosen], length)
-            for k, of_trial in zip(chosen, motions, strict=True):
-                found[k] = self.pieces[batch[k][0]].errors(of_trial, batch[k][2], self.state)
-        return [found[k] for k in range(len(batch))]
+        of = [self.pieces[log] for log, _, _ in batch]
+        trials = [Rollout(own.log, effects) for own, (_, effects, _) in zip(of, batch, strict=True)]
+        starts = [starts for _, _, starts in batch]
+        motions = self.replayer.replay_pieces(trials, starts, [int(own.ages[-1]) + 1 for own in of])
+        return [own.errors(*of_trial, self.state) for own, *of_trial in zip(of, motions, starts, strict=True)]
 
     def residuals(
         self, candidates: Sequence[Sequence[Effects]], logs: Sequence[int] | None = None

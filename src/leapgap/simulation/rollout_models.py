@@ -112,7 +112,8 @@ class RolloutModels:
             kp, kd = (joint_commands(log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
             actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
             model.opt.timestep = trial.period_s / self.substeps(log)
-            self.drive(trial).put_into(model, self.robot)
+            if overriding(trial.effects, "change_drive"):
+                self.drive(trial).put_into(model, self.robot)
             with constants_at_end(model, working.data):
                 for effect in overriding(trial.effects, "change_model"):
                     effect.change_model(model, self.robot)
@@ -173,39 +174,48 @@ class RolloutModels:
         """
         row = np.repeat(np.arange(len(steps)), steps)
         if trial.log.is_even:
-            return self._controls(trial, len(steps))[row[at]]
-        return self.row_controls(trial, row, trial.period_s / self.substeps(trial.log))[at]
+            return self.row_controls(trial, np.arange(len(steps)), trial.period_s, row[at])
+        return self.row_controls(trial, row, trial.period_s / self.substeps(trial.log), at)
 
-    def row_controls(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
-        """Controls τ + kp q* + kd q̇* in periods of equal length, (periods, actuators), by the gains of each row.
+    def row_controls(
+        self, trial: Rollout, row: np.ndarray, period_s: float, at: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """Controls τ + kp q* + kd q̇* in some periods of equal length, (…, actuators), by the gains of each row.
 
-        ``row`` (periods,) is the row of the log whose command was sent in each.
+        ``row`` (periods,) is the row of the log whose command was sent in each; ``at`` chooses among them.
         """
-        model, asked = self._compiled(trial), self._asked(trial, row, period_s)
-        control = np.zeros((len(row), model.nu))
-        control[:, model.actuator_ctrladr[self.robot.joint_actuators]] = asked * self.drive(trial).control_gain
-        by_load = overriding(trial.effects, "put_controls")
-        if by_load:
-            load = self._load(trial, asked, row)
-            for effect in by_load:
-                effect.put_controls(control, load, model, self.robot)
-        return control
+        by_load, model = overriding(trial.effects, "put_controls"), self._compiled(trial)
+        asked = self._asked(trial, row, period_s, slice(None) if by_load else at)
+        control = np.zeros((*asked.shape[:-1], model.nu))
+        gain = self.drive(trial).control_gain if overriding(trial.effects, "change_drive") else 1.0
+        control[..., model.actuator_ctrladr[self.robot.joint_actuators]] = asked * gain
+        if not by_load:
+            return control
+        load = self._load(trial, asked, row)
+        for effect in by_load:
+            effect.put_controls(control, load, model, self.robot)
+        return control[at]
 
-    def _asked(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
-        """Torque τ + kp q* + kd q̇* that is asked of the joints in periods of equal length, (periods, joints)."""
+    def _asked(
+        self, trial: Rollout, row: np.ndarray, period_s: float, at: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """Torque τ + kp q* + kd q̇* that is asked of the joints in some periods of equal length, (…, joints)."""
         log, robot = trial.log, self.robot
-        torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
+        acting, adding = overriding(trial.effects, "change_commands"), torques_by_velocity(trial, robot)
+        if not (acting or adding):
+            row, at = row[at], slice(None)
+        torque, position, velocity, kp, kd = (
+            joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+        )
         commands = Commands(torque, position, velocity, row)
-        acting = overriding(trial.effects, "change_commands")
         if not log.is_even:  # commands that are shifted in time no longer tell what each row sent
             acting.sort(key=lambda effect: effect.command_stage)
         for effect in acting:
             commands = replace(effect.change_commands(commands, period_s, robot), row=row)
-        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
         asked = commands.torque + kp * commands.position + kd * commands.velocity
-        for added in torques_by_velocity(trial, robot):
+        for added in adding:
             asked = asked + added[row]
-        return np.asarray(asked)
+        return np.asarray(asked[at])
 
     def _load(self, trial: Rollout, asked: np.ndarray, row: np.ndarray, limited: bool = True) -> Load:
         """What the joints carry in periods of equal length, by the motion that the log reports.
@@ -324,8 +334,8 @@ class RolloutModels:
 
         (chosen rows, joints); None where no motor heats.
         """
-        drive = self.drive(trial)
-        if not drive.heating.any():
+        drive = self.drive(trial) if overriding(trial.effects, "change_drive") else None
+        if drive is None or not drive.heating.any():
             return None
         row_s = steps * trial.period_s / self.substeps(trial.log)
         row = np.arange(len(steps))

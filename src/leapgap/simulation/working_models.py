@@ -67,7 +67,7 @@ class WorkingModels:
         finally:
             with self.changing:
                 self.spare.append((key, one))
-                while are_too_many([each.model for _, each in self.spare]):
+                while at is None and are_too_many([each.model for _, each in self.spare]):
                     self.spare.pop(0)
 
 
