@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import mujoco
 import numpy as np
@@ -250,7 +250,7 @@ class ShortRollouts:
         pieces = tuple(of.for_steps(largest_step_s) for of in self.pieces)
         return replace(self, replayer=self.replayer.with_steps(largest_step_s), pieces=pieces)
 
-    def errors(self, trials: Sequence[RolloutRequest]) -> Iterator[np.ndarray]:
+    def errors(self, trials: Sequence[RolloutRequest], whitened: bool = False) -> Iterator[np.ndarray]:
         """Simulated − logged values of each request, (pieces, values), computed by all threads."""
         sizes = [len(starts.rows) for _, _, starts in trials]
         most = min(ROLLOUTS_AT_ONCE, -(-sum(sizes) // (SHARES * self.replayer.threads)))
@@ -263,14 +263,17 @@ class ShortRollouts:
             batches[-1].append(trial)
             room -= size
         with ThreadPoolExecutor(self.replayer.threads) as pool:
-            yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
+            yield from itertools.chain.from_iterable(pool.map(partial(self._batch, whitened), batches))
 
-    def _batch(self, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
-        of = [self.pieces[log] for log, _, _ in batch]
-        trials = [Rollout(own.log, effects) for own, (_, effects, _) in zip(of, batch, strict=True)]
-        starts = [starts for _, _, starts in batch]
-        motions = self.replayer.replay_pieces(trials, starts, [int(own.ages[-1]) + 1 for own in of])
-        return [own.errors(*of_trial, self.state) for own, *of_trial in zip(of, motions, starts, strict=True)]
+    def _batch(self, whitened: bool, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
+        trials = [Rollout(self.pieces[log].log, effects) for log, effects, _ in batch]
+        rows = [int(self.pieces[log].ages[-1]) + 1 for log, _, _ in batch]
+        motions = self.replayer.replay_pieces(trials, [starts for _, _, starts in batch], rows)
+        found = []
+        for (log, _, starts), of_trial in zip(batch, motions, strict=True):
+            error = self.pieces[log].errors(of_trial, starts, self.state)
+            found.append(self.whiten(log, error) if whitened else error)
+        return found
 
     def residuals(
         self, candidates: Sequence[Sequence[Effects]], logs: Sequence[int] | None = None
@@ -280,9 +283,8 @@ class ShortRollouts:
         Of some ``logs``; None: of all.
         """
         logs = range(len(self.pieces)) if logs is None else logs
-        trials = [(log, of[log], self.pieces[log].starts) for of in candidates for log in logs]
-        errors = self.errors(trials)
-        return [[self.whiten(log, next(errors)) for log in logs] for _ in candidates]
+        errors = self.errors([(log, of[log], self.pieces[log].starts) for of in candidates for log in logs], True)
+        return [[next(errors) for _ in logs] for _ in candidates]
 
     def whiten(self, log: int, error: np.ndarray) -> np.ndarray:
         """Whiten the errors of one log, (pieces, values)."""

@@ -118,8 +118,9 @@ def set_lugre_friction(
 def bristles_in_motion(model: mujoco.MjModel, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Addresses of the bristles of LuGre friction among the activations, and their deflections (…, bristles).
 
-    ``speeds`` are those of the dofs, (…, nv). A joint that moves has dragged its bristles along, z = g(q̇) sign(q̇) / σ₀ with Stribeck's curve g. For one that
-    hardly moves nothing is known of them, so the sign is softened over a tenth of Stribeck's speed.
+    ``speeds`` are those of the dofs, (…, nv). A joint that moves has dragged its bristles along,
+    z = g(q̇) sign(q̇) / σ₀ with Stribeck's curve g. For one that hardly moves nothing is known of them, so the sign is
+    softened over a tenth of Stribeck's speed.
     """
     stiffness = model.actuator_dynprm[:, LUGRE_DYNAMICS.start]
     passive = np.flatnonzero(

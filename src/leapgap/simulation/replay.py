@@ -131,8 +131,9 @@ class Replayer(RolloutModels):
         pieces = self._pieces_by_own_steps(trials, starts, lengths)
         chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
         if chosen:
-            of_chosen = ([of[i] for i in chosen] for of in (trials, starts, lengths))
-            finer = self._finer()._pieces_by_own_steps(*of_chosen)
+            finer = self._finer()._pieces_by_own_steps(
+                [trials[i] for i in chosen], [starts[i] for i in chosen], [lengths[i] for i in chosen]
+            )
             for i, fine in zip(chosen, finer, strict=True):
                 own = zip(pieces[i], fine, strict=True)
                 pieces[i] = [self._by_step_ratio(trials[i], *of_piece) for of_piece in own]
@@ -191,12 +192,13 @@ class Replayer(RolloutModels):
         steps = self.row_steps(trial)[:last]
         before = np.concatenate([[0], np.cumsum(steps)])
         begin, end = before[first][:, None], before[first + rows - 1][:, None]
-        controls = self.step_controls(trial, steps, np.minimum(begin + np.arange((end - begin).max(initial=1)), end - 1))
+        at = np.minimum(begin + np.arange((end - begin).max(initial=1)), end - 1)
         late_s = trial.reported_late_s
         later = starts.later(late_s / trial.period_s) if late_s else None
         states = self.true_states(trial.effects, starts.states, later, late_s)
         of_rows = steps[first[:, None] + np.arange(rows - 1)]
-        return Pieces(trial, states, controls, of_rows, self._warmth(trial, starts.rows, steps))
+        controls, warmth = self.step_controls(trial, steps, at), self._warmth(trial, starts.rows, steps)
+        return Pieces(trial, states, controls, of_rows, warmth)
 
     def _roll_out(self, working: WorkingModel, pieces: Sequence[Pieces]) -> list[list[Motion]]:
         """Motions of pieces of several trials, whose models are all equal to one, as their robots would log them."""

@@ -19,6 +19,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotors import carried_torque, rest_rotors
+from leapgap.robot.terrain import Box
 from leapgap.simulation.known_loads import LOAD, put_loads
 from leapgap.simulation.rollout import Rollout, joint_commands, torques_by_velocity
 from leapgap.simulation.working_models import WorkingModel, WorkingModels, are_too_many
@@ -49,6 +50,7 @@ class RolloutModels:
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.compiling = threading.Lock()
+        self.specs: dict[tuple[Box, ...], mujoco.MjSpec] = {}
         self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
         self.working = WorkingModels()
 
@@ -142,7 +144,9 @@ class RolloutModels:
         key = (terrain, trial.structure)
         with self.compiling:
             if key not in self.compiled:
-                spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
+                if terrain not in self.specs:
+                    self.specs[terrain] = self.robot.spec_on_terrain(terrain, slots=self.slots)
+                spec = self.specs[terrain].copy()
                 if self.sensors:
                     add_sensors(spec, self.robot, self.sensors)
                 for effect in trial.effects:
@@ -322,7 +326,9 @@ class RolloutModels:
         position = states[:, self.robot.joint_qpos[joints]]
         velocity = states[:, self.bare.nq + self.robot.joint_dofs[joints]]
         asked = control[:, model.actuator_ctrladr[motors]] - kp * position - kd * velocity
-        limits = (np.where(model.actuator_forcelimited[motors], end, asked) for end in model.actuator_forcerange[motors].T)
+        limits = (
+            np.where(model.actuator_forcelimited[motors], end, asked) for end in model.actuator_forcerange[motors].T
+        )
         torque, lagging = np.clip(asked / (1 + warm), *limits), dc_motors.has_current(model, motors)
         found[:, dc_motors.state_of_current(model, motors[lagging])] = torque[:, lagging]
         bristles, deflection = dc_motors.bristles_in_motion(model, states[:, self.bare.nq :])

@@ -5,15 +5,19 @@ only what an effect may have changed.
 """
 
 import copy
+import ctypes
 import threading
-from collections.abc import Collection, Hashable, Iterator
+from collections.abc import Collection, Hashable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 
 import mujoco
 import numpy as np
 
 SHAPES = ("bvh_child", "bvh_depth", "bvh_nodeid", "hfield_", "mesh_", "oct_", "skin_", "tex_")
 """Fields of shapes, which no effect may change: writing to them raises ``ValueError``."""
+CACHE_LINE = 64
+"""Bytes; MuJoCo's arrays of one model begin at whole numbers of them."""
 MOST_KEPT, MOST_KEPT_BYTES = 256, 512 * 2**20
 """Number and size of the models that are kept: a maker's model with meshes has 50 MB and more."""
 
@@ -22,27 +26,46 @@ class WorkingModel:
     """A copy of a compiled model, and memory to simulate it."""
 
     def __init__(self, compiled: mujoco.MjModel) -> None:
-        self.model, self.data = copy.copy(compiled), mujoco.MjData(compiled)
-        fields = {name: getattr(self.model, name) for name in dir(self.model)}
-        arrays = {name: field for name, field in fields.items() if isinstance(field, np.ndarray) and field.size}
-        if self.model.nmesh and "bvh_aabb" in arrays:  # constants change those of the bodies, which stand first
-            arrays["bvh_aabb"] = arrays["bvh_aabb"][: int(self.model.mesh_bvhadr[0])]
+        self.model = model = copy.copy(compiled)
+        self.data = mujoco.MjData(model)
+        arrays = {name: field for name in names_of_fields() if (field := getattr(model, name)).size}
+        if model.nmesh and "bvh_aabb" in arrays:  # constants change those of the bodies, which stand first
+            arrays["bvh_aabb"] = arrays["bvh_aabb"][: int(model.mesh_bvhadr[0])]
         for name, array in arrays.items():
             if name.startswith(SHAPES):
                 array.flags.writeable = False
-        self.arrays = [(array, array.copy()) for array in arrays.values() if array.flags.writeable]
+        self.memory = memory_of([array for array in arrays.values() if array.flags.writeable])
+        self.compiled = [part.copy() for part in self.memory]
         self.numbers = [
             (part, name, np.copy(value) if isinstance(value, np.ndarray) else value)
-            for part in (self.model.opt, self.model.stat)
+            for part in (model.opt, model.stat)
             for name, value in ((name, getattr(part, name)) for name in dir(part) if not name.startswith("_"))
         ]
 
     def reset(self) -> None:
         """Make the model as it was compiled."""
-        for array, compiled in self.arrays:
-            array[...] = compiled
+        for part, compiled in zip(self.memory, self.compiled, strict=True):
+            part[:] = compiled
         for part, name, value in self.numbers:
             setattr(part, name, value)
+
+
+@cache
+def names_of_fields() -> tuple[str, ...]:
+    """Names of the fields of a model that are arrays of numbers."""
+    model = mujoco.MjSpec().compile()
+    return tuple(name for name in dir(model) if isinstance(getattr(model, name), np.ndarray) and name[0] != "_")
+
+
+def memory_of(arrays: Iterable[np.ndarray]) -> list[np.ndarray]:
+    """The memory of arrays as bytes; of those that follow each other, with a gap of a cache line at most, in one."""
+    found: list[list[int]] = []
+    for begin, size in sorted((array.ctypes.data, array.nbytes) for array in arrays):
+        if found and begin - found[-1][1] <= CACHE_LINE:
+            found[-1][1] = begin + size
+        else:
+            found.append([begin, begin + size])
+    return [np.ctypeslib.as_array((ctypes.c_uint8 * (end - begin)).from_address(begin)) for begin, end in found]
 
 
 class WorkingModels:
