@@ -3,7 +3,7 @@
 import copy
 import threading
 from collections.abc import Hashable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
 import mujoco
@@ -22,7 +22,7 @@ from leapgap.robot.rotors import carried_torque, rest_rotors
 from leapgap.robot.terrain import Box
 from leapgap.simulation.known_loads import LOAD, put_loads
 from leapgap.simulation.rollout import Rollout, joint_commands, torques_by_velocity
-from leapgap.simulation.working_models import WorkingModel, WorkingModels, are_too_many
+from leapgap.simulation.working_models import WorkingModel, WorkingModels
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -51,7 +51,6 @@ class RolloutModels:
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.compiling = threading.Lock()
         self.specs: dict[tuple[Box, ...], mujoco.MjSpec] = {}
-        self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
         self.working = WorkingModels()
 
     def substeps(self, log: Log) -> float:
@@ -109,7 +108,8 @@ class RolloutModels:
     def working_model(self, trial: Rollout, row: int = 0) -> Iterator[WorkingModel]:
         """The same, with memory to simulate it, for the time of the block."""
         log = trial.log
-        with self.working.lend((log.info.terrain, trial.structure), self._compiled(trial)) as working:
+        with self._lent(trial) as working:
+            working.reset()
             model = working.model
             kp, kd = (joint_commands(log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
             actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
@@ -131,8 +131,12 @@ class RolloutModels:
         of_trial = (log.info.terrain, trial.structure, trial.period_s / self.substeps(log), acting, load)
         return [(*of_trial, kp.tobytes(), kd.tobytes()) for kp, kd in zip(*gains, strict=True)]
 
-    def _compiled(self, trial: Rollout) -> mujoco.MjModel:
-        """The bare robot on the log's terrain with the parts its effects need, compiled once and then shared."""
+    def _lent(self, trial: Rollout) -> AbstractContextManager[WorkingModel]:
+        """A working model of the trial's terrain and structure, as another trial left it."""
+        return self.working.lend((trial.log.info.terrain, trial.structure), lambda: self._compile(trial))
+
+    def _compile(self, trial: Rollout) -> mujoco.MjModel:
+        """The bare robot on the log's terrain with the parts its effects need."""
         terrain = trial.log.info.terrain
         if len(terrain) > self.slots:
             raise InputError(
@@ -141,23 +145,19 @@ class RolloutModels:
                 f"at most {self.slots}",
                 "make the replayer with more terrain slots",
             )
-        key = (terrain, trial.structure)
         with self.compiling:
-            if key not in self.compiled:
-                if terrain not in self.specs:
-                    self.specs[terrain] = self.robot.spec_on_terrain(terrain, slots=self.slots)
-                spec = self.specs[terrain].copy()
-                if self.sensors:
-                    add_sensors(spec, self.robot, self.sensors)
-                for effect in trial.effects:
-                    if effect.structure is not None:
-                        effect.change_spec(spec, self.robot)
-                self.compiled[key] = spec.compile()
-                # The same dynamics a sixth faster: with so few joints MuJoCo would take dense matrices.
-                self.compiled[key].opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-                while len(self.compiled) > 1 and are_too_many(self.compiled.values()):
-                    self.compiled.pop(next(iter(self.compiled)))
-            return self.compiled[key]
+            if terrain not in self.specs:
+                self.specs[terrain] = self.robot.spec_on_terrain(terrain, slots=self.slots)
+            spec = self.specs[terrain].copy()
+        if self.sensors:
+            add_sensors(spec, self.robot, self.sensors)
+        for effect in trial.effects:
+            if effect.structure is not None:
+                effect.change_spec(spec, self.robot)
+        model = spec.compile()
+        # The same dynamics a sixth faster: with so few joints MuJoCo would take dense matrices.
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+        return model
 
     def drive(self, trial: Rollout) -> Drive:
         """Motors of the robot with the trial's effects."""
@@ -188,17 +188,20 @@ class RolloutModels:
 
         ``row`` (periods,) is the row of the log whose command was sent in each; ``at`` chooses among them.
         """
-        by_load, model = overriding(trial.effects, "put_controls"), self._compiled(trial)
+        by_load = overriding(trial.effects, "put_controls")
         asked = self._asked(trial, row, period_s, slice(None) if by_load else at)
-        control = np.zeros((*asked.shape[:-1], model.nu))
         gain = self.drive(trial).control_gain if overriding(trial.effects, "change_drive") else 1.0
-        control[..., model.actuator_ctrladr[self.robot.joint_actuators]] = asked * gain
-        if not by_load:
-            return control
-        load = self._load(trial, asked, row)
-        for effect in by_load:
-            effect.put_controls(control, load, model, self.robot)
-        return control[at]
+        with self._lent(trial) as working:
+            model = working.model
+            control = np.zeros((*asked.shape[:-1], model.nu))
+            control[..., model.actuator_ctrladr[self.robot.joint_actuators]] = asked * gain
+            if not by_load:
+                return control
+            working.reset()
+            load = self._load(trial, asked, row)
+            for effect in by_load:
+                effect.put_controls(control, load, model, self.robot)
+            return control[at]
 
     def _asked(
         self, trial: Rollout, row: np.ndarray, period_s: float, at: np.ndarray | slice = slice(None)

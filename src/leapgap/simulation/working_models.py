@@ -1,13 +1,12 @@
-"""Models that effects change: copies of compiled ones, made once and lent to one simulation after the other.
+"""Models that effects change: compiled once and lent to one simulation after the other.
 
-A copy takes longer than many a short simulation, and most of one with meshes are the meshes. A working model gets back
-only what an effect may have changed.
+A copy of a model takes longer than many a short simulation, and most of one with meshes are the meshes. A working model
+gets back only what an effect may have changed.
 """
 
-import copy
 import ctypes
 import threading
-from collections.abc import Collection, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 
@@ -23,11 +22,10 @@ MOST_KEPT, MOST_KEPT_BYTES = 256, 512 * 2**20
 
 
 class WorkingModel:
-    """A copy of a compiled model, and memory to simulate it."""
+    """A compiled model that may be changed, and memory to simulate it."""
 
-    def __init__(self, compiled: mujoco.MjModel) -> None:
-        self.model = model = copy.copy(compiled)
-        self.data = mujoco.MjData(model)
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model, self.data = model, mujoco.MjData(model)
         arrays = {name: field for name in names_of_fields() if (field := getattr(model, name)).size}
         if model.nmesh and "bvh_aabb" in arrays:  # constants change those of the bodies, which stand first
             arrays["bvh_aabb"] = arrays["bvh_aabb"][: int(model.mesh_bvhadr[0])]
@@ -69,31 +67,30 @@ def memory_of(arrays: Iterable[np.ndarray]) -> list[np.ndarray]:
 
 
 class WorkingModels:
-    """Working models that are not in use, the newest last; all threads borrow from the same."""
+    """Working models that are not in use, by key, those used last at the end; all threads borrow from the same."""
 
     def __init__(self) -> None:
         self.changing = threading.Lock()
-        self.spare: list[tuple[Hashable, WorkingModel]] = []
+        self.spare: dict[Hashable, list[WorkingModel]] = {}
 
     @contextmanager
-    def lend(self, key: Hashable, compiled: mujoco.MjModel) -> Iterator[WorkingModel]:
-        """A working model as it was compiled, for the time of the block; ``key`` is that of the compiled model."""
+    def lend(self, key: Hashable, compile_model: Callable[[], mujoco.MjModel]) -> Iterator[WorkingModel]:
+        """A working model for the time of the block, as another left it; compiled where none of its key is free."""
         with self.changing:
-            at = next((i for i in reversed(range(len(self.spare))) if self.spare[i][0] == key), None)
-            one = None if at is None else self.spare.pop(at)[1]
-        if one is None:
-            one = WorkingModel(compiled)
-        else:
-            one.reset()
+            free = self.spare.get(key)
+            one = free.pop() if free else None
+        is_new = one is None
+        one = one or WorkingModel(compile_model())
         try:
             yield one
         finally:
             with self.changing:
-                self.spare.append((key, one))
-                while at is None and are_too_many([each.model for _, each in self.spare]):
-                    self.spare.pop(0)
+                self.spare[key] = [*self.spare.pop(key, []), one]
+                while is_new and len(self.spare) > 1 and self.is_full:
+                    del self.spare[next(iter(self.spare))]
 
-
-def are_too_many(models: Collection[mujoco.MjModel]) -> bool:
-    """Whether so many models are no longer kept."""
-    return len(models) > MOST_KEPT or sum(map(mujoco.mj_sizeModel, models)) > MOST_KEPT_BYTES
+    @property
+    def is_full(self) -> bool:
+        """Whether more is kept than should be."""
+        models = [one.model for free in self.spare.values() for one in free]
+        return len(models) > MOST_KEPT or sum(map(mujoco.mj_sizeModel, models)) > MOST_KEPT_BYTES
