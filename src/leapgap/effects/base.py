@@ -373,10 +373,11 @@ _later = _Later()
 
 
 @contextmanager
-def constants_at_end(model: mujoco.MjModel) -> Iterator[None]:
+def constants_at_end(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[None]:
     """Let the effects that act in this block ask for a model's constants, and recompute them once, at its end.
 
     With many effects that change masses, constants would else take longer than the simulation of a short motion.
+    ``data`` is working memory for it.
     """
     _later.model, _later.asked = model, False
     try:
@@ -384,4 +385,5 @@ def constants_at_end(model: mujoco.MjModel) -> Iterator[None]:
     finally:
         _later.model = None
     if _later.asked:
-        recompute_constants(model)
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_setConst(model, data)

@@ -79,7 +79,7 @@ class Plant:
         self.foot_of_geom = np.full(self.model.ngeom, -1)
         geoms = [self.model.geom(name).id for name in self.robot.foot_geom_names]
         self.foot_of_geom[geoms] = np.arange(len(geoms))
-        start = replayer.whole_state(self.trial, self.model, ready.start, None)
+        (start,) = replayer.whole_states(self.trial, self.model, ready.start[None], None)
         self.data.qpos[:], self.data.qvel[:] = np.split(start, [self.model.nq])
         mujoco.mj_forward(self.model, self.data)  # contacts of the first tick
         self.gains: tuple[bytes, bytes] | None = None
