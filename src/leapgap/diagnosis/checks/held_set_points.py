@@ -54,8 +54,8 @@ class HeldSetPoints(Check):
             return None
         rates = not any("joint_vel" in log.derived for log in held)
         (as_held, measured), (ahead, _) = (of.motions(velocities=rates) for of in of_reads[:2])
-        quick = [without_mean(of, rows) for of in (measured - ahead, as_held - ahead)]
-        size, error = size_of_steps(*quick, rows)
+        errors, steps = (without_mean(of, rows) for of in (measured - ahead, as_held - ahead))
+        size, error = size_of_steps(errors, steps, rows)
         missing = 1 - size
         passed = missing <= threshold or missing < SURE * error
         if passed:

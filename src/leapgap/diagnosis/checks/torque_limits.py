@@ -20,6 +20,8 @@ ROWS = 4
 """They have so many rows at least."""
 SURE = 3.0
 """Standard errors by which a robot delivers more than the limit, or not all that is asked."""
+TOLD = 3
+"""So many joints are told, those with the most such rows."""
 NOISE = 3.0
 """More is asked than the limit where it is more by so many standard deviations of what measurements make of it."""
 
@@ -67,28 +69,29 @@ class TorqueLimits(Check):
             says = "no row asks for more torque than the model gives"
             return CheckResult(self.name, True, 0.0, threshold, says, per_log)
         largest = np.max([np.abs(of_log).max(axis=0) for of_log in asked], axis=0)
-        says = (
-            f"{100 * every.any(axis=1).mean():.2g} % of the rows ask for more torque than the model gives: "
-            + "; ".join(
-                f"{joint} {100 * share:.2g} % of the rows, {most:.3g} of {limit:.3g} N·m at most"
-                for joint, share, most, limit in zip(joints, every.mean(axis=0), largest, limits, strict=True)
-                if share > 0
-            )
+        share, worst = every.mean(axis=0), np.argsort(-every.mean(axis=0), kind="stable")[:TOLD]
+        says = f"{100 * every.any(axis=1).mean():.2g} % of the rows ask for more torque than the model gives: "
+        says += "; ".join(
+            f"{joints[k]} {100 * share[k]:.2g} % of the rows, {largest[k]:.3g} of {limits[k]:.3g} N·m at most"
+            for k in worst.tolist()
+            if share[k] > 0
         )
+        others = int((share > 0).sum()) - len(worst)
+        says += f"; {others} other joints less often" if others > 0 else ""
         told = measured_share(logs, joints, asked, beyond, limits) or moved_share(logs, robot, beyond)
         if told is None:
             return CheckResult(self.name, True, 0.0, threshold, says, per_log)
-        share, error, by = told
-        delivered = share > threshold and share > SURE * error
-        withheld = share < threshold and 1 - share > SURE * error
+        given, error, by = told
+        delivered = given > threshold and given > SURE * error
+        withheld = given < threshold and 1 - given > SURE * error
         says += (
-            f"; by {by} the robot delivered it ({100 * share:.0f} ± {100 * error:.0f} %): the model's limit is too low"
+            f"; by {by} the robot delivered it ({100 * given:.0f} ± {100 * error:.0f} %): the model's limit is too low"
             if delivered
-            else f"; by {by} the robot did not deliver it ({100 * share:.0f} ± {100 * error:.0f} %)"
+            else f"; by {by} the robot did not deliver it ({100 * given:.0f} ± {100 * error:.0f} %)"
             if withheld
             else f"; {by} does not tell whether the robot delivered it"
         )
-        return CheckResult(self.name, not delivered, max(0.0, share) if delivered else 0.0, threshold, says, per_log)
+        return CheckResult(self.name, not delivered, max(0.0, given) if delivered else 0.0, threshold, says, per_log)
 
 
 def noise(asked: np.ndarray) -> np.ndarray:
