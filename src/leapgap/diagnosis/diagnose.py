@@ -10,7 +10,7 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.checks import CheckResult, clock_of, run_checks
+from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
@@ -176,14 +176,17 @@ def prepare(
     """Check the logs, take out what acts from outside, and measure the gap of the nominal robot."""
     slots = max((len(log.info.terrain) for log in logs), default=0)
     given = JudgedLogs.of(logs, robot, settings.sizes)
+    checks = run_checks(given.logs, robot, settings.check_thresholds, logs)
+    if any(check.reads is not None for check in checks):
+        given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
     judged, replayer = given, Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
-    checks = run_checks(judged.logs, robot, settings.check_thresholds, logs)
     clock = own_clock(judged, checks, settings.sizes)
     # By a clock of their own, rows are not known well enough to tell accelerations of a push.
     outside = OutsideForces() if clock is not None else find_outside_forces(judged, replayer, settings.outside)
     if outside.logs:
         judged = JudgedLogs.of(outside.logs, robot, settings.sizes)
-        checks = run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)
+        again = {one.name: one for one in run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)}
+        checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
     for force in outside.forces:

@@ -12,8 +12,9 @@ from leapgap.logs.importers.units import UNITS
 from leapgap.logs.map_proposal.names import words
 from leapgap.logs.map_proposal.physics import CLEAR, correlations, named_factor
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
-from leapgap.logs.missing_velocities import angular_velocity, continuous
+from leapgap.logs.missing_velocities import angular_velocity
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
+from leapgap.robot.rotations import continuous
 
 WORDS = {
     "base_quat": {"quat", "quaternion", "orientation"},
