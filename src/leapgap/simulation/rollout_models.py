@@ -14,7 +14,7 @@ from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
-from leapgap.robot import dc_motors
+from leapgap.robot import actuators, dc_motors
 from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors
 from leapgap.robot.motion import Motion

@@ -21,7 +21,7 @@ from leapgap.effects.base import Effect, overriding
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.replay import Replayer, batch_controls
+from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, joint_gains
 from leapgap.simulation.trial_log import without_warnings
 
@@ -183,10 +183,12 @@ class Intervals:
     def has_memory(self, log: int, effects: Effects) -> bool:
         """Whether a robot with some effects has states beside its joints' that the nominal robot has not."""
         trial = Rollout(self.courses[log].states.log, effects)
-        if not trial.structure:
-            return False
-        model, plain = (self.replayer._compiled(own) for own in (trial, replace(trial, effects=())))
-        return (model.na, model.nq) != (plain.na, plain.nq)
+        return bool(trial.structure) and self._states_of(trial) != self._states_of(replace(trial, effects=()))
+
+    def _states_of(self, trial: Rollout) -> tuple[int, int]:
+        """Numbers of activations and of positions of a trial's model."""
+        with self.replayer.working_model(trial) as working:
+            return int(working.model.na), int(working.model.nq)
 
     def without_memory(self, log: int) -> Effects:
         """The acting effects on a log but those with a memory."""
@@ -196,8 +198,7 @@ class Intervals:
         """States at the end of every interval of a log, by effects from the reference less ``late``, and with it."""
         own = self.courses[log]
         prepared = self.prepare(log, effects)
-        data = self.replayer._own_data(prepared.trial)
-        reached = roll([(prepared, np.arange(own.intervals))], self._true_starts(own, late), data)[:, 0]
+        reached = roll([(prepared, np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
         return reached if late is None else displaced(reached, late[1:], self.robot)
 
     def _true_starts(self, own: Course, late: np.ndarray | None) -> np.ndarray:
@@ -226,7 +227,7 @@ class Intervals:
         begins = np.minimum(np.arange(0, max(1, own.intervals - 1), MEMORY), own.intervals - span)
         starts = self._true_starts(own, self._reported_change(own, self.acting[log]))[begins]
         changed, plain = (
-            roll([(prepared, begins)], starts, self.replayer._own_data(prepared.trial))
+            roll([(prepared, begins)], starts)
             for prepared in (self.prepare(log, of, span) for of in (effects, self.acting[log]))
         )
         found = np.zeros((own.intervals, 2 * self.robot.model.nv))
@@ -243,11 +244,11 @@ class Intervals:
         own, replayer = self.courses[log], self.replayer
         trial = Rollout(own.states.log, effects, measured=own.states.motion)
         steps = replayer.row_steps(trial)[: own.rows[-1]]
-        control, ends = replayer._step_controls(trial, steps), np.concatenate([[0], np.cumsum(steps)])
-        at = ends[own.rows]
-        first = at[: len(at) - span]
+        at = np.concatenate([[0], np.cumsum(steps)])[own.rows]
+        first, last = at[: len(at) - span], at[span:]
         steps_until = np.stack([at[k : len(at) - span + k] - first for k in range(1, span + 1)], axis=1)
-        controls = batch_controls([control[a:b] for a, b in zip(first, at[span:], strict=True)])
+        when = np.minimum(first[:, None] + np.arange((last - first).max()), last[:, None] - 1)
+        controls = replayer.step_controls(trial, steps, when)
         gains = joint_gains(trial.log, self.robot)[own.rows[:-1]]
         _, rows, which = np.unique(gains, axis=0, return_index=True, return_inverse=True)
         models = [replayer.model(trial, row=int(own.rows[row])) for row in rows]
@@ -271,26 +272,26 @@ class PreparedIntervals:
 
     def full_states(self, which: np.ndarray, states: np.ndarray) -> np.ndarray:
         """MuJoCo's full states at the beginning of some intervals, from positions and velocities (some, nq + nv)."""
-        if not self.models[0].na and self.models[0].nq == self.replayer.robot.model.nq:
-            return np.concatenate([np.zeros((len(states), 1)), states], axis=1)
-        of_robot = zip(which.tolist(), states, strict=True)
-        return np.array([
-            self.replayer.full_state(
-                replace(self.trial, first_state=state), self.models[self.model_of[k]], self.controls[k]
-            )
-            for k, state in of_robot
-        ])
+        found = []
+        for k, model in enumerate(self.models):
+            own = self.model_of[which] == k
+            found.append((own, self.replayer.full_states(self.trial, model, states[own], self.controls[which[own]])))
+        full = np.zeros((len(states), found[0][1].shape[1]))
+        for own, of_model in found:
+            full[own] = of_model
+        return full
 
 
 def roll(
     parts: Sequence[tuple[PreparedIntervals, np.ndarray]],
     states: np.ndarray,
-    data: mujoco.MjData | list[mujoco.MjData],
     forces: np.ndarray | None = None,
+    data: list[mujoco.MjData] | None = None,
 ) -> "ReachedStates":
     """True states at the ends of intervals of several logs, from true states (some, nq + nv).
 
     ``parts`` are the first intervals of each log, in the order of ``states`` and of ``forces`` (some, nv), N or N·m.
+    Working memory ``data`` of several threads makes them share the work.
     """
     robot = parts[0][0].replayer.robot
     models = [own.models[own.model_of[k]] for own, which in parts for k in which]
@@ -306,7 +307,7 @@ def roll(
         applied = np.broadcast_to(forces[:, None], (len(forces), longest, forces.shape[1]))
         controls, spec = np.concatenate([controls, applied], axis=2), WITH_FORCE
     with without_warnings():
-        out, _ = mujoco.rollout.rollout(models, data, full, controls, control_spec=spec)
+        out, _ = mujoco.rollout.rollout(models, data or mujoco.MjData(models[0]), full, controls, control_spec=spec)
     until = np.concatenate([own.steps[which] for own, which in parts]) - 1
     ended = out[np.arange(len(out))[:, None], until]
     nq, nv, first = robot.model.nq, robot.model.nv, 1 + parts[0][0].models[0].nq

@@ -28,9 +28,11 @@ FINE = 0.255
 """Steps of the finer simulation as a share of the usual: what they change is a nuisance."""
 PRIOR = 3.0
 """Standard deviation of a number's prior in moderate departures."""
-LEAST_GAIN = 20.0
+LEAST_GAIN = 30.0
 """Evidence on held-out logs that a cause has to gain, nats."""
-MOST_CAUSES = 6
+MOST_CAUSES = 4
+LEAST_SHARE = 0.2
+"""A cause takes this share of the evidence of a force without a name, or leaves little of it."""
 MUCH = 1000.0
 """Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
 WORTH_A_LOOK = 5.0
@@ -50,6 +52,7 @@ SMALL = {
     "leg_geometry.lower_m": 5e-4,
     "ground_height.height_m": 5e-4,
     "torque_gain.scale": 0.005,
+    "foot_compliance.time_constant_s": 0.002,
     "link_com.outward_m": 1e-3,
     "link_inertia.scale": 0.02,
 }
@@ -151,7 +154,7 @@ class Workbench:
     def nuisances(self, intervals: Intervals) -> None:
         """Columns and standard deviations of what is off a little in every robot and simulation."""
         columns, deviation = [], []
-        for name, share in {**SMALL, **self.tolerances}.items():
+        for name, share in {**self.tolerances, **SMALL}.items():
             effect, _, parameter = name.partition(".")
             for i, key in enumerate(self.columns.keys):
                 if key.effect == effect and effect in self.kinds and self.kinds[effect].parameters[key.number].name == parameter:
@@ -372,6 +375,8 @@ class Workbench:
                 break
             if self.unnamed(best) > MUCH:
                 best = self.exchanged(self.relinearised(best))
+            if self.unnamed(best) > max(MUCH, (1 - LEAST_SHARE) * self.unnamed(now)):
+                break  # it takes next to nothing of what has no name
             path.append(self.without_idle(best))
         return path
 
@@ -401,7 +406,7 @@ class Workbench:
         for m in range(len(found.members)):
             own = found.point
             kept, less = found.evidence, self.evidence_without(found, [m])
-            for gain, h in self.screen(own, [m])[:3]:
+            for gain, h in self.screen(own, [m])[:2]:
                 if gain + less < kept + LEAST_GAIN / 2 and gain + less < kept - 200:
                     continue
                 linear = self.judge(own, [h], [m])

@@ -8,6 +8,7 @@ for each level of the force, and errors and columns pass through the same recurs
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
@@ -220,7 +221,7 @@ class Following:
         self.prepared = [own.prepare(log, own.without_memory(log)) for log in logs]
         self.late = [own._reported_change(own.courses[log], own.without_memory(log)) for log in logs]
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
-        self.data = own.replayer._data(self.prepared[0].trial)
+        self.data = [mujoco.MjData(self.prepared[0].models[0]) for _ in range(own.replayer.threads)]
         at = zip(self.chunks.log, self.chunks.first, strict=True)
         self.state = np.array([self.references[log][first] for log, first in at])
         self.force = np.zeros((len(self.chunks.log), self.nv))
@@ -252,7 +253,7 @@ class Following:
             (self.prepared[log], np.repeat(np.array([i for g, i in at if g == log]), width))
             for log in dict.fromkeys(logs.tolist())
         ]
-        reached = roll(parts, starts, self.data, forces)[:, 0]
+        reached = roll(parts, starts, forces, self.data)[:, 0]
         added = np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
         if any(late is not None for late in self.late):
             added = added + after
