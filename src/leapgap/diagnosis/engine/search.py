@@ -24,6 +24,11 @@ from leapgap.logs.state import States
 from leapgap.simulation.replay import Replayer
 
 INTERVAL_S = 0.01
+"""Length of an interval; one row, where that is longer."""
+MOST_INTERVALS = 2500
+"""Intervals of a robot without contacts become longer where there would be more of them."""
+LEAST_IN_BLOCK = 5
+"""Number of intervals of a block at least."""
 FINE = 0.255
 """Steps of the finer simulation as a share of the usual: what they change is a nuisance."""
 PRIOR = 3.0
@@ -53,6 +58,8 @@ SMALL = {
     "ground_height.height_m": 5e-4,
     "torque_gain.scale": 0.005,
     "foot_compliance.time_constant_s": 0.002,
+    "position_gain.scale": 0.01,
+    "velocity_gain.scale": 0.03,
     "link_com.outward_m": 1e-3,
     "link_inertia.scale": 0.02,
 }
@@ -101,10 +108,13 @@ class Workbench:
     progress: Callable[[str], None]
     columns: Columns | None = None
 
-    def begin(self, states: Sequence[States], replayer: Replayer, interval_s: float = INTERVAL_S) -> Point:
+    def begin(self, states: Sequence[States], replayer: Replayer) -> Point:
         """Linearise about the nominal robot."""
-        intervals = Intervals.of(states, replayer, interval_s)
         self.robot = replayer.robot
+        seconds = sum(float(own.log.time[-1]) for own in states)
+        longest = 0.0 if self.robot.has_free_base else seconds / MOST_INTERVALS
+        intervals = Intervals.of(states, replayer, max(INTERVAL_S, longest))
+        self.per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / intervals.interval_s))
         self.chunks = Chunks.of([own.intervals for own in intervals.courses])
         self.kinds = {h.name: h for h in reversed(self.hypotheses)}
         known = effects.known()
@@ -192,9 +202,8 @@ class Workbench:
 
     def products(self, whitened: Sequence[np.ndarray]) -> Evidence:
         """Inner products of whitened errors and columns."""
-        per_block = max(1, round(BLOCK_S / INTERVAL_S))
         determinants = [own.log_determinant for own in self.filters]
-        return inner_products(whitened, determinants, self.chunks.valid, self.chunks.log, per_block)
+        return inner_products(whitened, determinants, self.chunks.valid, self.chunks.log, self.per_block)
 
     def effects_of(self, acting: Acting, log: str) -> Effects:
         """The effects of a set on one log."""
