@@ -155,7 +155,8 @@ def write_tugged(folder: Path, xml: str) -> None:
         columns = plain_arm.swing(seed)
         rng, data = np.random.default_rng(100 + seed), mujoco.MjData(model)
         wanted, speed = (
-            np.stack([columns[f"{name}/{joint}"] for joint in plain_arm.JOINTS], axis=1) for name in ("cmd_pos", "cmd_vel")
+            np.stack([columns[f"{name}/{joint}"] for joint in plain_arm.JOINTS], axis=1)
+            for name in ("cmd_pos", "cmd_vel")
         )
         data.qpos[:], data.qvel[:] = wanted[0], speed[0]
         for row in range(len(wanted)):
@@ -163,7 +164,9 @@ def write_tugged(folder: Path, xml: str) -> None:
                 columns[f"joint_pos/{joint}"][row] = data.qpos[i] + 2e-4 * rng.standard_normal()
                 columns[f"joint_vel/{joint}"][row] = data.qvel[i] + 5e-3 * rng.standard_normal()
             for _ in range(round(plain_arm.PERIOD_S / model.opt.timestep)):
-                data.qfrc_applied[:] = plain_arm.KP * (wanted[row] - data.qpos) + plain_arm.KD * (speed[row] - data.qvel)
+                data.qfrc_applied[:] = plain_arm.KP * (wanted[row] - data.qpos) + plain_arm.KD * (
+                    speed[row] - data.qvel
+                )
                 data.qfrc_applied[1] += 0.5 * np.sin(6 * data.qpos[1])
                 mujoco.mj_step(model, data)
         table = pa.table(columns).replace_schema_metadata({"leapgap": json.dumps(plain_arm.EXAMPLE.INFO)})

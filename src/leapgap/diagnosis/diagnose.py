@@ -15,7 +15,8 @@ from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_sour
 from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.doubts import with_doubts
-from leapgap.diagnosis.engine.search import Workbench
+from leapgap.diagnosis.engine.points import Bench
+from leapgap.diagnosis.engine.search import Search
 from leapgap.diagnosis.engine.verdict import EvidenceJudgement, conclude
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
@@ -31,7 +32,7 @@ from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
 from leapgap.diagnosis.own_clock import OwnClock, own_clock, with_clock_first
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
+from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportContent
 from leapgap.diagnosis.selection import find_causes
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
@@ -105,12 +106,13 @@ def diagnose(
     places = localise(mapped, fine, settings.where_horizon_s, settings.noise_draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     pieces = (settings.horizon_s, settings.every_s)
-    searched = isinstance(judgement, Judgement)
-    proposal = (
-        propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
-        if searched
-        else None
-    )
+    proposal, numbers = None, None
+    profiles: tuple[Profile, ...] = ()
+    if isinstance(judgement, EvidenceJudgement):
+        numbers = judgement.numbers
+    else:
+        proposal = propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
+        profiles = tuple(profiles_of(judgement.result))
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, corrected, names),
@@ -132,8 +134,8 @@ def diagnose(
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
         next_experiment=proposal.to_json() if proposal else None,
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
-        profiles=tuple(profiles_of(judgement.result)) if searched else (),
-        evidence_numbers=None if searched else judgement.numbers,
+        profiles=profiles,
+        evidence_numbers=numbers,
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
@@ -263,19 +265,16 @@ def answer_by_evidence(
 ) -> FoundAnswer:
     """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
     judged, gap = ready.judged, ready.heldout_gap
-    kinds = [*kinds, *(kind for kind in effects.known().values() if not settings.effects and is_for(kind, judged.robot))]
-    hypotheses = list_hypotheses(list(dict.fromkeys(kinds)), judged.robot, None)
-    bench = Workbench(hypotheses, settings.tolerances, gap.folds, progress)
-    path = bench.explore(judged.states, ready.replayer)
-    judgement = conclude(bench, path, gap)
+    if not settings.effects:  # their number costs next to nothing here: all that the robot can have
+        known = (kind for kind in effects.known().values() if kind.name not in settings.without)
+        kinds = list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
+    hypotheses = list_hypotheses(kinds, judged.robot, None)
+    bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
+    search = Search(bench, gap.folds, progress)
+    judgement = conclude(search, search.explore(), gap)
     gap = gap.at_stable_horizon(judgement.selected, settings.noise_draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)
     return FoundAnswer(judgement, gap, told, None, None)
-
-
-def is_for(kind: type[Effect], robot: Robot) -> bool:
-    """Whether an effect that is not looked for by default is looked for on a robot: every one on a held robot."""
-    return not robot.has_free_base and not overrides(kind, "change_step")
 
 
 def whitened(pieces: ShortRollouts) -> ShortRollouts:

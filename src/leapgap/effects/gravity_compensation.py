@@ -28,6 +28,7 @@ class GravityCompensation(Effect):
     name = "gravity_compensation"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     share: float = parameter(0.0, "1", 0.0, 1.2, 0.2, limits=(-inf, inf))

@@ -18,6 +18,7 @@ class PositionGain(Effect):
     name = "position_gain"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
     in_controller = True
 

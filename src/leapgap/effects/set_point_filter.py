@@ -22,6 +22,7 @@ class SetPointFilter(Effect):
     name = "set_point_filter"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     time_constant_s: float = parameter(0.0, "s", 0.0, 0.5, 0.01)

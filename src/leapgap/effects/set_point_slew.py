@@ -25,6 +25,7 @@ class SetPointSlew(Effect):
     name = "set_point_slew"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     rate_rad_s: float | None = parameter(None, "rad/s", 0.05, AMPLE, limits=(1e-3, inf), logarithmic=True)

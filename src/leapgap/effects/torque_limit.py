@@ -17,6 +17,7 @@ class TorqueLimit(Effect):
     name = "torque_limit"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     scale: float = parameter(1.0, "1", 0.2, 5.0, 0.5, limits=(0.0, inf), logarithmic=True)

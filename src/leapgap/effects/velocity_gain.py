@@ -18,6 +18,7 @@ class VelocityGain(Effect):
     name = "velocity_gain"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
     in_controller = True
 

@@ -42,7 +42,9 @@ class Evidence:
     def total(self, blocks: np.ndarray | None = None) -> tuple[np.ndarray, float]:
         """Sum of inner products and of constants over some blocks (mask; all, if None), each at its level."""
         chosen = np.flatnonzero(np.ones(len(self.levels), bool) if blocks is None else blocks)
-        return self.gram[self.levels[chosen], chosen].sum(axis=0), float(self.constant[self.levels[chosen], chosen].sum())
+        return self.gram[self.levels[chosen], chosen].sum(axis=0), float(
+            self.constant[self.levels[chosen], chosen].sum()
+        )
 
     def posterior(
         self,
@@ -87,10 +89,14 @@ def posterior_of(
 
 
 def inner_products(
-    whitened: Sequence[np.ndarray], determinants: Sequence[np.ndarray], valid: np.ndarray, log_of_chunk: np.ndarray, per_block: int
+    whitened: Sequence[np.ndarray],
+    determinants: Sequence[np.ndarray],
+    valid: np.ndarray,
+    log_of_chunk: np.ndarray,
+    per_block: int,
 ) -> Evidence:
     """Inner products of whitened columns (chunks, longest, channels, 1 + columns) of each level, block by block."""
-    chunks, longest = valid.shape
+    chunks = len(valid)
     places = [
         (c, a, b)
         for c in range(chunks)

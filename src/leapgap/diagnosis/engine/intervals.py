@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 import mujoco.rollout
@@ -107,16 +107,13 @@ class Intervals:
         courses = tuple(replace(own, reference=new) for own, new in zip(self.courses, references, strict=True))
         return replace(self, courses=courses, acting=tuple(acting))
 
-    def with_replayer(self, replayer: Replayer) -> "Intervals":
-        """The same intervals by another replayer."""
-        return replace(self, replayer=replayer)
-
     @cached_property
     def predicted(self) -> list[Motion]:
         """Reported states at the end of each interval by the robot with what acts and has no memory."""
+
         def of_log(log: int) -> Motion:
             plain = self.without_memory(log)
-            return self._reached(log, plain, self._reported_change(self.courses[log], plain))
+            return self._reached(log, plain, self.misreported(log, plain))
 
         return self.each(range(len(self.courses)), of_log)
 
@@ -142,20 +139,18 @@ class Intervals:
         entries = self.channels.state_entries
         return [tangent_difference(own.measured, own.reference, self.robot)[1:, entries] for own in self.courses]
 
-    def changes(
-        self, sets: Sequence[Sequence[Effects]], transitions: Sequence[np.ndarray]
-    ) -> list[list[np.ndarray]]:
+    def changes(self, sets: Sequence[Sequence[Effects]], transitions: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
         """By how much effects ``[set][log]``, in place of what acts, change the reported states: ``[set][log]``.
 
         At the end of each interval, (intervals, 2 nv). ``transitions`` (intervals, 2 nv, 2 nv) of each log tell what of
         a change has come from earlier intervals, where replays last several.
         """
         tasks = [(log, of[log]) for of in sets for log in range(len(self.courses))]
-        self.predicted  # noqa: B018  before several threads ask for it
+        _ = self.predicted  # before several threads ask for it
         found = iter(self.each(tasks, lambda task: self.change(*task, transitions[task[0]])))
         return [[next(found) for _ in self.courses] for _ in sets]
 
-    def each(self, tasks: Sequence[T], function: Callable[[T], np.ndarray | Motion]) -> list:  # type: ignore[type-arg]
+    def each(self, tasks: Sequence[T], function: Callable[[T], np.ndarray | Motion]) -> list[Any]:
         """Results of a function of each task, by all threads."""
         with ThreadPoolExecutor(self.replayer.threads) as pool:
             return list(pool.map(function, tasks))
@@ -166,19 +161,14 @@ class Intervals:
         The true states at the beginning of each interval are those of what acts: what sensors misreport moves them by
         ``transition``, exactly, and feet stay as deep in the ground as they are.
         """
-        own, acting = self.courses[log], self.acting[log]
+        acting = self.acting[log]
         if self.has_memory(log, effects) or self.has_memory(log, acting):
             change = self._with_memory(log, effects, transition)
         else:
-            late = self._reported_change(own, acting)
+            late = self.misreported(log, acting)
             change = tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
-        misreported = [self._reported_change(own, of) for of in (effects, acting)]
-        if all(one is None for one in misreported):
-            return change
-        zero = np.zeros((own.intervals + 1, 2 * self.robot.model.nv))
-        after, before = (zero if one is None else one for one in misreported)
-        further = after - before
-        return change + further[1:] - np.einsum("kij,kj->ki", transition, further[:-1])
+        further = self.misreported(log, effects) - self.misreported(log, acting)
+        return np.asarray(change + further[1:] - np.einsum("kij,kj->ki", transition, further[:-1]))
 
     def has_memory(self, log: int, effects: Effects) -> bool:
         """Whether a robot with some effects has states beside its joints' that the nominal robot has not."""
@@ -194,29 +184,25 @@ class Intervals:
         """The acting effects on a log but those with a memory."""
         return tuple(effect for effect in self.acting[log] if not self.has_memory(log, (effect,)))
 
-    def _reached(self, log: int, effects: Effects, late: np.ndarray | None) -> Motion:
+    def _reached(self, log: int, effects: Effects, late: np.ndarray) -> Motion:
         """States at the end of every interval of a log, by effects from the reference less ``late``, and with it."""
-        own = self.courses[log]
-        prepared = self.prepare(log, effects)
-        reached = roll([(prepared, np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
-        return reached if late is None else displaced(reached, late[1:], self.robot)
+        starts = self._true_starts(self.courses[log], late)
+        reached = roll([(self.prepare(log, effects), np.arange(len(starts)))], starts)[:, 0]
+        return displaced(reached, late[1:], self.robot) if late.any() else reached
 
-    def _true_starts(self, own: Course, late: np.ndarray | None) -> np.ndarray:
+    def _true_starts(self, own: Course, late: np.ndarray) -> np.ndarray:
         """True states at the beginning of each interval, (intervals, nq + nv), of sensors that report ``late`` more."""
-        if late is None:
+        if not late.any():
             return own.start_states
         true = displaced(own.reference[: own.intervals], -late[:-1], self.robot)
         return np.concatenate([true.qpos, true.qvel], axis=1)
 
-    def _reported_change(self, own: Course, effects: Effects) -> np.ndarray | None:
-        """Reported − true state at the instants, (intervals + 1, 2 nv); None where sensors report the true state."""
-        acting = overriding(effects, "change_measured")
-        if not acting:
-            return None
-        motion = own.reference
-        for effect in acting:
+    def misreported(self, log: int, effects: Effects) -> np.ndarray:
+        """Reported − true state at the instants of a log, by sensors with some effects, (intervals + 1, 2 nv)."""
+        motion = reference = self.courses[log].reference
+        for effect in overriding(effects, "change_measured"):
             motion = effect.change_measured(motion, self.interval_s, self.robot)
-        return tangent_difference(motion, own.reference, self.robot)
+        return tangent_difference(motion, reference, self.robot)
 
     def _with_memory(self, log: int, effects: Effects, transition: np.ndarray) -> np.ndarray:
         """Changes by effects with states of their own, which begin at rest: replays last several intervals.
@@ -225,7 +211,7 @@ class Intervals:
         """
         own, span = self.courses[log], min(MEMORY + 1, self.courses[log].intervals)
         begins = np.minimum(np.arange(0, max(1, own.intervals - 1), MEMORY), own.intervals - span)
-        starts = self._true_starts(own, self._reported_change(own, self.acting[log]))[begins]
+        starts = self._true_starts(own, self.misreported(log, self.acting[log]))[begins]
         changed, plain = (
             roll([(prepared, begins)], starts)
             for prepared in (self.prepare(log, of, span) for of in (effects, self.acting[log]))
@@ -298,10 +284,12 @@ def roll(
     split = np.split(states, np.cumsum([len(which) for _, which in parts])[:-1])
     full = np.concatenate([own.full_states(which, of) for (own, which), of in zip(parts, split, strict=True)])
     longest = max(own.controls.shape[1] for own, _ in parts)
-    controls = np.concatenate([
-        np.pad(own.controls[which], ((0, 0), (0, longest - own.controls.shape[1]), (0, 0)), "edge")
-        for own, which in parts
-    ])
+    controls = np.concatenate(
+        [
+            np.pad(own.controls[which], ((0, 0), (0, longest - own.controls.shape[1]), (0, 0)), "edge")
+            for own, which in parts
+        ]
+    )
     spec = int(mujoco.mjtState.mjSTATE_CTRL)
     if forces is not None:
         applied = np.broadcast_to(forces[:, None], (len(forces), longest, forces.shape[1]))

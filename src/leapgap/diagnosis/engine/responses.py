@@ -8,6 +8,7 @@ import numpy as np
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.engine.intervals import Intervals
 from leapgap.diagnosis.hypotheses import Hypothesis, places
+from leapgap.effects.base import Effect
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -30,7 +31,7 @@ def rough_steps(intervals: Intervals) -> Intervals:
     replayer = intervals.replayer
     if not intervals.robot.has_free_base:
         return intervals
-    return intervals.with_replayer(replayer.with_steps(ROUGH * replayer.largest_step_s))
+    return replace(intervals, replayer=replayer.with_steps(ROUGH * replayer.largest_step_s))
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,6 @@ class Linearisation:
     """Unit of the force at each degree of freedom, N or N·m, (nv,)."""
     gains: np.ndarray
     """By which states, force and zeros of joint sensors follow what is measured, (chunks, longest, N, channels)."""
-
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,9 @@ class Columns:
         robot, intervals = intervals.robot, rough_steps(intervals)
         kinds = {h.name: h for h in hypotheses}
         members = {(name, at): of for name, h in kinds.items() for at, of in places(h.kind, robot).items()}
-        keys, sets, shared = [], [], []
+        keys: list[ColumnKey] = []
+        sets: list[tuple[Effect, float]] = []
+        shared: list[tuple[int, tuple[str, ...], int]] = []
         for name, h in kinds.items():
             single = members[name, "all"]
             together = h.kind.along_joints and len(single) > 1
@@ -173,7 +175,9 @@ class Columns:
                     sets.append((departed(there, k), there.moderate[k]))
                     keys.append(ColumnKey(name, k, place))
         values = [np.zeros((own.intervals, 2 * robot.model.nv, len(keys))) for own in intervals.courses]
-        changes = intervals.changes([[(*own, effect) for own in intervals.acting] for effect, _ in sets], linearisation.transitions)
+        changes = intervals.changes(
+            [[(*own, effect) for own in intervals.acting] for effect, _ in sets], linearisation.transitions
+        )
         at, position = {first: (single, index) for first, single, index in shared}, 0
         index = 0
         while position < len(keys):
@@ -214,7 +218,7 @@ class Columns:
         ]
 
 
-def departed(hypothesis: Hypothesis, number: int):  # type: ignore[no-untyped-def]
+def departed(hypothesis: Hypothesis, number: int) -> Effect:
     """The effect with one number a moderate departure from nominal."""
     numbers = hypothesis.nominal
     numbers[number] += hypothesis.moderate[number]

@@ -16,14 +16,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.candidates import Candidate, clip_numbers
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.engine.search import Found, Workbench, split
+from leapgap.diagnosis.engine.search import Found, Search, screen
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 
-UNNAMED = 12.0
+UNNAMED = 20.0
 """Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
+SINGLES = 8
+"""Number of single effects that a report lists beside the answer."""
 APART = 10.0
 """Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
 
@@ -53,7 +55,6 @@ class EvidenceJudgement:
     others: list[tuple[Candidate, float]]
     """One fit for each further hypothesis that was judged, with the probability of its newest effect."""
     numbers: Numbers
-    result: None = None
 
 
 def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
@@ -62,14 +63,9 @@ def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
     ends = np.cumsum([0, *(len(h.parameters) for h in found.members)])
     at = [i for m in members for i in range(ends[m], ends[m + 1])]
     hypotheses = tuple(found.members[m] for m in members)
-    numbers = clipped(hypotheses, found.numbers[at])
-    folds = np.array([clipped(hypotheses, own[at]) for own in found.fold_numbers])
+    numbers = clip_numbers(hypotheses, found.numbers[at])
+    folds = np.array([clip_numbers(hypotheses, own[at]) for own in found.fold_numbers])
     return Candidate(hypotheses, numbers, found.covariance[np.ix_(at, at)], folds)
-
-
-def clipped(members: Sequence[Hypothesis], numbers: np.ndarray) -> np.ndarray:
-    """Numbers within their ranges."""
-    return np.concatenate([np.zeros(0), *(h.clip(n) for h, n in zip(members, split(members, numbers), strict=True))])
 
 
 @dataclass(frozen=True)
@@ -81,28 +77,28 @@ class Rival:
     """Evidence that the set loses by it, nats."""
 
 
-def rivals_of(bench: Workbench, found: Found, member: int) -> list[Rival]:
+def rivals_of(found: Found, member: int) -> list[Rival]:
     """The likeliest effects in place of a member, the best first; none of them is another place of the same effect."""
-    less = bench.evidence_without(found, [member])
+    less = found.evidence_without([member])
     name = found.members[member].name
-    near = [(gain, h) for gain, h in bench.screen(found.point, [member]) if h.name != name][:3]
+    near = [(gain, h) for gain, h in screen(found.point, [member]) if h.name != name][:3]
     return sorted((Rival(h, found.evidence - less - gain) for gain, h in near), key=lambda rival: rival.loss)
 
 
-def conclude(bench: Workbench, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
+def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
     start, found = path[0], path[-1]
     blocks = len(found.point.evidence.levels)
-    u, before = bench.unnamed(found), bench.unnamed(start)
+    u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
     explained = u <= UNNAMED * blocks
-    others = single_effects(bench, start, found)
+    others = single_effects(search, start, found)
     if not found.members:
         numbers = Numbers(0.0, u, before, None, None, blocks)
         return EvidenceJudgement(Conclusion("none" if explained else "unknown", ()), nominal, others, numbers)
-    losses = [found.evidence - bench.evidence_without(found, [m]) for m in range(len(found.members))]
+    losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
-    rivals = [rivals_of(bench, found, m) for m in order]
+    rivals = [rivals_of(found, m) for m in order]
     d = min((own[0].loss for own in rivals if own), default=np.inf)
     answer = tuple(
         (found.members[m].name, *dict.fromkeys(r.hypothesis.name for r in own if r.loss < APART))
@@ -123,18 +119,14 @@ def conclude(bench: Workbench, path: Sequence[Found], gap: HeldOutGap) -> Eviden
     return EvidenceJudgement(Conclusion(verdict, answer, steps, sure), steps[-1], others, numbers)
 
 
-def single_effects(bench: Workbench, start: Found, found: Found) -> list[tuple[Candidate, float]]:
+def single_effects(search: Search, start: Found, found: Found) -> list[tuple[Candidate, float]]:
     """Fits of the likeliest single effects, one a name, with their probability beside one another."""
     known = {h.name for h in found.members}
     fits = []
-    for gain, h in bench.screen(start.point):
+    for gain, h in screen(start.point):
         if h.name not in known and gain > 0:
             known.add(h.name)
-            fits.append((candidate_of(bench.judge(start.point, [h])), gain))
+            fits.append((candidate_of(search.judge(start.point, [h])), gain))
         if len(fits) == SINGLES:
             break
     return [(fit, 0.0) for fit, _ in fits]
-
-
-SINGLES = 8
-"""Number of single effects that a report lists beside the answer."""

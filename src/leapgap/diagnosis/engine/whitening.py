@@ -189,7 +189,10 @@ def start_deviation(intervals: Intervals, chunks: Chunks) -> np.ndarray:
 
 
 def filters_of(
-    intervals: Intervals, linearisation: Linearisation, chunks: Chunks, keep: bool = False,
+    intervals: Intervals,
+    linearisation: Linearisation,
+    chunks: Chunks,
+    keep: bool = False,
     levels: tuple[float, ...] = LEVELS,
 ) -> list[Filter]:
     """The filter at every level."""
@@ -219,7 +222,7 @@ class Following:
         own, logs = self.intervals, range(len(self.intervals.courses))
         self.nq, self.nv = own.robot.model.nq, own.robot.model.nv
         self.prepared = [own.prepare(log, own.without_memory(log)) for log in logs]
-        self.late = [own._reported_change(own.courses[log], own.without_memory(log)) for log in logs]
+        self.misreported = [own.misreported(log, own.without_memory(log)) for log in logs]
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
         self.data = [mujoco.MjData(self.prepared[0].models[0]) for _ in range(own.replayer.threads)]
         at = zip(self.chunks.log, self.chunks.first, strict=True)
@@ -241,12 +244,11 @@ class Following:
         width, robot = len(starts) // len(order), self.intervals.robot
         logs = self.chunks.log[order]
         at = [(int(log), int(first) + k) for log, first in zip(logs, self.chunks.first[order], strict=True)]
-        if any(late is not None for late in self.late):
-            zero = np.zeros(2 * self.nv)
-            before, after = (
-                np.repeat([zero if self.late[g] is None else self.late[g][i + j] for g, i in at], width, axis=0)  # type: ignore[index]
-                for j in (0, 1)
-            )
+        before, after = (
+            np.repeat([self.misreported[log][interval + later] for log, interval in at], width, axis=0)
+            for later in (0, 1)
+        )
+        if before.any():
             true = displaced(self.motion(starts), -before, robot)
             starts = np.concatenate([true.qpos, true.qvel], axis=1)
         parts = [
@@ -254,9 +256,7 @@ class Following:
             for log in dict.fromkeys(logs.tolist())
         ]
         reached = roll(parts, starts, forces, self.data)[:, 0]
-        added = np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
-        if any(late is not None for late in self.late):
-            added = added + after
+        added = after + np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
         return displaced(reached, added, robot) if added.any() else reached
 
     def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
@@ -290,7 +290,11 @@ def zero_entries(intervals: Intervals) -> np.ndarray:
 
 
 def linearise(
-    intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], wrong_zero: float = 0.0, level: float = FOLLOWING
+    intervals: Intervals,
+    chunks: Chunks,
+    offsets: Sequence[np.ndarray],
+    wrong_zero: float = 0.0,
+    level: float = FOLLOWING,
 ) -> tuple[Intervals, Linearisation]:
     """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
 
