@@ -147,12 +147,12 @@ def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -
     return Starts(rows, states, course), np.array([kept for _, kept in found])
 
 
-def at_ages(motions: Sequence[Motion], ages: np.ndarray) -> Motion:
-    """Rows of several motions, one motion after the other."""
-    sensors = [motion.sensors[ages] for motion in motions if motion.sensors is not None]
+def every(motions: Sequence[Motion], rows: int) -> Motion:
+    """Every ``rows``-th row after the first of several motions, one motion after the other."""
+    sensors = [motion.sensors[rows::rows] for motion in motions if motion.sensors is not None]
     return Motion(
-        np.concatenate([motion.qpos[ages] for motion in motions]),
-        np.concatenate([motion.qvel[ages] for motion in motions]),
+        np.concatenate([motion.qpos[rows::rows] for motion in motions]),
+        np.concatenate([motion.qvel[rows::rows] for motion in motions]),
         np.concatenate(sensors) if sensors else None,
     )
 
@@ -171,7 +171,8 @@ class Pieces:
     fitted_noise: np.ndarray
     """Standard deviation of states of the starts that were not logged, in their tangent, (pieces, 2 nv)."""
     ages: np.ndarray
-    """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
+    """Rows after the start of a piece at which it is compared, whole numbers of the first, (ages,); equally many in
+    every log."""
 
     @staticmethod
     def of(states: States, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
@@ -194,9 +195,11 @@ class Pieces:
 
     def errors(self, motions: Sequence[Motion], starts: Starts, state: StateChannels) -> np.ndarray:
         """Simulated − logged values of replays from some starts, (starts, ages × channels)."""
-        rows = (np.array(starts.rows, int)[:, None] + self.ages).ravel()
-        errors = state.differences(at_ages(motions, self.ages), self.logged[rows]) if len(rows) else np.zeros(0)
-        return errors.reshape(len(motions), len(self.ages) * len(state.channels))
+        values = len(self.ages) * len(state.channels)
+        if not motions:
+            return np.zeros((0, values))
+        rows = (np.array(starts.rows)[:, None] + self.ages).ravel()
+        return state.differences(every(motions, int(self.ages[0])), self.logged[rows]).reshape(-1, values)
 
 
 @dataclass(frozen=True)
@@ -288,7 +291,7 @@ class ShortRollouts:
 
     def whiten(self, log: int, error: np.ndarray) -> np.ndarray:
         """Whiten the errors of one log, (pieces, values)."""
-        finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
+        finite = error if np.isfinite(error).all() else np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
         return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
 
     def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:

@@ -66,8 +66,10 @@ class RolloutModels:
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
-        lengths = trial.log.row_lengths
-        for effect in overriding(trial.effects, "change_rows"):
+        lengths, acting = trial.log.row_lengths, overriding(trial.effects, "change_rows")
+        if trial.log.is_even and not acting:
+            return np.full(len(lengths), int(self.substeps(trial.log)))
+        for effect in acting:
             lengths = effect.change_rows(lengths)
         ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)
         return np.maximum(np.diff(ends, prepend=0), 1)
