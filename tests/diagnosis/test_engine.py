@@ -81,7 +81,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Intervals]:
 def test_columns_of_a_joint_are_those_of_its_torque(arm: tuple[Robot, Intervals]) -> None:
     """Damping and friction of one joint, shared out of a replay with both, beside plain MuJoCo with that one alone."""
     robot, intervals = arm
-    chunks = Chunks.of([own.intervals for own in intervals.courses])
+    chunks = Chunks.of(intervals)
     none = [np.zeros((own.intervals, 4)) for own in intervals.courses]
     intervals, linearisation = linearise(intervals, chunks, none)
     hypotheses = list_hypotheses([effects.known()["joint_damping"]], robot, None)
@@ -95,8 +95,8 @@ def test_columns_of_a_joint_are_those_of_its_torque(arm: tuple[Robot, Intervals]
 
     def end(of: mujoco.MjModel, k: int) -> np.ndarray:
         data = mujoco.MjData(of)
-        data.qpos[:], data.qvel[:] = own.reference.qpos[k], own.reference.qvel[k]
-        for row in range(own.rows[k], own.rows[k + 1]):
+        data.qpos[:], data.qvel[:] = np.split(own.start_states[k], 2)
+        for row in range(own.rows[own.begins[k]], own.rows[own.begins[k] + 1]):
             for _ in range(round(plain_arm.PERIOD_S / of.opt.timestep)):
                 data.qfrc_applied[:] = plain_arm.KP * (wanted[0][row] - data.qpos)
                 data.qfrc_applied[:] += plain_arm.KD * (wanted[1][row] - data.qvel)

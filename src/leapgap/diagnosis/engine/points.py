@@ -20,8 +20,6 @@ from leapgap.simulation.replay import Replayer
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
-MOST_INTERVALS = 2500
-"""Intervals of a robot without contacts become longer where there would be more of them."""
 LEAST_IN_BLOCK = 5
 """Number of intervals of a block at least."""
 FINE = 0.255
@@ -146,14 +144,12 @@ class Bench:
     @cached_property
     def intervals(self) -> Intervals:
         """The logs in intervals, by the nominal robot from smoothed states."""
-        seconds = sum(float(own.log.time[-1]) for own in self.states)
-        longest = 0.0 if self.robot.has_free_base else seconds / MOST_INTERVALS
-        return Intervals.of(self.states, self.replayer, max(INTERVAL_S, longest))
+        return Intervals.of(self.states, self.replayer, INTERVAL_S)
 
     @cached_property
     def chunks(self) -> Chunks:
         """The intervals of all logs side by side."""
-        return Chunks.of([own.intervals for own in self.intervals.courses])
+        return Chunks.of(self.intervals)
 
     @cached_property
     def kinds(self) -> dict[str, Hypothesis]:

@@ -18,8 +18,6 @@ from leapgap.robot.motion import Motion
 
 CORRELATION_S = 0.05
 """Time over which the force without a name stays alike."""
-CHUNK = 64
-"""Largest number of intervals that are filtered in one go; chunks are independent, and filtered side by side."""
 LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Standard deviations of the force without a name, in its units."""
 
@@ -42,12 +40,12 @@ class Chunks:
     """Number of intervals, (chunks,)."""
 
     @staticmethod
-    def of(counts: list[int]) -> "Chunks":
-        """Chunks of logs of so many intervals, as equal as can be."""
+    def of(intervals: Intervals) -> "Chunks":
+        """The segments of all logs."""
         rows = []
-        for log, count in enumerate(counts):
-            parts = np.array_split(np.arange(count), max(1, -(-count // CHUNK)))
-            rows += [(log, int(part[0]), len(part)) for part in parts if len(part)]
+        for log, own in enumerate(intervals.courses):
+            first = np.cumsum([0, *own.segments])
+            rows += [(log, int(at), length) for at, length in zip(first, own.segments, strict=False)]
         return Chunks(*(np.array(column) for column in zip(*rows, strict=True)))
 
     @property
@@ -183,7 +181,7 @@ def start_deviation(intervals: Intervals, chunks: Chunks) -> np.ndarray:
     start = np.zeros((len(chunks.log), 2 * intervals.robot.model.nv))
     for c, (log, first) in enumerate(zip(chunks.log, chunks.first, strict=True)):
         own = intervals.courses[log]
-        start[c] = own.states.deviation[own.rows[first]]
+        start[c] = own.states.deviation[own.rows[own.begins[first]]]
         start[c, entries] = own.noise[: len(entries)]
     return np.maximum(start, 1e-6)
 
@@ -226,7 +224,7 @@ class Following:
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
         self.data = [mujoco.MjData(self.prepared[0].models[0]) for _ in range(own.replayer.threads)]
         at = zip(self.chunks.log, self.chunks.first, strict=True)
-        self.state = np.array([self.references[log][first] for log, first in at])
+        self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(self.chunks.log), self.nv))
         self.zeros = np.zeros((len(self.chunks.log), len(zero_entries(own))))
 
@@ -244,8 +242,9 @@ class Following:
         width, robot = len(starts) // len(order), self.intervals.robot
         logs = self.chunks.log[order]
         at = [(int(log), int(first) + k) for log, first in zip(logs, self.chunks.first[order], strict=True)]
+        begins = [(log, self.intervals.courses[log].begins[interval]) for log, interval in at]
         before, after = (
-            np.repeat([self.misreported[log][interval + later] for log, interval in at], width, axis=0)
+            np.repeat([self.misreported[log][begin + later] for log, begin in begins], width, axis=0)
             for later in (0, 1)
         )
         if before.any():
@@ -262,8 +261,9 @@ class Following:
     def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
         """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states."""
         own, n = self.intervals, 2 * self.nv
-        at = [(int(self.chunks.log[c]), int(self.chunks.first[c]) + k) for c in order]
-        seen = [own.courses[log].measured[np.array([interval + 1])] for log, interval in at]
+        chosen = zip(self.chunks.log[order].tolist(), self.chunks.first[order].tolist(), strict=True)
+        at = [(log, int(own.courses[log].begins[first + k]) + 1) for log, first in chosen]
+        seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
         missed = tangent_difference(measured, base, own.robot)
         missed[:, zero_entries(own)] -= self.zeros[order]
@@ -272,9 +272,8 @@ class Following:
         self.zeros[order] += moved[:, n + self.nv :]
         following = displaced(base, moved[:, :n], own.robot)
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
-        for c, (log, interval), state in zip(order, at, self.state[order], strict=True):
-            if k + 1 < self.chunks.length[c] or interval + 1 == own.courses[log].intervals:
-                self.references[log][interval + 1] = state
+        for (log, instant), state in zip(at, self.state[order], strict=True):
+            self.references[log][instant] = state
 
     @property
     def result(self) -> Intervals:
