@@ -265,7 +265,7 @@ def answer_by_evidence(
 ) -> FoundAnswer:
     """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
     judged, gap = ready.judged, ready.heldout_gap
-    if not settings.effects:  # their number costs next to nothing here: all that the robot can have
+    if not settings.effects and not judged.robot.has_free_base:  # all that a held robot can have
         known = (kind for kind in effects.known().values() if kind.name not in settings.without)
         kinds = list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
     hypotheses = list_hypotheses(kinds, judged.robot, None)
