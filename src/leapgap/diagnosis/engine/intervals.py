@@ -60,7 +60,7 @@ class Course:
 
     @staticmethod
     def of(states: States, every: int, segments: Sequence[np.ndarray], channels: StateChannels) -> "Course":
-        """Segments, which are arrays of consecutive intervals of ``every`` rows each; references are smoothed states."""
+        """Segments, arrays of consecutive intervals of ``every`` rows each; references are smoothed states."""
         rows = np.concatenate([every * np.append(own, own[-1] + 1) for own in segments])
         starts, _ = smooth_starts(states.motion, rows.tolist(), states.log, channels.robot)
         reference = Motion(*np.split(starts.states, [channels.robot.model.nq], axis=1))
