@@ -7,7 +7,7 @@ from math import inf
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, addition, parameter
+from leapgap.effects.base import Effect, ForceContext, Parameter, addition, parameter
 from leapgap.effects.links import links_at
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
@@ -46,6 +46,21 @@ class GravityCompensation(Effect):
         """From no compensation at all upwards."""
         (declared,) = super().parameters(robot, location)
         return (addition(declared, robot.model.body_gravcomp[carried(robot, location)]),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """What holds the weight of the links, where the motors are within their limits with it."""
+        model, robot = at.model, at.robot
+        data, bodies = mujoco.MjData(model), carried(robot, location)
+        jacobian, found = np.zeros((3, model.nv)), np.zeros((1, *at.qvel.shape))
+        for step, qpos in enumerate(at.qpos):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            for body in bodies.tolist():
+                mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
+                found[0, step] -= model.body_mass[body] * gravity_of(model) @ jacobian
+        return at.at_joints("all", found[0][:, robot.joint_dofs] * at.within)
 
     @property
     def structure(self) -> Hashable | None:
