@@ -147,7 +147,7 @@ class ForceContext:
     qvel: np.ndarray
     """(steps, nv)"""
     qacc: np.ndarray
-    """(steps, nv): acceleration in the step."""
+    """(steps, nv): what the velocity changes by in the step, over its length."""
     commands: Commands
     """As they were sent, (steps, joints) each."""
     kp: np.ndarray

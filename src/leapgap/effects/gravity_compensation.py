@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, ForceContext, Parameter, addition, parameter
-from leapgap.effects.links import links_at
+from leapgap.effects.links import jacobians, links_at
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 
@@ -50,17 +50,10 @@ class GravityCompensation(Effect):
     @classmethod
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
         """What holds the weight of the links, where the motors are within their limits with it."""
-        model, robot = at.model, at.robot
-        data, bodies = mujoco.MjData(model), carried(robot, location)
-        jacobian, found = np.zeros((3, model.nv)), np.zeros((1, *at.qvel.shape))
-        for step, qpos in enumerate(at.qpos):
-            data.qpos[:] = qpos
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            for body in bodies.tolist():
-                mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
-                found[0, step] -= model.body_mass[body] * gravity_of(model) @ jacobian
-        return at.at_joints("all", found[0][:, robot.joint_dofs] * at.within)
+        bodies = carried(at.robot, location).tolist()
+        weights = at.model.body_mass[bodies, None] * gravity_of(at.model)
+        held = -np.einsum("bi,sbij->sj", weights, jacobians(at, bodies))
+        return at.at_motors("all", held[:, at.robot.joint_dofs] * at.within)
 
     @property
     def structure(self) -> Hashable | None:
