@@ -105,6 +105,13 @@ def test_a_compensated_link_is_one_of_mujocos_gravcomp(location: str, links: tup
     assert beside(robot_arm, SENT, plain, effects.effect("gravity_compensation", location, share=0.7)) < 1e-6
 
 
+def test_compensations_of_several_places_add_up(robot_arm: Robot) -> None:
+    mjcf = arm.MJCF.replace("<body ", '<body gravcomp="0.3" ').replace('0.3" name="lower"', '0.8" name="lower"')
+    own = [effects.effect("gravity_compensation", at, share=s) for at, s in (("elbow", 0.5), ("all", 0.3))]
+    for order in (own, own[::-1]):
+        assert beside(robot_arm, SENT, arm.simulate(SENT, mjcf=mjcf), *order) < 1e-6
+
+
 def test_the_drives_limit_is_that_of_pd_and_compensation_together(robot_arm: Robot) -> None:
     """The weight by ``qfrc_bias`` at rest, added to what the PD asks for before the limit."""
     model = mujoco.MjModel.from_xml_string(arm.MJCF)
@@ -128,17 +135,14 @@ def test_what_the_model_compensates_may_be_taken_away(tmp_path: Path) -> None:
 
 
 def test_nothing_beyond_a_passive_joint_is_compensated(tmp_path: Path) -> None:
-    """Beside the arm without an elbow's motor, whose upper links alone have MuJoCo's own."""
+    """An arm without a motor at its elbow."""
     mjcf = arm.MJCF.replace('<general joint="elbow" biastype="affine" forcerange="-40 40"/>', "")
     robot = arm.load(tmp_path, mjcf)
     model = Replayer(robot).model(
         Rollout(arm.as_log("x", SENT, *arm.simulate(SENT)), (effects.effect("gravity_compensation", share=0.5),))
     )
-    assert {model.body(i).name: float(model.body_gravcomp[i]) for i in range(1, 4)} == {
-        "turret": 0.5,
-        "upper": 0.5,
-        "lower": 0.0,
-    }
+    of_links = [float(model.body_gravcomp[model.body(name).id]) for name in ("turret", "upper", "lower")]
+    assert of_links == pytest.approx([0.5, 0.5, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("time_constant", [0.003, 0.03, 0.2])

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, ClassVar
 
 import mujoco
@@ -123,6 +123,95 @@ class Load:
     """Step of the simulation, s."""
 
 
+SMALL = 0.01
+"""Departure from nominal by which derivatives are taken, as a share of the moderate one."""
+ACTING = (
+    *("change_period", "change_rows", "change_step", "change_drive", "change_model", "change_spec"),
+    *("change_commands", "torque_by_velocity", "put_controls"),
+)
+"""Methods by which an effect changes the true motion."""
+
+
+@dataclass(frozen=True)
+class ForceContext:
+    """A motion of the nominal robot, step by step, along which effects state what they add to first order.
+
+    Each step begins in its state, and the commands hold throughout it.
+    """
+
+    robot: Robot
+    model: mujoco.MjModel
+    """The nominal model; not to be changed."""
+    qpos: np.ndarray
+    """(steps, nq)"""
+    qvel: np.ndarray
+    """(steps, nv)"""
+    qacc: np.ndarray
+    """(steps, nv): what the velocity changes by in the step, over its length."""
+    commands: Commands
+    """As they were sent, (steps, joints) each."""
+    kp: np.ndarray
+    """Gain of the joint PD, N·m/rad, (steps, joints)."""
+    kd: np.ndarray
+    """N·m·s/rad, (steps, joints)."""
+    step_s: float
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """Of the joints, rad, (steps, joints)."""
+        return self.qpos[:, self.robot.joint_qpos]
+
+    @cached_property
+    def velocity(self) -> np.ndarray:
+        """Of the joints, rad/s, (steps, joints)."""
+        return self.qvel[:, self.robot.joint_dofs]
+
+    @cached_property
+    def acceleration(self) -> np.ndarray:
+        """Of the joints, rad/s², (steps, joints)."""
+        return self.qacc[:, self.robot.joint_dofs]
+
+    def torque_of(self, commands: Commands) -> np.ndarray:
+        """Torque by commands alone, τ + kp q* + kd q̇*, N·m, (steps, joints)."""
+        return np.asarray(commands.torque + self.kp * commands.position + self.kd * commands.velocity)
+
+    @cached_property
+    def sent(self) -> np.ndarray:
+        """The same by those that were sent."""
+        return self.torque_of(self.commands)
+
+    @cached_property
+    def asked(self) -> np.ndarray:
+        """Torque that is asked of the motors, joint PD included, before any limit, N·m, (steps, joints)."""
+        return np.asarray(self.sent - self.kp * self.position - self.kd * self.velocity)
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """The same within the limits of the model."""
+        limits = self.robot.torque_limits
+        return np.asarray(np.clip(self.asked, -limits, limits))
+
+    @cached_property
+    def within(self) -> np.ndarray:
+        """1 where the motors give what is asked of them, 0 at a limit, (steps, joints)."""
+        return np.asarray((self.torque == self.asked).astype(float))
+
+    def late(self, course: np.ndarray) -> np.ndarray:
+        """What a course (steps, …) changes by if it is late, per second; before its first step it stood still."""
+        return np.asarray(-np.diff(course, axis=0, prepend=course[:1]) / self.step_s)
+
+    def at_joints(self, location: str, force: np.ndarray) -> np.ndarray:
+        """Forces (steps, joints) at the joints of a location alone, of one parameter: (1, steps, nv)."""
+        found = np.zeros((1, *self.qvel.shape))
+        at = self.robot.joints_at(location)
+        found[0, :, self.robot.joint_dofs[at]] = np.broadcast_to(force, self.velocity.shape).T[at]
+        return found
+
+    def at_motors(self, location: str, torque: np.ndarray) -> np.ndarray:
+        """The same at the joints that motors drive."""
+        return self.at_joints(location, torque * self.robot.driven)
+
+
 @dataclass(frozen=True)
 class Effect(ABC):
     """One unmodelled effect; ``collect`` injects it and ``diagnose`` looks for it, through the same methods.
@@ -211,6 +300,48 @@ class Effect(ABC):
     def is_nominal_for(self, robot: Robot) -> bool:
         """Whether the effect is absent from this robot: every parameter has its default, or the model's own value."""
         return all(self.values.get(p.name, p.nominal) == p.nominal for p in self.parameters(robot, self.location))
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Generalised force that it adds along a motion of the nominal robot, per unit of each parameter at nominal.
+
+        (parameters, steps, nv), N and N·m by the unit of the parameter, in their order. None: it is not known in closed
+        form, or no force does the same, and the effect is replayed instead. Zero where the first order vanishes, as for
+        a limit that is not met. By default it is known of what acts through ``change_commands`` alone.
+        """
+        if {method for method in ACTING if overrides(cls, method)} != {"change_commands"}:
+            return None
+        found = []
+        for effect, by in cls.small_departures(at.robot, location):
+            changed = effect.change_commands(at.commands, at.step_s, at.robot)
+            found.append(at.at_motors("all", at.within * (at.torque_of(changed) - at.sent) / by))
+        return np.concatenate(found)
+
+    @classmethod
+    def measurement(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """What it adds to the reported state along such a motion, per unit of each parameter at nominal.
+
+        (parameters, steps, 2 nv): positions as MuJoCo integrates them (attitude as a turn in the axes of the base),
+        then velocities. None: what is reported is true. Replays start at what is reported, so the true start departs by
+        the opposite of the first step's. An effect may have a ``force`` besides, and then does both.
+        """
+        if not overrides(cls, "change_measured"):
+            return None
+        true, nv = Motion(at.qpos, at.qvel), at.qvel.shape[1]
+        found = np.zeros((len(cls.declarations()), len(true), 2 * nv))
+        for changes, (effect, by) in zip(found, cls.small_departures(at.robot, location), strict=True):
+            reported = effect.change_measured(true, at.step_s, at.robot)
+            for change, one, other in zip(changes, true.qpos, reported.qpos, strict=True):
+                mujoco.mj_differentiatePos(at.model, change[:nv], by, one, other)
+            changes[:, nv:] = (reported.qvel - true.qvel) / by
+        return found
+
+    @classmethod
+    def small_departures(cls, robot: Robot, location: str) -> "Iterator[tuple[Effect, float]]":
+        """The effect with each of its parameters a little off nominal, and by how much, for derivatives."""
+        for one in cls.parameters(robot, location):
+            by = SMALL * (one.moderate - one.nominal)
+            yield cls(location, **{one.name: one.nominal + by}), by
 
     def with_profile(self, profile: tuple[float, ...]) -> "Effect":
         """The effect with a value that changes within a log.

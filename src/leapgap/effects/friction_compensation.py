@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, parameter
+from leapgap.effects.base import Effect, ForceContext, Parameter, parameter
 from leapgap.effects.joint_friction import JointFriction
 from leapgap.robot.model import Robot
 
@@ -36,6 +36,11 @@ class FrictionCompensation(Effect):
         (declared,) = super().parameters(robot, location)
         declared, most = replace(declared, lower_is_physical=True), robot.largest_torque(location)
         return (declared if most is None else replace(declared, upper=LARGEST * most, moderate=MODERATE * most),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Along the motion."""
+        return at.at_motors(location, at.within * np.tanh(at.velocity / STILL_RAD_S))
 
     def torque_by_velocity(self, velocity: np.ndarray, robot: Robot) -> np.ndarray | None:
         """Along the motion, as large at every speed at which the joint clearly moves."""

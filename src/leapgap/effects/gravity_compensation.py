@@ -7,8 +7,8 @@ from math import inf
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, addition, parameter
-from leapgap.effects.links import links_at
+from leapgap.effects.base import Effect, ForceContext, Parameter, addition, parameter
+from leapgap.effects.links import jacobians, links_at
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 
@@ -48,20 +48,23 @@ class GravityCompensation(Effect):
         (declared,) = super().parameters(robot, location)
         return (addition(declared, robot.model.body_gravcomp[carried(robot, location)]),)
 
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """What holds the weight of the links, where the motors are within their limits with it."""
+        bodies = carried(at.robot, location).tolist()
+        weights = at.model.body_mass[bodies, None] * gravity_of(at.model)
+        held = -np.einsum("bi,sbij->sj", weights, jacobians(at, bodies))
+        return at.at_motors("all", held[:, at.robot.joint_dofs] * at.within)
+
     @property
     def structure(self) -> Hashable | None:
         """Key of the links that are compensated; None without compensation."""
         return None if self.is_nominal else (self.name, self.location)
 
-    def _shares(self, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-        """Bodies that are compensated, and the whole shares of their weights, (bodies,) each."""
-        bodies = carried(robot, self.location)
-        return bodies, robot.model.body_gravcomp[bodies] + self.share
-
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Let the links have a compensation, and the motors' limits hold for what they carry besides."""
-        for body, share in zip(*self._shares(robot), strict=True):
-            spec.bodies[int(body)].gravcomp = share or LEAST
+        for body in carried(robot, self.location).tolist():
+            spec.bodies[body].gravcomp = spec.bodies[body].gravcomp or LEAST
         motors = {motor.joint: motor for motor in robot.actuators if motor.driven}
         for joint in spec.joints:
             if joint.name in motors and not joint.actgravcomp:
@@ -74,11 +77,9 @@ class GravityCompensation(Effect):
                 actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Set the shares."""
-        if self.is_nominal:
-            return
-        bodies, shares = self._shares(robot)
-        model.body_gravcomp[bodies] = shares
+        """Add to the shares that the model has."""
+        if not self.is_nominal:
+            model.body_gravcomp[carried(robot, self.location)] += self.share
 
 
 def carried(robot: Robot, location: str) -> np.ndarray:

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class LegMass(Effect):
+class LegMass(InertialEffect):
     """Ratio of true to nominal mass and inertia of the links that the located joints move; shapes and centres stay.
 
     Robots whose base is held have no legs: there it is called ``link_mass``.

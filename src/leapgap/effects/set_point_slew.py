@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, Parameter, parameter
+from leapgap.effects.base import Commands, Effect, ForceContext, Parameter, parameter
 from leapgap.robot.model import Robot
 
 AMPLE = 100.0
@@ -35,6 +35,11 @@ class SetPointSlew(Effect):
         """Up to a rate that limits nothing."""
         about = cls.declarations()["rate_rad_s"]
         return (Parameter("rate_rad_s", about.unit, AMPLE, about.lower, AMPLE, 2.0, logarithmic=True),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Nothing near nominal, where it limits nothing."""
+        return None
 
     @property
     def memory_s(self) -> float:

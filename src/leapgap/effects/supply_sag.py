@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, Load, parameter
+from leapgap.effects.base import Effect, ForceContext, Load, parameter
 from leapgap.effects.drive import lacks_torque_limits
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
@@ -41,6 +41,12 @@ class SupplySag(Effect):
         """Joint that a motor drives, and name of the actuator that takes torque away."""
         for i in np.flatnonzero(robot.driven):
             yield int(i), f"{self.name} at {robot.joints[i]}"
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """By what all motors give."""
+        most = at.robot.torque_limits[at.robot.driven].sum()
+        return at.at_motors(location, -at.torque * np.abs(at.torque).sum(axis=1, keepdims=True) / most)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Add an actuator beside each motor."""

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
-from leapgap.effects.base import Effect, parameter
+import numpy as np
+
+from leapgap.effects.base import Effect, ForceContext, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
@@ -17,6 +19,11 @@ class TorqueGain(Effect):
     needs_motor = True
 
     scale: float = parameter(1.0, "1", 0.3, 1.5, 0.85)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """All that the motors give."""
+        return at.at_motors(location, at.torque)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the gain of the motors."""

@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, ForceContext, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
@@ -27,6 +27,11 @@ class TorqueLimit(Effect):
         """Without any stated limit there is nothing to scale."""
         stated = np.isfinite(robot.torque_limits[robot.driven]).any()
         return super().lacks(robot) or (None if stated else "limits of its torques")
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """What the motors give at their limits."""
+        return at.at_motors(location, at.torque * (1 - at.within))
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the limit of the motors."""

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from math import inf
 
-from leapgap.effects.base import Effect, parameter
+import numpy as np
+
+from leapgap.effects.base import Effect, ForceContext, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
@@ -23,6 +25,11 @@ class VelocityGain(Effect):
     in_controller = True
 
     scale: float = parameter(1.0, "1", 0.02, 50.0, 1.5, limits=(0.0, inf), logarithmic=True)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """The part of damping in the joint PD."""
+        return at.at_motors(location, at.within * at.kd * (at.commands.velocity - at.velocity))
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the damping of the joint PDs."""

@@ -88,7 +88,9 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
         changed.copy_back(model)
     except ValueError:
         return None
-    for geom in changed.geoms:  # MuJoCo does not write these back
+    for body in changed.bodies:  # MuJoCo does not write these back
+        body.gravcomp = float(model.body_gravcomp[body.id])
+    for geom in changed.geoms:
         geom.priority, geom.condim = int(model.geom_priority[geom.id]), int(model.geom_condim[geom.id])
         if geom.fluid_ellipsoid:
             geom.fluid_coefs = model.geom_fluid[geom.id, 1:6]
