@@ -125,10 +125,14 @@ def judged(pieces: Pieces, read: Callable[[Log], Log]) -> Judged:
     return Judged(np.sqrt(wrong.sum(axis=0) / np.maximum(square.sum(axis=0), tiny)), by_log)
 
 
+def logs_of(missed: np.ndarray) -> np.ndarray:
+    """Logarithms of shares, of any shape, that may be zero."""
+    return np.asarray(np.log(np.maximum(missed, np.finfo(float).tiny)))
+
+
 def total(before: Judged, after: Judged, tells: np.ndarray) -> float:
     """Sum over joints of the logarithms of how many times less is missed."""
-    floor = np.finfo(float).tiny
-    return float(np.log(np.maximum(before.missed, floor) / np.maximum(after.missed, floor))[tells].sum())
+    return float((logs_of(before.missed) - logs_of(after.missed))[tells].sum())
 
 
 def gain(before: Judged, after: Judged, reading: Reading, robot: Robot, tells: np.ndarray) -> float:
@@ -139,9 +143,8 @@ def gain(before: Judged, after: Judged, reading: Reading, robot: Robot, tells: n
     own = np.array([joint in reading.joints for joint in robot.joints]) & tells
     if not own.any():
         return 0.0
-    floor = np.finfo(float).tiny
-    ratio = np.log(np.maximum(before.missed, floor) / np.maximum(after.missed, floor))
-    of_logs = np.log(np.maximum(before.by_log, floor) / np.maximum(after.by_log, floor))[:, own].mean(axis=1)
+    ratio = logs_of(before.missed) - logs_of(after.missed)
+    of_logs = (logs_of(before.by_log) - logs_of(after.by_log))[:, own].mean(axis=1)
     others = float(np.minimum(ratio[tells & ~own], 0.0).sum())
     return float(min(ratio[own].mean(), 2 * np.median(of_logs), 4 * of_logs.min())) + others
 
