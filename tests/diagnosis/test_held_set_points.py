@@ -61,8 +61,24 @@ def test_steps_at_odd_times_are_no_held_set_points() -> None:
 
 def test_lines_go_through_the_set_points_and_end_with_the_last() -> None:
     log = pd_arms.logs(Truth(logged_s=0.02), number=1)[0]
+    log = pd_arms.changed(log, lambda columns: {"cmd_vel/base": 0 * columns["time"]})
     read, late = on_lines(log), on_lines(log, late=True)
     held, lines = log["cmd_pos/base"], read["cmd_pos/base"]
     assert np.array_equal(lines[::4], held[::4]) and lines[2] == pytest.approx((held[0] + held[4]) / 2)
     assert np.allclose(late["cmd_pos/base"][4:-4], lines[:-8])
     assert np.array_equal(read["cmd_kp/base"], log["cmd_kp/base"])
+
+
+def test_a_trajectory_with_its_velocities_is_read_on_cubics() -> None:
+    time = np.arange(400) * 0.005
+    point = np.floor(time / 0.02 + 1e-6) * 0.02
+    log = pd_arms.changed(
+        pd_arms.logs(number=1, seconds=2.0)[0],
+        lambda _: (
+            {f"cmd_pos/{j}": np.sin(9 * point) for j in pd_arms.JOINTS}
+            | {f"cmd_vel/{j}": 9 * np.cos(9 * point) for j in pd_arms.JOINTS}
+        ),
+    )
+    read = on_lines(log)
+    assert np.abs(read["cmd_pos/elbow"] - np.sin(9 * time))[:-4].max() < 1e-5
+    assert np.abs(read["cmd_vel/elbow"] - 9 * np.cos(9 * time))[:-4].max() < 5e-3

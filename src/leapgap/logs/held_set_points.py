@@ -11,6 +11,8 @@ FEWEST = 8
 """Changes of set points from which on they are said to stand for some rows."""
 REGULAR = 0.8
 """Share of the changes that must come after the usual number of rows, or one more or fewer."""
+SAME_MOTION = 0.2
+"""Set points of positions and velocities are of one motion where they differ by less than this share of it."""
 SENT = ("cmd_pos/", "cmd_vel/", "cmd_tau/")
 """Columns that a controller may interpolate."""
 
@@ -42,19 +44,49 @@ def hold_of(log: Log) -> Hold | None:
 def on_lines(log: Log, late: bool = False) -> Log:
     """The log with set points on straight lines from each to the next, where they stand for several rows.
 
-    ``late``: to each from the one before, as a controller does that does not know the next one.
+    Positions whose velocities are sent too are on cubics with both, as a trajectory has them. ``late``: to each from
+    the one before, as a controller does that does not know the next one.
     """
     hold = hold_of(log)
     if hold is None:
         return log
     knots = log.time[hold.changes]
 
-    def line(values: np.ndarray) -> np.ndarray:
-        own = values[hold.changes]
-        return np.interp(log.time, knots, np.concatenate([own[:1], own[:-1]]) if late else own)
+    def own(values: np.ndarray) -> np.ndarray:
+        at_knots = values[hold.changes]
+        return np.concatenate([at_knots[:1], at_knots[:-1]]) if late else at_knots
 
     sent = [name for name in log.columns if name.startswith(SENT) and stands(log[name], hold.changes)]
-    return replace(log, columns={**log.columns, **{name: line(log[name]) for name in sent}})
+    columns = {name: np.interp(log.time, knots, own(log[name])) for name in sent}
+    for joint in log.joints:
+        position, velocity = f"cmd_pos/{joint}", f"cmd_vel/{joint}"
+        if {position, velocity} <= columns.keys() and goes_with(
+            knots, *(log[of][hold.changes] for of in (position, velocity))
+        ):
+            columns |= zip(
+                (position, velocity), cubic(log.time, knots, own(log[position]), own(log[velocity])), strict=True
+            )
+    return replace(log, columns={**log.columns, **columns})
+
+
+def goes_with(time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> bool:
+    """Whether positions, (points,), move as their velocities say."""
+    moved = np.diff(position)
+    off = moved - np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
+    return bool((off**2).sum() < SAME_MOTION**2 * (moved**2).sum())
+
+
+def cubic(
+    time: np.ndarray, knots: np.ndarray, position: np.ndarray, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity at some times, on cubics through positions and velocities at knots; the last ones stay."""
+    first = np.clip(np.searchsorted(knots, time, "right") - 1, 0, len(knots) - 2)
+    length = np.diff(knots)[first]
+    s = np.clip((time - knots[first]) / length, 0.0, 1.0)
+    a, b, u, v = position[first], position[first + 1], length * velocity[first], length * velocity[first + 1]
+    at = a + s * (u + s * (3 * (b - a) - 2 * u - v + s * (2 * (a - b) + u + v)))
+    rate = (u + s * (2 * (3 * (b - a) - 2 * u - v) + s * 3 * (2 * (a - b) + u + v))) / length
+    return at, rate
 
 
 def stands(values: np.ndarray, changes: Sequence[int] | np.ndarray) -> bool:

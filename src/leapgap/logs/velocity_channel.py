@@ -21,6 +21,8 @@ SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4
 """Displacements are taken over this time, and over more where a joint moves slowly."""
 SEEN = 20.0
 """A span is long enough in which joints move by so many standard deviations of what their encoders resolve."""
+LEAST_ROWS = 0.75
+"""Shortest lag that is told, in rows: a difference of two rows is late by half a row, and nobody's register is."""
 PARTS = 8
 """Parts of a log that are left out in turn, for the standard error of a lag."""
 SURE = 3.0
@@ -102,8 +104,7 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
         tick, scale = float(ticks[0][k]), lag.scale / usual
         sure = SURE * tick / np.sqrt(12) / sizes[k] < abs(scale - 1)
         scale = scale if lag.fits and sure and not 1 / OTHER_UNIT < scale < OTHER_UNIT else 1.0
-        rows = round(lag.late_s / period)
-        off = (velocity[rows:, k] if rows else velocity[:, k]) * scale - velocity[: len(log) - rows, k]
+        off = np.interp(even + lag.late_s, even, velocity[:, k]) * scale - velocity[:, k]
         found[named[k]] = VelocityColumn(
             lag.late_s,
             lag.error_s,
@@ -166,7 +167,7 @@ def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float)
         parts = [best_lag(own.sum(axis=2) - own[:, :, one], size.sum() - size[one])[0] for one in range(PARTS)]
         error = float(np.std(parts)) * np.sqrt(PARTS - 1) * period_s
         none = Lag(0.0, error, LATE, float(own[reach, 0].sum() / own[reach, 1].sum()), left < 1 - FITS)
-        sure = left_at_zero > EXPLAINS * left and best >= 0.5 and best * period_s > SURE * error
+        sure = left_at_zero > EXPLAINS * left and best >= LEAST_ROWS and best * period_s > SURE * error
         if not none.fits or not sure:
             found.append(none)
             continue

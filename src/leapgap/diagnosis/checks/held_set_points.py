@@ -26,7 +26,7 @@ class HeldSetPoints(Check):
     The statistic is how much of the steps is missing in the motion: 0 for a robot whose set points stand as they are
     logged, 1 for one that goes on in straight lines; gains that act weaker than logged make some of it, too. Short
     pieces are replayed with both, and what is slower than a hold is left out: that is a matter of causes. Where the
-    check fails, the diagnosis goes on with straight lines.
+    check fails, the diagnosis goes on with lines.
     """
 
     name = "held_set_points"
@@ -69,7 +69,7 @@ class HeldSetPoints(Check):
         line = "from the one before" if back else "to the next one"
         says += (
             f" while the robot goes on ({100 * missing:.0f} ± {max(1.0, 100 * error):.0f} % of their steps are missing"
-            f" in its motion): its controller interpolates, or the log is coarser; read on straight lines {line}"
+            f" in its motion): its controller interpolates, or the log is coarser; read on lines {line}"
         )
         return CheckResult(self.name, False, missing, threshold, says, of_logs, reads=partial(on_lines, late=back))
 

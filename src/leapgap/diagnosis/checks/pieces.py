@@ -60,6 +60,12 @@ class Pieces:
         slots = max((len(log.info.terrain) for log in logs), default=0)
         return Pieces(robot, Replayer(robot, max(1, slots)), tuple(pieces), tuple(names), noise)
 
+    def some(self, number: int) -> "Pieces":
+        """So many of the pieces, evenly chosen."""
+        at = np.unique(np.linspace(0, len(self.logs) - 1, number).round().astype(int)).tolist()
+        logs, of_log = (tuple(values[k] for k in at) for values in (self.logs, self.of_log))
+        return replace(self, logs=logs, of_log=of_log)
+
     def motions(
         self, read: Callable[[Log], Log] = as_logged, effects: tuple[Effect, ...] = (), velocities: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
