@@ -220,7 +220,9 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
             settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
     tell = (lambda _: None) if chosen.quiet else (lambda line: print(printable(line), flush=True))
     with nullcontext(tell) if chosen.quiet else still_running(tell) as progress:
-        report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=progress, threads=chosen.threads)
+        robot = load_robot(chosen)
+        progress(f"{robot.path.name}: {robot.step_and_integrator}")
+        report = api.diagnose(chosen.logs, robot, settings, progress=progress, threads=chosen.threads)
     print(printable(report))
     if chosen.out is not None:
         print(f"page: {report.save(chosen.out, chosen.viewer) / 'report.html'}")
@@ -325,10 +327,13 @@ def run_effects(chosen: argparse.Namespace) -> None:
     """Print a line for each parameter of each effect."""
     from leapgap.reports.effects_table import effect_rows
 
-    rows = effect_rows(robot_of(chosen))
+    robot = robot_of(chosen)
+    rows = effect_rows(robot)
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    if robot:
+        print(f"{robot.path}: {robot.step_and_integrator}", file=sys.stderr)
 
 
 def run_report(chosen: argparse.Namespace) -> None:
