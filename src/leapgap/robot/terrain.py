@@ -14,7 +14,7 @@ def ground_bodies(model: mujoco.MjModel) -> np.ndarray:
 
 
 def ground_of_spec(spec: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
-    """The same geoms of a specification, the world's first and then body by body, in the order of the compiled model."""
+    """The same geoms of a specification, in the order of the compiled model."""
 
     def still(body: mujoco.MjsBody) -> bool:
         return not body.joints and not body.mocap and all(map(still, body.bodies))
