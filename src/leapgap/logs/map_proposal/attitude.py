@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.map_proposal.matching import CLEAR
-from leapgap.logs.map_proposal.physics import MOST_ROWS, factors
+from leapgap.logs.map_proposal.physics import MOST_ROWS, factors, mean_rates, mean_values, rows_meant
 from leapgap.logs.map_proposal.proposal import GUESSED, SURE, Evidence
 from leapgap.logs.missing_velocities import angular_velocity, continuous
 from leapgap.robot.rotations import upright_cosine
@@ -61,10 +60,14 @@ def together(columns: Sequence[str], evidence: Evidence) -> tuple[np.ndarray, np
     return clock[rows], values[rows]
 
 
-def rates_of(time: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Angular velocities of turning quaternions in axes of the base, rad/s, (rows, 3)."""
-    window = 5 * float(np.median(np.diff(time)))
-    return angular_velocity(quaternion, velocity_fit(time, quaternion, window).velocity)
+def rates_beside(
+    time: np.ndarray, quaternion: np.ndarray, gyro: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean angular velocities of turning quaternions in axes of the base and in those of the world, and of a gyro."""
+    half = max(1, rows_meant(float(np.median(np.diff(time)))) // 2)
+    middle = quaternion[half:-half]
+    turn = angular_velocity(middle, mean_rates(time, quaternion, 2 * half))
+    return turn, turned(middle, turn), mean_values(time, gyro, 2 * half)
 
 
 def agreement(first: np.ndarray, second: np.ndarray) -> float:
@@ -94,8 +97,9 @@ def attitude_by_physics(found: Mapping[str, Sequence[str]], gravity: str, eviden
             left = [one for one, verdict in zip(every, verdicts, strict=True) if one in left and verdict is not False]
             fits = [one for one, verdict in zip(every, verdicts, strict=True) if one in fits and verdict is True]
             why.append(says)
-    candidates = (fits if why else left) or every
     _, values = together(found["base_quat"], evidence)
+    candidates = (fits if why else left) or every
+    candidates = sorted(candidates, key=lambda one: (one.inverse, not heads_forward(one.of(values))))
     standing = [one for one in candidates if is_upright(one.of(values))]
     best = (standing or candidates)[0]
     known = SURE if why and left == fits == [best] and not best.inverse else GUESSED
@@ -108,8 +112,8 @@ def attitude_by_physics(found: Mapping[str, Sequence[str]], gravity: str, eviden
 
 def by_gyro(quaternion: np.ndarray, gyro: np.ndarray, time: np.ndarray, _: int) -> bool | None:
     """Whether an attitude turns as a gyro says, in axes of the base or of the world; None where that is not clear."""
-    turn = rates_of(time, quaternion)
-    best = max(agreement(turn, gyro), agreement(turned(quaternion, turn), gyro))
+    turn, of_world, rate = rates_beside(time, quaternion, gyro)
+    best = max(agreement(turn, rate), agreement(of_world, rate))
     return True if best > CLEAR else False if best < UNLIKE else None
 
 
@@ -133,14 +137,18 @@ def is_upright(quaternion: np.ndarray) -> bool:
     return len(first) > 0 and bool(np.median(upright_cosine(first)) > UPRIGHT)
 
 
+def heads_forward(quaternion: np.ndarray) -> bool:
+    """Whether the base at first is turned by less than a right angle, as most logs begin."""
+    return len(quaternion) > 0 and bool(abs(quaternion[0, 0]) > 0.7)
+
+
 def own_rate(attitude: Attitude, found: Mapping[str, Sequence[str]], evidence: Evidence) -> tuple[bool, bool, float]:
     """Whether a gyro turns as the attitude does, whether in axes of the base, and its factor to rad/s."""
     time, values = together([*found["base_quat"], *found["base_angvel"]], evidence)
     if len(time) < FEWEST or evidence.time is None:
         return False, True, 1.0
     quaternion, gyro = attitude.of(values[:, :4]), values[:, 4:]
-    turn = rates_of(time, quaternion)
-    of_world = turned(quaternion, turn)
+    turn, of_world, gyro = rates_beside(time, quaternion, gyro)
     base, world = agreement(turn, gyro), agreement(of_world, gyro)
     if max(base, world) < CLEAR:
         return False, True, 1.0

@@ -10,7 +10,7 @@ from leapgap.logs.importers.units import GRAVITY
 from leapgap.logs.map_proposal.attitude import Attitude, agreement, attitude_by_physics, own_rate, together, turned
 from leapgap.logs.map_proposal.matching import CLEAR
 from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import mean_rates, mean_values
+from leapgap.logs.map_proposal.physics import mean_rates, mean_values, rows_meant
 from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, SURE, Evidence, Proposal
 from leapgap.logs.map_proposal.unit_readings import nearest
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
@@ -32,6 +32,8 @@ PAIRS = {("ang", "vel"): "base_angvel", ("lin", "vel"): "base_linvel", ("lin", "
 """Words that name a quantity of the base together."""
 BODIES = {"base", "trunk", "body", "pelvis", "root", "torso", "odom", "imu", "pose"}
 """Words one of which must stand beside a position or a velocity, for joints have those too."""
+FAST = 15.0
+"""Rates of a base, rad/s, above which they are rather in degrees."""
 LAST = re.compile(r"^(.*?)(?:\[(\d)\]|[._/]?([wxyzWXYZ]|\d))$")
 COLUMNS = {
     "base_quat": BASE_QUATERNION,
@@ -112,13 +114,21 @@ def judge_gyro(found: dict[str, list[str]], attitude: Attitude | None, evidence:
     unit = nearest(factor, "rad/s") if fits and factor > 0 else None
     if unit is None:
         why = "the quaternion does not turn as it says, so that nothing decides it" if attitude else "no quaternion"
-        proposal.say(GUESSED, f"the gyro is in rad/s: {why}")
+        size = np.linalg.norm(together(found["base_angvel"], evidence)[1], axis=1)
+        unit = "deg/s" if np.quantile(size, 0.9) > FAST else "rad/s"
+        proposal.say(GUESSED, f"the gyro is in {unit}, by its size: {why}")
+        put_unit_of_gyro(unit, proposal)
         return
+    put_unit_of_gyro(unit, proposal)
+    known = SURE if evidence.time_known == SURE and not (attitude and attitude.inverse) else GUESSED
+    proposal.say(known, f"the gyro is in {unit}: the quaternion turns so")
+
+
+def put_unit_of_gyro(unit: str, proposal: Proposal) -> None:
+    """Put the unit of a gyro into the map."""
     if unit != "rad/s":
         for column in BASE_ANGULAR_VELOCITY:
             proposal.put("units", column, unit)
-    known = SURE if evidence.time_known == SURE and not (attitude and attitude.inverse) else GUESSED
-    proposal.say(known, f"the gyro is in {unit}: the quaternion turns so")
 
 
 def judge_accelerometer(found: dict[str, list[str]], evidence: Evidence, proposal: Proposal) -> None:
@@ -148,7 +158,9 @@ def judge_velocity(
     if attitude is not None and "base_pos" in found and evidence.time is not None:
         time, both = together([*found["base_pos"], *found["base_linvel"], *attitude.columns], evidence)
         velocities = (both[:, 3:6], turned(attitude.of(both[:, 6:]), both[:, 3:6]))
-        world, base = (agreement(mean_rates(time, both[:, :3]), mean_values(time, one)) for one in velocities)
+        rows = rows_meant(float(np.median(np.diff(time))))
+        speed = mean_rates(time, both[:, :3], rows)
+        world, base = (agreement(speed, mean_values(time, one, rows)) for one in velocities)
         in_base = base > world + 0.1 if max(world, base) > CLEAR else in_base
     if in_base:
         proposal.say(

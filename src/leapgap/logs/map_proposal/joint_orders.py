@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.joint_limits import inside, real_limits
+from leapgap.logs.map_proposal.joint_limits import SPUN_RAD, inside, real_limits
 from leapgap.robot.model import Robot
 
 MODEL = "in the order of the model"
@@ -43,18 +43,17 @@ def fitting_order(position: np.ndarray, robot: Robot) -> tuple[str, Sequence[str
     The model's own where none does.
     """
     limits, real = real_limits(robot)
+    unit = UNITS["rad"]["rad" if np.nanmax(np.abs(position)) < 1.5 * SPUN_RAD else "deg"]
     low, high = np.nanmin(position, axis=0), np.nanmax(position, axis=0)
 
-    def fits(order: Sequence[str]) -> bool:
+    def fits(order: Sequence[str], turned: bool) -> bool:
         at = [order.index(joint) for joint in robot.joints]
-        units = (UNITS["rad"]["rad"], UNITS["rad"]["deg"])
-        return any(inside(low[at] * unit, high[at] * unit, limits)[real].all() for unit in units)
+        good = inside(low[at] * unit, high[at] * unit, limits)
+        return bool((good | (turned & inside(-high[at] * unit, -low[at] * unit, limits)))[real].all())
 
-    found: dict[tuple[str, ...], str] = {}
-    for words, order in known_orders(robot):
-        if order not in found and fits(order):
-            found[order] = words
-    if not found:
-        return MODEL, robot.joints, []
-    (order, words), *others = found.items()
-    return words, order, [other for _, other in others]
+    every = {order: words for words, order in reversed([*known_orders(robot)])}
+    for turned in (False, True):  # joints that count backwards are thought of last
+        found = [order for order in reversed(every) if fits(order, turned)]
+        if found:
+            return every[found[0]], found[0], [every[order] for order in found[1:]]
+    return MODEL, robot.joints, []

@@ -8,9 +8,11 @@ from leapgap.logs.importers.units import UNITS
 from leapgap.logs.map_proposal.joint_limits import inside, real_limits
 from leapgap.logs.map_proposal.matching import Match, match, shifted
 from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import MOST_ROWS, factors, mean_rates, mean_values
+from leapgap.logs.map_proposal.physics import MOST_ROWS, factors, mean_rates, mean_values, rows_meant
 from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.logs.map_proposal.unit_readings import (
+    CLOSE,
+    DISTINCT,
     NORMALISED,
     PERCENT,
     TICKS,
@@ -25,6 +27,8 @@ from leapgap.logs.map_proposal.unit_readings import (
 GRIPPER = "gripper"
 LATE_VELOCITY_S, LATE_ROBOT_S = 0.15, 0.3
 """How late velocities may come after the motion, and a robot after its set points."""
+EXACT = 0.95
+"""Correlation of velocities with rates of positions from which on a factor between them is believed."""
 NEAR = 1.0
 """A factor this near to that of a unit, relatively, is nearer to it than to another."""
 FAR_RAD = 0.35
@@ -80,15 +84,16 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
         return best
     turn_round(best, evidence, proposal)
     scale("joint_pos", best.position, evidence, proposal)
-    evidence.position_unit, evidence.certainty = best.position.name, SURE if len(names) == 1 else GUESSED
+    evidence.position_unit, evidence.certainty = (
+        best.position.name,
+        SURE if len(names) == 1 and best.position.name in DISTINCT else GUESSED,
+    )
     rivals = ", ".join(name for name in names[1:])
     if evidence.certainty == SURE:
         proposal.say(SURE, f"positions are in {best.position.name}: limits and rates of the joints rule out all others")
     else:
-        fits = "fits" if len(names) == 2 else "fit"
-        proposal.say(
-            GUESSED, f"positions are in {best.position.name}: {rivals} {fits} as well; if so, state units.joint_pos/*"
-        )
+        also = f"{rivals} {'fits' if len(names) == 2 else 'fit'} as well" if rivals else "no other unit known here fits"
+        proposal.say(GUESSED, f"positions are in {best.position.name}: {also}; if another, state units.joint_pos/*")
     if evidence.stated.get("unit") == best.position.name:
         open_grippers(evidence, proposal)
     if best.position.name in (NORMALISED, PERCENT):
@@ -131,16 +136,29 @@ def units_in_names(evidence: Evidence, proposal: Proposal) -> Sequence[str]:
 
 def order_velocities(evidence: Evidence, proposal: Proposal) -> None:
     """Give each joint the velocity that is the rate of its position, turned round where it counts against it."""
-    if "joint_vel" not in evidence.values or evidence.instants is None:
+    found = rates_beside(evidence)
+    if found is None:
         return
+    if found[0].moved:
+        reorder("joint_vel", found[0].of, evidence, proposal, "each follows the rate of that joint's position")
+    mirror("joint_vel", found[0], evidence, proposal, "their positions")
+
+
+def rates_beside(evidence: Evidence) -> tuple[Match, np.ndarray, np.ndarray] | None:
+    """How velocities go with rates of positions, and the means of both, (rows, joints), units of the file; or None."""
+    if "joint_vel" not in evidence.values or evidence.instants is None:
+        return None
     clock, position, velocity = some_rows(evidence, "joint_pos", "joint_vel")
     if len(clock) < LEAST_ROWS:
-        return
-    late = rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0])
-    found = match(mean_rates(clock, position), mean_values(clock, velocity), late)
-    if found.moved:
-        reorder("joint_vel", found.of, evidence, proposal, "each follows the rate of that joint's position")
-    mirror("joint_vel", found, evidence, proposal, "their positions")
+        return None
+    rows = rows_meant(rows_step(clock, evidence))
+    rate, mean = mean_rates(clock, position, rows), mean_values(clock, velocity, rows)
+    return match(rate, mean, rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0])), rate, mean
+
+
+def rows_step(clock: np.ndarray, evidence: Evidence) -> float:
+    """The usual step of a clock whose unit is likely, s."""
+    return float(np.median(np.diff(clock))) * UNITS["s"][evidence.time_units[0]]
 
 
 LEAST_ROWS = 40
@@ -152,22 +170,22 @@ def numbers_of(evidence: Evidence) -> Numbers:
     position = evidence.values["joint_pos"]
     whole = bool((position == np.round(position)).all())
     speed = rate = None
+    exact = False
     if evidence.instants is not None:
         clock, at = some_rows(evidence, "joint_pos")
         if len(clock) >= LEAST_ROWS:
-            speed = np.quantile(np.abs(mean_rates(clock, at)), 0.9, axis=0)
-        if speed is not None and "joint_vel" in evidence.values:
-            clock, at, velocity = some_rows(evidence, "joint_pos", "joint_vel")
-            slope, velocity = mean_rates(clock, at), mean_values(clock, velocity)
-            found = match(slope, velocity, rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0]))
-            size = [
-                float(factors(*shifted(slope[:, [i]], velocity[:, [i]], int(lag)))[0])
-                for i, lag in enumerate(found.lag)
-            ]
-            good = found.clear & (found.of == np.arange(len(size))) & (np.array(size) > 0)
-            rate = np.where(good, size, np.nan)
+            speed = np.quantile(np.abs(mean_rates(clock, at, rows_meant(rows_step(clock, evidence)))), 0.9, axis=0)
+    beside = rates_beside(evidence)
+    if beside is not None:
+        found, slope, velocity = beside
+        size = np.concatenate(
+            [factors(*shifted(slope[:, [i]], velocity[:, [i]], int(lag))) for i, lag in enumerate(found.lag)]
+        )
+        good = found.clear & (found.of == np.arange(len(size))) & (size > 0)
+        rate = np.where(good, size, np.nan)
+        exact = bool(good.any() and (found.correlation[good] > EXACT).all())
     low, high = np.nanquantile(position, [0.001, 0.999], axis=0)
-    return Numbers(low, high, whole, speed, rate)
+    return Numbers(low, high, whole, speed, rate, exact)
 
 
 def turn_round(reading: Reading, evidence: Evidence, proposal: Proposal) -> None:
@@ -260,7 +278,9 @@ def judge_velocities(reading: Reading | None, evidence: Evidence, proposal: Prop
         turning(evidence.robot), UNITS["rad/s"][reading.velocity], 1.0
     )
     rests = f"they are the rates of positions in {evidence.position_unit}"
-    proposal.say(evidence.no_surer(evidence.time_known), f"velocities are in {reading.velocity}: {rests}")
+    is_exact = reading.velocity in DISTINCT and reading.velocity_error < CLOSE
+    known = evidence.no_surer(evidence.time_known) if is_exact else GUESSED
+    proposal.say(known, f"velocities are in {reading.velocity}: {rests}")
 
 
 def reorder(quantity: str, of: np.ndarray, evidence: Evidence, proposal: Proposal, why: str) -> None:

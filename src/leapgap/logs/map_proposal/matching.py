@@ -23,6 +23,8 @@ class Match:
     """−1 where that is a mirror image, else 1."""
     lag: np.ndarray
     """How many rows later the second one is."""
+    correlation: np.ndarray
+    """At that lag and with that sign."""
     clear: np.ndarray
     """Whether the two belong together; False where the first does not move."""
 
@@ -57,6 +59,7 @@ def match(first: np.ndarray, second: np.ndarray, latest: int) -> Match:
         at[1],
         np.where(turned[at], -1.0, 1.0),
         np.where(turned[at], minus_lag[at], plus_lag[at]),
+        np.where(turned, minus, plus)[at],
         np.where(turned, minus, plus)[at] > CLEAR,
     )
 

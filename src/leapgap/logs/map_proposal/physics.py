@@ -8,20 +8,25 @@ MOST_ROWS = 20_000
 """Rows that are looked at: patterns show in a part of a long log."""
 
 
-ROWS = 10
-"""Rows over which rates are means: ticks of encoders are then small, and both sides are smoothed alike."""
+MOST_MEANT, SPAN_S = 10, 0.1
+"""Rows, and at most so many s, over which rates are means: ticks of encoders are then small, and motions are not."""
 
 
-def mean_rates(time: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Mean rates of positions, (rows, n), from each row to that some rows later, (rows − 10, n)."""
-    return (position[ROWS:] - position[:-ROWS]) / (time[ROWS:] - time[:-ROWS])[:, None]
+def rows_meant(step_s: float) -> int:
+    """Number of rows over which rates are means, by the step of the clock."""
+    return int(np.clip(round(SPAN_S / step_s), 1, MOST_MEANT))
 
 
-def mean_values(time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Means of velocities, (rows, n), over the same rows: what their mean rates are of a position with that rate."""
+def mean_rates(time: np.ndarray, position: np.ndarray, rows: int) -> np.ndarray:
+    """Mean rates of positions, (m, n), from each row to that some ``rows`` later, (m − rows, n)."""
+    return (position[rows:] - position[:-rows]) / (time[rows:] - time[:-rows])[:, None]
+
+
+def mean_values(time: np.ndarray, velocity: np.ndarray, rows: int) -> np.ndarray:
+    """Means of velocities, (m, n), over the same rows: what their mean rates are of a position with that rate."""
     area = np.zeros(velocity.shape)
     area[1:] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time)[:, None], axis=0)
-    return mean_rates(time, area)
+    return mean_rates(time, area, rows)
 
 
 def factors(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from leapgap.robot.model import Robot
 
 NORMALISED, PERCENT = "−100…100 of each joint's range", "0…100 of each joint's range"
 TICKS = "tick4096"
-FASTEST, LEAST_RAD = 300.0, 0.01
+FASTEST, LEAST_RAD = 300.0, 0.1
 """No joint of a robot is faster most of the time, rad/s; in most logs some joint moves by more, rad."""
 USUAL_SPEED = 2.0
 SAME = 0.15
@@ -28,9 +28,18 @@ ROOM = 2.5
 """Limits in models are often too tight: a joint that moves so many times as far as they allow is of another unit."""
 OFF_ZERO = 0.3
 """Limits that zero lies outside of by this much, rad, tell a scale: small numbers of other units lie elsewhere."""
-LIKELY = {"rad": 0.0, "deg": 0.3, TICKS: 0.6, NORMALISED: 0.7, PERCENT: 0.8, "rev": 0.9, "mrad": 1.2}
+DISTINCT = ("rad", "deg", "rad/s", "deg/s")
+"""Units that no other one in use is near to; of the others none is ever sure."""
+CLOSE = 0.05
+"""Velocities whose unit is sure are the rates of positions to within this share."""
+HABIT = {NORMALISED: "deg", PERCENT: "deg"}
+"""Units whose rates come in that of another."""
+LIKELY = {"rad": 0.0, "deg": 0.3, TICKS: 0.6, NORMALISED: 0.7, PERCENT: 0.8, "rev": 0.9, "mrad": 1.2} | {
+    "decideg": 1.1,
+    "centideg": 1.3,
+}
 """What a reading of positions costs where nothing but habit speaks for another."""
-OUTSIDE_COST, UNNAMED_COST, STILL_COST, NO_RATE_COST, LATER_COST = 3.0, 2.0, 2.0, 1.0, 0.2
+OUTSIDE_COST, UNNAMED_COST, STILL_COST, NO_RATE_COST, TURNED_COST, LATER_COST = 3.0, 2.0, 1.0, 0.5, 0.5, 0.2
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,8 @@ class Reading:
     time: str
     position: Scale
     velocity: str | None
+    velocity_error: float
+    """How far the rates of the positions are from such velocities, relatively."""
     is_inside: bool
     """Whether the positions lie within the limits of their joints."""
     tells: bool
@@ -69,6 +80,8 @@ class Numbers:
     """Rate of each position that a tenth of the rows exceeds, a unit of the clock; None without a clock."""
     rate: np.ndarray | None
     """Rate of each position over its velocity, NaN where the two do not go together; None without velocities."""
+    exact: bool
+    """Whether the two go together so well that the factor between them is believed."""
 
 
 def scales(robot: Robot) -> list[Scale]:
@@ -76,7 +89,8 @@ def scales(robot: Robot) -> list[Scale]:
     limits, real = real_limits(robot)
     turns = turning(robot)
     found = [Scale(name, np.where(turns, factor, 1.0), 0.0 * turns) for name, factor in UNITS["rad"].items()]
-    found.append(replace(found[-1], offset=np.where(turns, -math.pi, 0.0)))  # ticks with zero in the middle of a turn
+    ticks = next(one for one in found if one.name == TICKS)
+    found.append(replace(ticks, offset=np.where(turns, -math.pi, 0.0)))  # ticks with zero in the middle of a turn
     ends = np.where(real[:, None], limits, [-math.pi, math.pi])
     width = np.ptp(ends, axis=1)
     return [*found, Scale(NORMALISED, width / 200, ends.mean(axis=1)), Scale(PERCENT, width / 100, ends[:, 0])]
@@ -120,7 +134,7 @@ def judged(
         return None
     if not shares and not has_room(low, high, limits, real, any_order):
         return None
-    cost, velocity = LIKELY[scale.name] + LATER_COST * rank, None
+    cost, velocity, error = LIKELY[scale.name] + LATER_COST * rank, None, math.inf
     cost += STILL_COST if np.ptp([low, high], axis=0).max() < LEAST_RAD else 0.0
     if numbers.speed is not None and time:
         speed = float((numbers.speed * scale.factor).max()) / UNITS["s"][time]
@@ -131,12 +145,25 @@ def judged(
         rate = (numbers.rate * scale.factor / UNITS["s"][time])[np.isfinite(numbers.rate)]
         if shares and spread(rate) > 2 * math.log1p(SAME) > 2 * spread(numbers.rate):
             return None  # the velocities are of one unit at all joints
-        velocity = nearest(float(np.median(rate)), "rad/s")
+        velocity = rate_unit(float(np.median(rate)), scale.name, numbers.exact)
+        error = abs(float(np.median(rate)) / UNITS["rad/s"][velocity] - 1) if velocity and numbers.exact else math.inf
         cost += NO_RATE_COST if velocity is None else 0.0
     is_inside = bool(inside(low, high, limits).all())
     zero_outside = real & ((limits[:, 0] > OFF_ZERO) | (limits[:, 1] < -OFF_ZERO))
-    cost += (not is_inside) * OUTSIDE_COST + (bool(named) and scale.name not in named) * UNNAMED_COST
-    return Reading(time, scale, velocity, is_inside, is_inside and not shares and bool(zero_outside.any()), cost)
+    if not is_inside:
+        turned_round = (inside(low, high, limits) | inside(-high, -low, limits)).all()
+        cost += TURNED_COST if turned_round else OUTSIDE_COST
+    cost += (bool(named) and scale.name not in named) * UNNAMED_COST
+    return Reading(time, scale, velocity, error, is_inside, is_inside and not shares and bool(zero_outside.any()), cost)
+
+
+def rate_unit(rate: float, position: str, exact: bool) -> str | None:
+    """The unit of velocities by the rates of positions in it; None for one that is neither near nor the usual one."""
+    unit = nearest(rate, "rad/s")
+    usual = {f"{position}/s", f"{HABIT.get(position, position)}/s"}
+    if unit is None or unit in usual or (exact and abs(rate / UNITS["rad/s"][unit] - 1) < CLOSE):
+        return unit
+    return None
 
 
 def spread(values: np.ndarray) -> float:
