@@ -210,6 +210,11 @@ class Robot:
         return tuple(self.model.joint(j).name for j in self._joint_ids)
 
     @cached_property
+    def turning(self) -> np.ndarray:
+        """Whether each joint turns, in rad; the others slide, in m. Bool, (joints,)."""
+        return self.model.jnt_type[self._joint_ids] == int(mujoco.mjtJoint.mjJNT_HINGE)
+
+    @cached_property
     def joint_qpos(self) -> np.ndarray:
         """Where each joint's position stands in ``qpos``, shape (joints,)."""
         return self.model.jnt_qposadr[self._joint_ids]

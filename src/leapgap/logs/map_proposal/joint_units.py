@@ -21,7 +21,6 @@ from leapgap.logs.map_proposal.unit_readings import (
     Scale,
     nearest,
     readings,
-    turning,
 )
 
 GRIPPER = "gripper"
@@ -253,7 +252,7 @@ def signs_of(quantity: str, proposal: Proposal) -> np.ndarray | float:
 def put_unit(quantity: str, unit: str, evidence: Evidence, proposal: Proposal) -> None:
     """Put a unit of angles into the map, of the joints that turn."""
     dimension = next(of for of in ("rad", "rad/s", "N·m") if unit in UNITS[of])
-    turns = turning(evidence.robot)
+    turns = evidence.robot.turning
     if UNITS[dimension][unit] == 1:
         return
     for ours in ["*"] if turns.all() else [j for j, one in zip(evidence.robot.joints, turns, strict=True) if one]:
@@ -275,7 +274,7 @@ def judge_velocities(reading: Reading | None, evidence: Evidence, proposal: Prop
         return
     put_unit("joint_vel", reading.velocity, evidence, proposal)
     evidence.values["joint_vel"] = evidence.values["joint_vel"] * np.where(
-        turning(evidence.robot), UNITS["rad/s"][reading.velocity], 1.0
+        evidence.robot.turning, UNITS["rad/s"][reading.velocity], 1.0
     )
     rests = f"they are the rates of positions in {evidence.position_unit}"
     is_exact = reading.velocity in DISTINCT and reading.velocity_error < CLOSE
@@ -377,7 +376,7 @@ def judge_set_point(
     else:
         put_unit(quantity, name, evidence, proposal)
         factor = UNITS["rad" if quantity == "cmd_pos" else "rad/s"][name]
-        evidence.values[quantity] = evidence.values[quantity] * np.where(turning(evidence.robot), factor, 1.0)
+        evidence.values[quantity] = evidence.values[quantity] * np.where(evidence.robot.turning, factor, 1.0)
     if not clear.all():
         which = "nothing measured follows" if not clear.any() else f"{names_of(~clear, evidence)} hardly follow"
         proposal.say(GUESSED, f"{quantity} is in {name}, as what is measured: {which} it closely enough to tell")

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from leapgap.logs.importers.units import UNITS
@@ -87,19 +86,13 @@ class Numbers:
 def scales(robot: Robot) -> list[Scale]:
     """The units that positions may be in."""
     limits, real = real_limits(robot)
-    turns = turning(robot)
+    turns = robot.turning
     found = [Scale(name, np.where(turns, factor, 1.0), 0.0 * turns) for name, factor in UNITS["rad"].items()]
     ticks = next(one for one in found if one.name == TICKS)
     found.append(replace(ticks, offset=np.where(turns, -math.pi, 0.0)))  # ticks with zero in the middle of a turn
     ends = np.where(real[:, None], limits, [-math.pi, math.pi])
     width = np.ptp(ends, axis=1)
     return [*found, Scale(NORMALISED, width / 200, ends.mean(axis=1)), Scale(PERCENT, width / 100, ends[:, 0])]
-
-
-def turning(robot: Robot) -> np.ndarray:
-    """Whether each joint turns; units of angles are nothing to one that slides."""
-    hinge = int(mujoco.mjtJoint.mjJNT_HINGE)
-    return np.array([robot.model.joint(name).type[0] == hinge for name in robot.joints])
 
 
 def readings(
