@@ -154,7 +154,8 @@ class TableFormat(LogFormat):
 def starting_gains(columns: Arrays, robot: Robot, where: str) -> Arrays:
     """Gains, (rows,) each, that the table lacks: those of the model's position servos, from which a fit starts."""
     rows = len(next(iter(columns.values()), ()))
-    lacking = [name for name in GAINS if not all(f"{name}/{joint}" in columns for joint in robot.joints)]
+    sent = [joint for joint in robot.joints if {f"cmd_pos/{joint}", f"cmd_tau/{joint}"} & columns.keys()]
+    lacking = [name for name in GAINS if not all(f"{name}/{joint}" in columns for joint in sent)]
     servos = servo_gains(robot)
     if lacking and servos is None:
         do = f"state constants of {' and '.join(f'{name}/*' for name in lacking)} as a start"
@@ -162,7 +163,7 @@ def starting_gains(columns: Arrays, robot: Robot, where: str) -> Arrays:
     return {
         f"{name}/{joint}": np.full(rows, (servos or {}).get(joint, (0.0, 0.0))[GAINS.index(name)])
         for name in lacking
-        for joint in robot.joints
+        for joint in sent
         if f"{name}/{joint}" not in columns
     }
 

@@ -118,8 +118,9 @@ def ask_for_calibration(evidence: Evidence, proposal: Proposal) -> None:
         MISSING,
         "the unit of positions: −100…100 of each joint's range, as this kind of robot records by default, or degrees, "
         "unclear. If shares, state calibration: <LeRobot's calibration file of this robot>; then, or if degrees, "
-        "units: {joint_pos/*: deg, cmd_pos/*: deg}",
+        "units: {joint_pos/*: deg, cmd_pos/*: deg}. A gripper is 0…100 either way",
     )
+    open_grippers(evidence, proposal)
     for quantity in ("joint_pos", "cmd_pos"):
         if quantity in evidence.values:
             proposal.put("units", f"{quantity}/*", ASKED)
@@ -152,7 +153,7 @@ def rates_beside(evidence: Evidence) -> tuple[Match, np.ndarray, np.ndarray] | N
         return None
     rows = rows_meant(rows_step(clock, evidence))
     rate, mean = mean_rates(clock, position, rows), mean_values(clock, velocity, rows)
-    return match(rate, mean, rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0])), rate, mean
+    return match(rate, mean, rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0]), evidence.named), rate, mean
 
 
 def rows_step(clock: np.ndarray, evidence: Evidence) -> float:
@@ -327,7 +328,8 @@ def judge_set_points(reading: Reading | None, evidence: Evidence, proposal: Prop
             if quantity == "cmd_vel":
                 leave_out_rates(evidence, proposal)
             continue
-        judge_set_point(quantity, measured, unit, reading, evidence, proposal)
+        if reading is not None:
+            judge_set_point(quantity, measured, unit, reading, evidence, proposal)
 
 
 def leave_out_rates(evidence: Evidence, proposal: Proposal) -> None:
@@ -342,7 +344,7 @@ def judge_set_point(
 ) -> None:
     """Order, sign and unit of one kind of set points."""
     _, actual, wanted = (clock, *_) = some_rows(evidence, measured, quantity)
-    found = match(actual, wanted, -rows_in(clock, LATE_ROBOT_S))
+    found = match(actual, wanted, -rows_in(clock, LATE_ROBOT_S), evidence.named)
     if found.moved:
         reorder(quantity, found.of, evidence, proposal, "the measured ones follow it so")
     mirror(quantity, found, evidence, proposal, "the measured ones")

@@ -34,10 +34,11 @@ class Match:
         return bool((self.of != np.arange(len(self.of))).any())
 
 
-def match(first: np.ndarray, second: np.ndarray, latest: int) -> Match:
+def match(first: np.ndarray, second: np.ndarray, latest: int, named: bool) -> Match:
     """Match columns, (rows, n) each; the second ones may be late by rows up to ``latest``, or early where negative.
 
-    Orders are tried before signs: the columns as they stand, then in another order, then as mirror images.
+    Orders are tried before signs: the columns as they stand, then in another order, then as mirror images; where names
+    of joints state the order, signs come first.
     """
     lags = np.unique(np.round(np.linspace(0, abs(latest), DELAYS)).astype(int)) * (1 if latest >= 0 else -1)
     lags = lags[np.argsort(np.abs(lags))]
@@ -50,7 +51,7 @@ def match(first: np.ndarray, second: np.ndarray, latest: int) -> Match:
 
     (plus, plus_score, plus_lag), (minus, minus_score, minus_lag) = best(found), best(-found)
     turned = (minus_score > plus_score + BETTER) & (minus > CLEAR)
-    of = order_of(np.where(turned, 0.0, plus), np.where(turned, 0.0, plus_score))
+    of = None if named else order_of(np.where(turned, 0.0, plus), np.where(turned, 0.0, plus_score))
     if of is None:
         of = order_of(np.where(turned, minus, plus), np.where(turned, minus_score, plus_score))
     joints = np.arange(first.shape[1])

@@ -28,6 +28,8 @@ PARTS = (
 MOST_COLUMNS = 10_000
 """Columns from which a map is proposed."""
 DELIMITERS = (";", "\t", " ")
+LONGEST_LINE = 1_000_000
+"""Bytes of a first line that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,13 @@ def as_written(layout: TableFormat, path: Path) -> dict[str, Any]:
     """How a text table is written, as options: its delimiter, and whether its first row names the columns."""
     if layout.name != "csv":
         return {}
+    with path.open("rb") as file:
+        first = file.readline(LONGEST_LINE).decode("utf-8", errors="replace").strip()
     found: dict[str, Any] = {}
-    names = layout.table(path, layout.Options()).columns
-    if len(names) == 1:
-        delimiter = next((one for one in DELIMITERS if one in names[0]), None)
-        found |= {"delimiter": delimiter} if delimiter else {}
-        names = names[0].split(delimiter) if delimiter else names
-    return found | ({"header": False} if all(map(is_number, names)) else {})
+    if "," not in first and (delimiter := next((one for one in DELIMITERS if one in first), None)):
+        found["delimiter"] = delimiter
+    cells = first.split(found.get("delimiter", ","))
+    return found | ({"header": False} if all(map(is_number, cells)) else {})
 
 
 def is_number(text: str) -> bool:

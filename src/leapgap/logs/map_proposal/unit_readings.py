@@ -136,8 +136,9 @@ def judged(
         cost += max(0.0, abs(math.log10(max(speed, 1e-9) / USUAL_SPEED)) - 1)
     if numbers.rate is not None and time and np.isfinite(numbers.rate).any():
         rate = (numbers.rate * scale.factor / UNITS["s"][time])[np.isfinite(numbers.rate)]
-        if shares and spread(rate) > 2 * math.log1p(SAME) > 2 * spread(numbers.rate):
-            return None  # the velocities are of one unit at all joints
+        own = float(np.nanmedian(numbers.rate)) / UNITS["s"][time]
+        if shares and spread(rate) > 2 * math.log1p(SAME) > 2 * spread(numbers.rate) and abs(math.log(own)) > SAME:
+            return None  # the velocities are of one unit at all joints, and not of that of the positions
         velocity = rate_unit(float(np.median(rate)), scale.name, numbers.exact)
         error = abs(float(np.median(rate)) / UNITS["rad/s"][velocity] - 1) if velocity and numbers.exact else math.inf
         cost += NO_RATE_COST if velocity is None else 0.0
