@@ -117,8 +117,9 @@ def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal)
 def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, proposal: Proposal) -> None:
     """Add the entries of one family, by ``*`` where the names of joints go with those of the others."""
     joints, known = evidence.robot.joints, evidence.their_joints == keys
+    evidence.named |= {quantity} if one.joints else set()
     if evidence.their_joints is None:
-        evidence.their_joints, evidence.named = keys, bool(one.joints)
+        evidence.their_joints = keys
         renamed = {key: joint for key, joint in zip(keys, joints, strict=True) if key != joint}
         if renamed:
             proposal.options["joint_names"] = renamed

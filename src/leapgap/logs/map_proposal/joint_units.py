@@ -68,7 +68,7 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
         evidence.robot,
         evidence.time_units,
         units_in_names(evidence, proposal),
-        not evidence.named,
+        "joint_pos" not in evidence.named,
     )
     if not found:
         proposal.say(
@@ -152,8 +152,9 @@ def rates_beside(evidence: Evidence) -> tuple[Match, np.ndarray, np.ndarray] | N
     if len(clock) < LEAST_ROWS:
         return None
     rows = rows_meant(rows_step(clock, evidence))
+    named = {"joint_pos", "joint_vel"} <= evidence.named
     rate, mean = mean_rates(clock, position, rows), mean_values(clock, velocity, rows)
-    return match(rate, mean, rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0]), evidence.named), rate, mean
+    return match(rate, mean, rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0]), named), rate, mean
 
 
 def rows_step(clock: np.ndarray, evidence: Evidence) -> float:
@@ -344,7 +345,7 @@ def judge_set_point(
 ) -> None:
     """Order, sign and unit of one kind of set points."""
     _, actual, wanted = (clock, *_) = some_rows(evidence, measured, quantity)
-    found = match(actual, wanted, -rows_in(clock, LATE_ROBOT_S), evidence.named)
+    found = match(actual, wanted, -rows_in(clock, LATE_ROBOT_S), {measured, quantity} <= evidence.named)
     if found.moved:
         reorder(quantity, found.of, evidence, proposal, "the measured ones follow it so")
     mirror(quantity, found, evidence, proposal, "the measured ones")

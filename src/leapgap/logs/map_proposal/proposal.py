@@ -66,8 +66,8 @@ class Evidence:
     order_words: str = ""
     their_joints: list[str] | None = None
     """What the first family calls our joints, in our order: what ``*`` stands for in their names."""
-    named: bool = False
-    """Whether that family names the robot's joints."""
+    named: set[str] = field(default_factory=set)
+    """Quantities whose columns name the robot's joints."""
     unplaced: set[str] = field(default_factory=set)
     """Quantities with columns of which nobody can say which joint each is of."""
     position_unit: str = "rad"
