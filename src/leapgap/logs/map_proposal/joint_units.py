@@ -13,6 +13,7 @@ from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, 
 from leapgap.logs.map_proposal.unit_readings import (
     CLOSE,
     DISTINCT,
+    LIKELY,
     NORMALISED,
     PERCENT,
     TICKS,
@@ -87,7 +88,7 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
         best.position.name,
         SURE if len(names) == 1 and best.position.name in DISTINCT else GUESSED,
     )
-    rivals = ", ".join(name for name in names[1:])
+    rivals = ", ".join(sorted(names[1:], key=LIKELY.__getitem__))
     if evidence.certainty == SURE:
         proposal.say(SURE, f"positions are in {best.position.name}: limits and rates of the joints rule out all others")
     else:
