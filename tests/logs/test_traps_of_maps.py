@@ -175,6 +175,20 @@ def test_a_table_without_a_header_is_asked_about(arm: Robot, tmp_path: Path) -> 
     assert any("a.csv has no header" in one for one in found.proposal.notes_of(MISSING))
 
 
+def test_a_run_in_two_files_is_told(arm: Robot, tmp_path: Path) -> None:
+    run = tmp_path / "runs" / "one"
+    run.mkdir(parents=True)
+    columns = moved()
+    for name, kind in (("measured", "q"), ("sent", "q_des")):
+        write_table(run / f"{name}.csv", {"t": columns["t"]} | {f"{kind}_{j}": columns[f"{kind}_{j}"] for j in ARM})
+    found = propose_map(run, arm)
+    assert "other columns in sent.csv: if they are of the same run, join them" in found.proposal.notes_of(MISSING)[-1]
+    with pytest.raises(
+        InputError, match=r"found files in folders, such as measured.csv; .* name .*one; where a run is"
+    ):
+        propose_map(tmp_path / "runs", arm)
+
+
 def test_lists_in_cells_are_vectors(arm: Robot, tmp_path: Path) -> None:
     columns = moved()
     position = np.stack([columns[f"q_{joint}"] for joint in ARM], axis=1)

@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from leapgap.errors import InputError
-from leapgap.logs.files import check_tree, decoding
+from leapgap.logs.files import check_file, check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, MISSING, SURE, UNUSED, Proposal
@@ -28,6 +28,8 @@ PARTS = (
 MOST_COLUMNS = 10_000
 """Columns from which a map is proposed."""
 DELIMITERS = (";", "\t", " ")
+MOST_FILES = 5
+"""Files that a question names."""
 LONGEST_LINE = 1_000_000
 """Bytes of a first line that are looked at."""
 
@@ -89,6 +91,11 @@ def propose_map(source: Path, robot: Robot, format: str | None = None) -> Propos
     proposal = propose(first, robot, stated)
     if written.get("header") is False:
         proposal.say(MISSING, f"names of the columns: {path.name} has no header; its columns are called 0, 1, 2, …")
+    if layout.name == "csv" and source.is_dir() and proposal.notes_of(MISSING):
+        others = [one.name for one in layout.find(source).values() if first_line(one) != first_line(path)]
+        if others:
+            beside = ", ".join(sorted(others)[:MOST_FILES])
+            proposal.say(MISSING, f"other columns in {beside}: if they are of the same run, join them on one clock")
     proposal.options |= written
     return ProposedMap(proposal, layout.name, path)
 
@@ -97,13 +104,19 @@ def as_written(layout: TableFormat, path: Path) -> dict[str, Any]:
     """How a text table is written, as options: its delimiter, and whether its first row names the columns."""
     if layout.name != "csv":
         return {}
-    with path.open("rb") as file:
-        first = file.readline(LONGEST_LINE).decode("utf-8", errors="replace").strip()
+    first = first_line(path)
     found: dict[str, Any] = {}
     if "," not in first and (delimiter := next((one for one in DELIMITERS if one in first), None)):
         found["delimiter"] = delimiter
     cells = first.split(found.get("delimiter", ","))
     return found | ({"header": False} if all(map(is_number, cells)) else {})
+
+
+def first_line(path: Path) -> str:
+    """The first line of a text."""
+    check_file(path, "a text table", "copy the file itself")
+    with path.open("rb") as file:
+        return file.readline(LONGEST_LINE).decode("utf-8", errors="replace").strip()
 
 
 def is_number(text: str) -> bool:
@@ -133,5 +146,10 @@ def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
     if found:
         _, _, layout, path = min(found, key=lambda one: one[:2])
         return layout, path
+    endings = {end for kind in formats().values() if issubclass(kind, TableFormat) for end in kind.suffixes}
+    below = next((one for one in sorted(source.glob("*/*")) if one.suffix in endings), None)
+    if below is not None:
+        do = f"name {below.parent}; where a run is several files, join them into one on one clock, or use SAGE's layout"
+        raise InputError(source, f"files in folders, such as {below.name}", "logs beside each other", do)
     known = ", ".join(name for name, kind in formats().items() if issubclass(kind, TableFormat))
     raise InputError(source, "no file of a known format", f"one of {known}", "state --format, or export the logs")
