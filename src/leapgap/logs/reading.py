@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, printable
 from leapgap.logs.consistency import remarks
 from leapgap.logs.files import check_tree, decoding
 from leapgap.logs.importers.base import LogFormat
@@ -104,14 +104,14 @@ def enough(source: Path, logs: Sequence[Log], errors: Sequence[tuple[str, InputE
     if errors and len(logs) < FEWEST:
         if not logs and len({str(error) for _, error in errors}) == 1:
             raise errors[0][1]
-        found = "\n".join(f"  {name}: {error}" for name, error in errors)
         raise InputError(
             source,
-            f"{len(errors)} of {len(errors) + len(logs)} logs that cannot be used:\n{found}\n ",
+            f"{len(errors)} of {len(errors) + len(logs)} logs that cannot be used",
             f"{FEWEST} logs or more that can be used",
             "repair or remove those",
+            (f"{name}: {error}" for name, error in errors),
         )
-    return Readings(tuple(logs), tuple(SetAside(name, str(error)) for name, error in errors))
+    return Readings(tuple(logs), tuple(SetAside(printable(name), str(error)) for name, error in errors))
 
 
 def of_robot(log: Log, robot: Robot | None) -> Log:

@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO, cast
 
 import pyarrow as pa
 import pyarrow.csv
@@ -10,6 +11,7 @@ import pyarrow.csv
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.unpacking import Bounded
 
 CHUNK_BYTES = 1 << 20
 
@@ -37,11 +39,13 @@ class Csv(TableFormat):
 
     def read_table(self, path: Path, options: CsvOptions, wanted: Wanted) -> Arrays:
         """The columns of a CSV; those that are not wanted may hold any text."""
-        check_lines(path, options)
+        with opened(path) as file:
+            check_lines(file, path, options)
         read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
         try:
             parse = pa.csv.ParseOptions(delimiter=options.delimiter)
-            table = pa.csv.read_csv(path, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
+            with opened(path) as file:
+                table = pa.csv.read_csv(file, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
         except (pa.ArrowException, OSError) as error:
             raise InputError(
                 path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew"
@@ -56,12 +60,17 @@ class Csv(TableFormat):
         return {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True) if wanted(name)}
 
 
-def check_lines(path: Path, options: CsvOptions) -> None:
+def opened(path: Path) -> BinaryIO:
+    """The text of a file; a packed one (``.csv.gz``) is unpacked as it is read, up to a limit."""
+    file = pa.input_stream(str(path), compression="detect")
+    return cast(BinaryIO, Bounded(file, path) if isinstance(file, pa.CompressedInputStream) else file)
+
+
+def check_lines(file: BinaryIO, path: Path, options: CsvOptions) -> None:
     """Check the size of a file by its lines and the cells of its widest one among the first, before it is read."""
-    with path.open("rb") as file:
-        head = file.read(CHUNK_BYTES)
-        cells = max(line.count(options.delimiter.encode()) + 1 for line in head.split(b"\n"))
-        lines = head.count(b"\n")
-        while chunk := file.read(CHUNK_BYTES):
-            lines += chunk.count(b"\n")
+    head = file.read(CHUNK_BYTES)
+    cells = max(line.count(options.delimiter.encode()) + 1 for line in head.split(b"\n"))
+    lines = head.count(b"\n")
+    while chunk := file.read(CHUNK_BYTES):
+        lines += chunk.count(b"\n")
     check_size(path, lines * cells, lines - options.skip_rows - options.header, options.most_rows)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from leapgap.errors import InputError
+from leapgap.errors import CONTROL, InputError, printable
 from leapgap.logs.files import check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.table_format import TableFormat
@@ -62,13 +62,18 @@ def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
 def as_text(proposal: Proposal, table: Table, format: str, robot: Robot) -> str:
     """The proposal as YAML with comments; what is missing is never filled in."""
     lines = [
-        f"# Map proposed for {table.path.name}, robot {robot.name}. Nothing is imported. Check it, save it, then",
+        f"# Map proposed for {printable(table.path.name)}, robot {robot.name}. Nothing is imported.",
+        "# Check it, save it, then",
         "#   leapgap import <logs> <robot> --options <this file> --out <folder>",
     ]
     for kind, heading in HEADINGS:
         sentences = proposal.notes_of(kind)
         if sentences:
-            lines += [f"# {heading}", *(f"#   {sentence}" for sentence in sentences)]
+            lines += [f"# {heading}", *(f"#   {printable(sentence)}" for sentence in sentences)]
     options = {part: proposal.options[part] for part in PARTS if part in proposal.options}
-    lines += ["", yaml.safe_dump({"format": format, format: options}, sort_keys=False, allow_unicode=True, width=110)]
+    stated = {"format": format, format: options}
+    text = yaml.safe_dump(stated, sort_keys=False, allow_unicode=True, width=110)
+    if CONTROL.search(text.replace("\n", "")):
+        text = yaml.safe_dump(stated, sort_keys=False, width=110)
+    lines += ["", text]
     return "\n".join(lines)
