@@ -36,6 +36,14 @@ class InputError(Exception):
         return type(self), (self.where, self.found, self.expected, self.do, self.each)
 
 
+def check_utf8(path: object) -> None:
+    """``InputError`` for a path that is no UTF-8, which the libraries that open files cannot take."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(path, "a path that is not UTF-8", "a path that is", "rename the file or folder") from None
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str | None:
     """A question that names the known word nearest to one that is not known; None where none is near."""
     near = difflib.get_close_matches(word, list(known), 1)

@@ -22,7 +22,7 @@ from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
 from leapgap.logs.completeness import check_complete
 from leapgap.logs.consistency import check_physics
-from leapgap.logs.files import VALUE_BYTES, check_file, check_values_fit, decoding
+from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_values_fit, decoding
 from leapgap.logs.metadata import read_metadata
 from leapgap.logs.parquet_pages import check_pages
 from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, check_values
@@ -330,6 +330,7 @@ def read_logs(folder: Path) -> list[Log]:
     """
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+    check_folder(folder)
     logs, errors = [], []
     for path in sorted(folder.glob("*.parquet")):
         try:

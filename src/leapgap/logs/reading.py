@@ -10,7 +10,7 @@ import numpy as np
 
 from leapgap.errors import InputError, printable
 from leapgap.logs.consistency import remarks
-from leapgap.logs.files import check_tree, decoding
+from leapgap.logs.files import check_folder, check_tree, decoding
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log, check_read, read_log
 from leapgap.logs.schema import BASE_QUATERNION
@@ -59,6 +59,7 @@ def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
     """
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+    check_folder(folder)
 
     def reader(path: Path) -> Callable[[], list[Log]]:
         return lambda: [of_robot(read_log(path), robot)]
@@ -73,6 +74,8 @@ def read_foreign(layout: LogFormat, source: Path, robot: Robot, options: Any) ->
     def reader(name: str, path: Path) -> Callable[[], list[Log]]:
         return lambda: read_checked(layout, path, name, robot, options)
 
+    if source.is_dir():
+        check_folder(source)
     return collect(source, ((name, reader(name, path)) for name, path in layout.find(source).items()))
 
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, check_utf8
 from leapgap.robot import model_count
 from leapgap.robot.model_count import A_MODEL, DO, LARGEST_MODEL_BYTES, RefusedError, plain_size, signature_of
 
@@ -47,6 +47,7 @@ PASSED: dict[tuple[str, str], Mapping[str, Any]] = {}
 
 def check_model_file(path: Path) -> str:
     """The text of a model file, MJCF or URDF; ``InputError`` where it is none, or asks for too much."""
+    check_utf8(path)
     try:
         if path.exists():
             plain_size(path, path, model_count.LARGEST_XML_BYTES)

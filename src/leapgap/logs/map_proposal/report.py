@@ -5,7 +5,7 @@ from pathlib import Path
 import yaml
 
 from leapgap.errors import CONTROL, InputError, printable
-from leapgap.logs.files import check_tree, decoding
+from leapgap.logs.files import check_folder, check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Table
@@ -48,6 +48,8 @@ def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
     """The format of a source, and its first file; the formats are tried if none is stated."""
     if not source.exists():
         raise InputError(source, "no such file or folder", "logs", "name the folder of the logs, or one of them")
+    if source.is_dir():
+        check_folder(source)
     for name in [format] if format else formats():
         layout = log_format(name)
         if not isinstance(layout, TableFormat):
