@@ -5,7 +5,6 @@ or a column is not what its name says. A log departs where a statistic is many t
 beyond a floor. So effects that differ from log to log, such as a clock or a payload, do not make a log depart.
 """
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -37,7 +36,8 @@ SPIKE_FLOORS = {
 """Quantity → height of a spike, in its unit, that is one."""
 SHARE_OF_SPREAD = 1.0
 """To the floor of a command or torque, this share of the spread of its column is added: commands may leap."""
-
+SAME = 1e-6
+"""Difference between two logs, as a share of the range of a column, that no repetition of a motion has by chance."""
 Values = Mapping[str, float]
 """Channel → statistic of one log."""
 
@@ -78,22 +78,39 @@ def check_motion(logs: Sequence[Log]) -> None:
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
-    """The logs without those that are equal to an earlier one in every column.
+    """The logs without those that are equal to an earlier one in every column, or as good as equal.
 
     A cause is judged on logs that it was not fitted on. A copy would be judged by itself.
     """
-    first: dict[bytes, Log] = {}
+    originals: list[Log] = []
     copies = []
     for log in logs:
-        hashed = hashlib.sha256()
-        for name in sorted(log.columns):
-            hashed.update(f"{name}\0{len(log)}\0".encode())
-            hashed.update(np.ascontiguousarray(log.columns[name]).tobytes())
-        known = first.setdefault(hashed.digest(), log)
-        if known is not log:
-            reason = f"equal to {known.name} in every column: a copy says nothing more"
-            copies.append(SetAside(log.name, reason))
-    return list(first.values()), copies
+        known = next((other for other in originals if largest_difference(log, other) <= SAME), None)
+        if known is None:
+            originals.append(log)
+            continue
+        off = largest_difference(log, known)
+        but = f" but for {off:.1g} of its range" if off else ""
+        copies.append(SetAside(log.name, f"equal to {known.name} in every column{but}: a copy says nothing more"))
+    return originals, copies
+
+
+def largest_difference(log: Log, other: Log) -> float:
+    """Largest difference of two logs in any column, as a share of its range, or of its value where it keeps one.
+
+    Infinite where they differ in length or columns, or by more than ``SAME``.
+    """
+    if len(log) != len(other) or set(log.columns) != set(other.columns):
+        return np.inf
+    worst = 0.0
+    for name in sorted(log.columns, key=lambda one: not one.startswith("joint_pos")):  # commands are often the same
+        values, theirs = log.columns[name], other.columns[name]
+        size = float(np.ptp(theirs)) or float(np.abs(theirs[0]))
+        off = float(np.abs(values - theirs).max())
+        worst = max(worst, off and (off / size if size else np.inf))
+        if worst > SAME:
+            return np.inf
+    return worst
 
 
 def reasons(logs: Sequence[Log]) -> dict[str, str]:

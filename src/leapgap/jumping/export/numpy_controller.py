@@ -38,7 +38,8 @@ class Controller:
     def __init__(self, folder: str | Path) -> None:
         self.t = dict(np.load(Path(folder) / "tables.npz"))
         described = json.loads((Path(folder) / "controller.json").read_text(encoding="utf-8"))
-        wrong = [name for name, one in described["tables"].items() if list(self.t[name].shape) != one["shape"]]
+        shapes = {name: one["shape"] or [1] for name, one in described["tables"].items()}
+        wrong = [name for name, shape in shapes.items() if list(self.t[name].shape or [1]) != shape]
         if wrong:
             raise ValueError(f"{folder}: tables.npz has {', '.join(wrong)} of other shapes than controller.json says")
         self.n = described["numbers"]
