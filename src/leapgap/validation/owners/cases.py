@@ -78,10 +78,9 @@ def write_owners_case(case: OwnersCase, models: Path, logs: Path, proof: Path) -
 
     runs = made(errors, len(plans))
     names = [f"log_{i}" for i in range(LOGS)] + [f"proof_{i}" for i in range(PROOFS)]
-    joints = tuple(nominal.model.joint(j).name for j in nominal.joints)
     for name, plan, run in zip(names, plans, runs, strict=True):
-        folder = logs if name.startswith("log") else proof
-        write_log(logged(name, plan, run, robot, errors, joints, noise_rng), folder / f"{name}.parquet")
+        log = logged(name, plan, run, robot, errors, nominal.names, noise_rng)
+        write_log(log, (logs if name.startswith("log") else proof) / f"{name}.parquet")
     write_text(logs / "robot.xml", model_file(spec, errors))
     floor = difference(made((), MEASURED), expected, robot, with_noise=True)
     effects = [one for one in errors if not one.is_fact]
@@ -124,8 +123,7 @@ def draw_errors(
     data.qpos[:] = nominal.model.key_qpos[0]
     mujoco.mj_forward(nominal.model, data)
     mujoco.mj_fullM(nominal.model, data, whole)
-    joints = tuple(nominal.model.joint(j).name for j in nominal.joints)
-    situation = Situation(robot, joints, limit, whole.diagonal()[run.dofs], run, rng)
+    situation = Situation(robot, nominal.names, limit, whole.diagonal()[run.dofs], run, rng)
     kinds = {kind.__name__: kind for kind in OF_ROBOT[case.robot]}
     return [kinds[name](situation) for name in case.errors]
 
@@ -161,13 +159,7 @@ class Plan:
 
 
 def logged(
-    name: str,
-    plan: Plan,
-    run: Run,
-    robot: OwnersRobot,
-    errors: Sequence[Error],
-    joints: Sequence[str],
-    rng: np.random.Generator,
+    name: str, plan: Plan, run: Run, robot: OwnersRobot, errors: Sequence[Error], joints: Sequence[str], rng: Any
 ) -> Log:
     """The log of a motion, with noise, resolution and the errors of the log."""
     rows = len(run.qpos)

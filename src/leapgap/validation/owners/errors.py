@@ -82,7 +82,11 @@ class Situation:
         if self.rng.random() < 0.5:
             return ALL, np.ones(len(self.joints), dtype=bool)
         at = self.joint()
-        return self.joints[at], np.arange(len(self.joints)) == at
+        return self.joints[at], self.only(at, True, False)
+
+    def only(self, at: int, value: Any, others: Any = 0.0) -> np.ndarray:
+        """A number of one joint, and another of the others, (joints,)."""
+        return np.where(np.arange(len(self.joints)) == at, value, others)
 
     def gain(self, least: float, most: float) -> float:
         """A gain that is clearly not one."""
@@ -130,22 +134,20 @@ def set_point_slew(s: Situation) -> Error:
 def encoder_bias(s: Situation) -> Error:
     """The zero of one encoder is off."""
     at, bias = s.joint(), s.sign() * s.size(0.05, s.robot.largest_zero_rad)
-    zero = np.where(np.arange(len(s.joints)) == at, bias, 0.0)
-    return Error("encoder_bias", s.joints[at], {"bias_rad": bias}, {"zero": zero})
+    return Error("encoder_bias", s.joints[at], {"bias_rad": bias}, {"zero": s.only(at, bias)})
 
 
 def torque_offset(s: Situation) -> Error:
     """A constant torque at one joint."""
     at = s.joint()
     torque = s.sign() * round(float(s.torque[at] * s.rng.uniform(0.2, 0.6)), 4)
-    offset = np.where(np.arange(len(s.joints)) == at, torque, 0.0)
-    return Error("torque_offset", s.joints[at], {"torque_nm": torque}, {"offset": offset})
+    return Error("torque_offset", s.joints[at], {"torque_nm": torque}, {"offset": s.only(at, torque)})
 
 
 def torque_limit(s: Situation) -> Error:
     """The model file states less than a motor gives, or the drive gives less than the file states."""
     at = s.joint()
-    capped = np.where(np.arange(len(s.joints)) == at, s.torque * s.rng.uniform(0.4, 0.7), s.limit)
+    capped = s.only(at, s.torque * s.rng.uniform(0.4, 0.7), s.limit)
     if s.rng.random() < 0.5:
         scale = float(s.limit[at] / capped[at])
         return Error("torque_limit", s.joints[at], {"scale": scale}, file_limit=capped, told=TOLD_LIMIT)
@@ -159,8 +161,8 @@ def duty_limit(s: Situation) -> Error:
     driving = torque * speed > 0
     needed = (1 - np.abs(torque) / s.limit[at])[driving] / np.abs(speed[driving])
     droop = round(float(np.quantile(needed, s.rng.uniform(0.1, 0.4))), 4)
-    everywhere, same = np.where(np.arange(len(s.joints)) == at, droop, 0.0), ("torque_speed_limit",)
-    return Error("duty_limit", s.joints[at], {"droop_s_rad": droop}, {"droop": everywhere}, same=same)
+    lost, same = {"droop": s.only(at, droop)}, ("torque_speed_limit",)
+    return Error("duty_limit", s.joints[at], {"droop_s_rad": droop}, lost, same=same)
 
 
 def supply_sag(s: Situation) -> Error:

@@ -54,6 +54,11 @@ class Plant:
         """Numbers of the joints that have a motor, in the order of the model."""
         return np.sort(self.model.actuator_trnid[:, 0])
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of these joints."""
+        return tuple(self.model.joint(joint).name for joint in self.joints)
+
     def run(self, position: np.ndarray, velocity: np.ndarray, period_s: float, step_s: float, rest_rows: int) -> "Run":
         """Motion under set points (rows, joints); the first ``rest_rows`` rows are not logged."""
         model, data = self.model, mujoco.MjData(self.model)
