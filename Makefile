@@ -135,6 +135,7 @@ robots: .venv/ready
 # judged. Killed, it goes on where it was. One family: python -m stages.bench 'bench.families=[a1]'
 bench: .venv/ready
 	python -m stages.bench executor=local
+	python -m stages.made_with metrics/bench.json
 
 # Times of single parts beside their peers, on an idle machine, twenty minutes: metrics/timing. Those that take longer or need
 # more packages stand alone: tests/benchmarks/scale.py, sysid.py, ray_workers.py. What a benchmark says: its --help.
