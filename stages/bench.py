@@ -101,21 +101,26 @@ def bench(config: DictConfig) -> None:
             for case in cases
             if case.name in chosen.only or not chosen.only
         ]
+        todo = [job for job in jobs if chosen.limit_s or cache.get(job.place, job.key) is not None]
         rows = {}
-        for name, row in executor.map(partial(judge, cache, chosen.limit_s, robot), jobs):
+        for name, row in executor.map(partial(judge, cache, chosen.limit_s, robot), todo):
             rows[name] = row
             print(line(name, row), flush=True)
         if rows:
-            table[family] = {"figures": summary(list(rows.values())), "cases": rows}
+            missing = [case.name for case in cases if case.name not in rows]
+            table[family] = {"figures": summary(list(rows.values())), "missing": missing, "cases": rows}
             write_table(chosen, table)
     print(markdown(table))
     if ROBOTS in chosen.families:
-        config = OmegaConf.merge(config, {"robots": {"raw": chosen.raw, "out": str(out / ROBOTS)}})
-        robots(config)
+        found = out / f"{ROBOTS}.json"
+        own_robots = {"raw": chosen.raw, "out": str(out / ROBOTS), "metrics": str(found)}
+        robots(OmegaConf.merge(config, {"robots": own_robots}))
+        if found.is_file():
+            write_table(chosen, {ROBOTS: read_json(found)})
 
 
 def write_table(chosen: BenchSettings, table: Mapping[str, Any]) -> None:
-    """Write the families so far into the file of the table, where one is asked for; the others in it stay."""
+    """Write these families into the file of the table, where one is asked for; the others in it stay."""
     if chosen.metrics:
         path = Path(chosen.metrics)
         before = read_json(path) if path.is_file() else {}

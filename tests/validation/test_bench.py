@@ -65,9 +65,12 @@ def test_figures_of_a_family_by_hand() -> None:
     assert found["no_word_without_false_name"] == [1, 2]
     assert found["no_answer"] == [1, 6]
     assert found["promise_error"] == pytest.approx((0.05 + 0.6 + 0.7) / 3)
-    text = markdown({"a1": {"figures": found, "cases": {f"case_{i}": row for i, row in enumerate(rows)}}})
+    text = markdown(
+        {"a1": {"figures": found, "missing": ["case_9"], "cases": {f"case_{i}": row for i, row in enumerate(rows)}}}
+    )
     assert "| case_1 |" in text
     assert NO_ANSWER in text
+    assert "missing: case_9" in text
 
 
 def test_evidence_of_a_report_is_shown_where_it_has_numbers() -> None:

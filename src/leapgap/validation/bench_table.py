@@ -113,6 +113,8 @@ def markdown(table: Mapping[str, Mapping[str, Any]]) -> str:
     parts = []
     for family, of_family in table.items():
         figures = ", ".join(f"{key.replace('_', ' ')} {figure(value)}" for key, value in of_family["figures"].items())
+        if of_family["missing"]:
+            figures += f"; missing: {', '.join(of_family['missing'])}"
         rows = [line(name, row) for name, row in of_family["cases"].items()]
         parts += [f"### {family}", "", figures, "", line_of(HEAD), line_of("---" for _ in HEAD), *rows, ""]
     return "\n".join(parts)
