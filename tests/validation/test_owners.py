@@ -1,7 +1,6 @@
 """Owners' robots against plain MuJoCo and by hand: drives, errors, draws, and the rule of right or honest."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -23,7 +22,7 @@ BENCH, LIMIT = ROBOTS["bench"], np.array([9.0, 5.0])
 
 
 def drive(**changed: object) -> Drive:
-    return replace(Drive.of(BENCH.kp, BENCH.kd, LIMIT), **changed)  # type: ignore[arg-type]
+    return Drive(**{"kp": np.array(BENCH.kp), "kd": np.array(BENCH.kd), "limit": LIMIT} | changed)  # type: ignore[arg-type]
 
 
 def still(of: Drive, rows: int = 400) -> np.ndarray:
@@ -35,7 +34,7 @@ def still(of: Drive, rows: int = 400) -> np.ndarray:
 
 def test_a_drive_that_does_what_the_log_says_is_mujocos_own_position_servo() -> None:
     so101, rows = ROBOTS["so101"], 60
-    plant = build(MODELS / "so101.xml", Drive.of(so101.kp, so101.kd, np.full(6, 2.94)))
+    plant = build(MODELS / "so101.xml", Drive(np.array(so101.kp), np.array(so101.kd), np.full(6, 2.94)))
     time = np.arange(rows) * so101.period_s
     sent = so101.set_points(time, plant.model.key_qpos[0], np.random.default_rng(1))
     run = plant.run(sent, np.zeros_like(sent), so101.period_s, 0.0005, 0)
@@ -96,8 +95,8 @@ def test_halves_share_no_case_and_a_seed_gives_the_same_ones() -> None:
 
 
 def test_every_error_can_be_drawn_and_a_case_is_the_same_bytes(tmp_path: Path) -> None:
-    for robot, errors in OF_ROBOT.items():
-        assert len({error.__name__ for error in errors}) >= 10, robot
+    for name, errors in OF_ROBOT.items():
+        assert len({error.__name__ for error in errors}) >= 10, name
     case = OwnersCase("tuning", "bench", ("velocity", "torque_limit", "link_payload"), 5)
     written = []
     for folder in (tmp_path / "a", tmp_path / "b"):

@@ -63,7 +63,7 @@ def write_owners_case(case: OwnersCase, models: Path, logs: Path, proof: Path) -
     plans_rng, size_rng, wear_rng, noise_rng = rng.spawn(4)
     spec = mujoco.MjSpec.from_file(str(file))
     limit = np.array([max(np.abs(a.ctrlrange).max(), np.abs(a.forcerange).max()) for a in spec.actuators])
-    drive = Drive.of(robot.kp, robot.kd, limit)
+    drive = Drive(np.array(robot.kp), np.array(robot.kd), limit)
     nominal, wear = build(file, drive), int(wear_rng.integers(2**31))
     plans = [Plan.draw(robot, nominal, plans_rng) for _ in range(LOGS + PROOFS)]
     expected = [plan.run(nominal, robot) for plan in plans[:MEASURED]]
@@ -123,7 +123,7 @@ def draw_errors(
     data.qpos[:] = nominal.model.key_qpos[0]
     mujoco.mj_forward(nominal.model, data)
     mujoco.mj_fullM(nominal.model, data, whole)
-    situation = Situation(robot, nominal.names, limit, whole.diagonal()[run.dofs], run, rng)
+    situation = Situation(robot, nominal.names, limit, whole.diagonal()[nominal.dofs], run, nominal.dofs, rng)
     kinds = {kind.__name__: kind for kind in OF_ROBOT[case.robot]}
     return [kinds[name](situation) for name in case.errors]
 

@@ -53,6 +53,8 @@ class Situation:
     inertia: np.ndarray
     """Of each joint where no other moves, kg·m²."""
     run: Run
+    dofs: np.ndarray
+    """Degrees of freedom of the joints."""
     rng: np.random.Generator
 
     @property
@@ -157,7 +159,7 @@ def torque_limit(s: Situation) -> Error:
 def duty_limit(s: Situation) -> Error:
     """The largest torque of a motor falls with its speed."""
     at = s.joint()
-    torque, speed = s.run.torque[:, at], s.run.speed[: len(s.run.torque), at]
+    torque, speed = s.run.torque[:, at], s.run.speed[:, at]
     driving = torque * speed > 0
     needed = (1 - np.abs(torque) / s.limit[at])[driving] / np.abs(speed[driving])
     droop = round(float(np.quantile(needed, s.rng.uniform(0.1, 0.4))), 4)
@@ -209,7 +211,7 @@ def added(numbers: str, value: float, s: Situation, at: np.ndarray) -> Callable[
     """Adds to a number of the model by joint."""
 
     def add(model: mujoco.MjModel) -> None:
-        getattr(model, numbers)[s.run.dofs[at]] += value
+        getattr(model, numbers)[s.dofs[at]] += value
 
     return add
 

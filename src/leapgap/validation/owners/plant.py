@@ -9,21 +9,35 @@ import numpy as np
 
 
 @dataclass(frozen=True)
+class Run:
+    """A motion: one row a control period."""
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    torque: np.ndarray
+    """Of the drives, (rows, joints), N·m."""
+    shown: np.ndarray
+    """Joint positions as the encoders show them, (rows, joints), rad."""
+    speed: np.ndarray
+    """Joint velocities, (rows, joints), rad/s."""
+
+
+@dataclass(frozen=True)
 class Drive:
-    """What a robot's drives do; arrays are by joint. Errors change its fields from what the log and the model say."""
+    """What a robot's drives do, by joint or alike. Errors change its fields from what the log and the model say."""
 
     kp: np.ndarray
     kd: np.ndarray
     limit: np.ndarray
     """Largest torque, N·m."""
-    position_gain: np.ndarray
+    position_gain: np.ndarray | float = 1.0
     """Acting over logged gain."""
-    velocity_gain: np.ndarray
-    zero: np.ndarray
+    velocity_gain: np.ndarray | float = 1.0
+    zero: np.ndarray | float = 0.0
     """Measured − true position, rad."""
-    offset: np.ndarray
+    offset: np.ndarray | float = 0.0
     """Torque that is added, N·m."""
-    droop: np.ndarray
+    droop: np.ndarray | float = 0.0
     """Share of the largest torque that is lost per rad/s."""
     gravity: float = 0.0
     """Share of the weight that the drives carry by themselves."""
@@ -34,12 +48,6 @@ class Drive:
     """Fastest change of set points."""
     sag: float = 0.0
     """Share of all torques that is lost where every motor gives its largest."""
-
-    @staticmethod
-    def of(kp: Sequence[float], kd: Sequence[float], limit: np.ndarray) -> "Drive":
-        """Drives that do what the log and the model say."""
-        one, none = np.ones(len(kp)), np.zeros(len(kp))
-        return Drive(np.array(kp), np.array(kd), limit, one, one, none, none, none)
 
 
 @dataclass(frozen=True)
@@ -59,11 +67,16 @@ class Plant:
         """Names of these joints."""
         return tuple(self.model.joint(joint).name for joint in self.joints)
 
-    def run(self, position: np.ndarray, velocity: np.ndarray, period_s: float, step_s: float, rest_rows: int) -> "Run":
+    @property
+    def dofs(self) -> np.ndarray:
+        """Their degrees of freedom."""
+        return self.model.jnt_dofadr[self.joints]
+
+    def run(self, position: np.ndarray, velocity: np.ndarray, period_s: float, step_s: float, rest_rows: int) -> Run:
         """Motion under set points (rows, joints); the first ``rest_rows`` rows are not logged."""
         model, data = self.model, mujoco.MjData(self.model)
         still = mujoco.MjData(model)
-        at, dofs, drive = model.jnt_qposadr[self.joints], model.jnt_dofadr[self.joints], self.drive
+        at, dofs, drive = model.jnt_qposadr[self.joints], self.dofs, self.drive
         steps = int(np.ceil(period_s / step_s - 1e-9))
         model.opt.timestep = dt = period_s / steps
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)  # the drives are below
@@ -97,31 +110,8 @@ class Plant:
                 mujoco.mj_step(model, data)
                 if step == 0 and row >= rest_rows:
                     torques.append(torque)
-        return Run(np.array(qpos), np.array(qvel), np.array(torques), at, dofs, drive.zero)
-
-
-@dataclass(frozen=True)
-class Run:
-    """A motion: one row a control period."""
-
-    qpos: np.ndarray
-    qvel: np.ndarray
-    torque: np.ndarray
-    """(rows, joints), N·m."""
-    at: np.ndarray
-    """Where the joints stand in ``qpos``."""
-    dofs: np.ndarray
-    zero: np.ndarray
-
-    @property
-    def shown(self) -> np.ndarray:
-        """Joint positions as the encoders show them, (rows, joints), rad."""
-        return self.qpos[:, self.at] + self.zero
-
-    @property
-    def speed(self) -> np.ndarray:
-        """Joint velocities, (rows, joints), rad/s."""
-        return self.qvel[:, self.dofs]
+        all_qpos, all_qvel = np.array(qpos), np.array(qvel)
+        return Run(all_qpos, all_qvel, np.array(torques), all_qpos[:, at] + drive.zero, all_qvel[:, dofs])
 
 
 def build(
