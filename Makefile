@@ -40,7 +40,7 @@ VIEWER := rerun-notebook
 # The environment of the demo, which needs no more than the instrument; the full one where that is there already.
 DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 
-.PHONY: demo run full kicked data test test-all lint docs renderer blind hostile robots
+.PHONY: demo run full kicked data test test-all lint docs renderer blind hostile robots bench
 
 .venv/ready: pyproject.toml constraints.txt
 	$(ENVIRONMENT)
@@ -130,6 +130,12 @@ hostile: .venv/ready
 robots: .venv/ready
 	python -m stages.robots
 	python -m stages.made_with metrics/real/robots.json
+
+# About 80 tuning cases of every family diagnosed and scored: metrics/bench.json, by which changes of the diagnosis are
+# judged. Killed, it goes on where it was. One family: python -m stages.bench 'bench.families=[a1]'
+bench: .venv/ready
+	python -m stages.bench executor=local
+	python -m stages.made_with metrics/bench.json
 
 # Times of single parts beside their peers, on an idle machine, twenty minutes: metrics/timing. Those that take longer or need
 # more packages stand alone: tests/benchmarks/scale.py, sysid.py, ray_workers.py. What a benchmark says: its --help.

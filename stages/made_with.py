@@ -38,10 +38,13 @@ def library(*parts: str) -> tuple[str, ...]:
     return tuple(f"src/leapgap/{part}" for part in parts)
 
 
+BENCH = (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/bench", "stages/bench.py")
 CODE: dict[str, tuple[str, ...]] = {
     "metrics/blind.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),
     "metrics/blind_further.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),
     "metrics/published/blind.json": (DIAGNOSIS, *library("validation"), "conf/size/blind.yaml"),
+    "metrics/bench.json": BENCH,
+    "metrics/bench_baseline.json": BENCH,
     "metrics/diagnosis.json": (DIAGNOSIS, "tests/benchmarks/diagnosis_injected.py"),
     "metrics/real/robots.json": (DIAGNOSIS, "leapgap.logs.reading", "conf/robots", "stages/robots.py"),
     "metrics/sensitivity.json": (DIAGNOSIS, "tests/benchmarks/sensitivity.py"),

@@ -92,7 +92,7 @@ def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcom
     report = read_json(verdict / "report.json")
     check_judged_logs(name, truth, report)
     realised = None
-    if report["closure_of_answer"]:
+    if report["closure_of_answer"] and truth["proof"]:
         _, correction = read_corrected(verdict / "corrected")
         proof = jump_log.read_logs(Path(settings.truth) / name)
         realised = realised_closure(proof, robot, correction, report, settings.seed)

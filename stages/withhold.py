@@ -24,9 +24,10 @@ from leapgap.robot.self_contained import self_contained
 from leapgap.validation.case import CaseSetup, ChosenCase, published_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
 from leapgap.validation.motions import known
+from leapgap.validation.owners.cases import OwnersCase, OwnersHalf, draw_owners, write_owners_case
 from leapgap.validation.robot_class import ClassCases, RobotClass, draw_class
 from leapgap.validation.seal import SEALS, seal
-from stages.common import find_model, output_folder, read_config, read_one_of, run_stage
+from stages.common import CONF, find_model, output_folder, read_config, read_one_of, run_stage
 from stages.robot import MODEL, load_robot
 
 STAGE = "stages.withhold"
@@ -56,6 +57,8 @@ class WithholdSettings:
     robots: dict[str, Any]
     """Name of a class of cases → its ``RobotClass``."""
     shares: dict[str, dict[str, list[float]]]
+    owners: dict[str, Any]
+    """Half → its ``OwnersHalf``."""
 
 
 def withhold_all(config: DictConfig) -> None:
@@ -78,6 +81,11 @@ def withhold_all(config: DictConfig) -> None:
     names = {f"case_{i:03d}": case for i, case in enumerate(cases)}
     references = references_of(settings, robot) if cases else []
     classes = {name: read_class(name, settings, section) for name in section.robots}
+    owners = [
+        case
+        for half, of_half in section.owners.items()
+        for case in draw_owners(half, read_config(OwnersHalf, of_half, f"withhold.owners.{half}"))
+    ]
     published = jump_log.read_logs(Path(settings.published)) if settings.published else []
     with whole_folder(truth_out, STAGE) as truths, whole_folder(logs_out, STAGE) as logs:
         job = partial(make_case, references=references, robot=robot, world=world, logs=logs, truths=truths)
@@ -85,6 +93,8 @@ def withhold_all(config: DictConfig) -> None:
         for name, own in classes.items():
             make = partial(make_class_case, name, own, self_contained(own.robot), logs, truths)
             seals |= executor.map(make, [(f"{name}_{i:03d}", case) for i, case in enumerate(own.cases)])
+        own_robots = partial(make_owners_case, CONF / "withhold" / "models", logs, truths)
+        seals |= executor.map(own_robots, [(f"owners_{i:03d}", case) for i, case in enumerate(owners)])
         if len(published) > 1:
             truth = write_case(published_case(published, len(published)), logs / PUBLISHED, truths / PUBLISHED)
             seals[PUBLISHED] = write_truth(truth, truths, PUBLISHED)
@@ -92,6 +102,8 @@ def withhold_all(config: DictConfig) -> None:
     more = " and the published jumps" if PUBLISHED in seals else ""
     for name, own in classes.items():
         print(f"{name}: {len(own.cases)} cases withheld")
+    if owners:
+        print(f"owners: {len(owners)} cases withheld")
     print(f"{len(names)} cases{more} withheld; seals: {logs_out / SEALS}")
 
 
@@ -132,6 +144,12 @@ def make_case(
     name, case = named
     truth = write_case(withhold(case, references, robot, world), logs / name, truths / name)
     return name, write_truth(truth, truths, name)
+
+
+def make_owners_case(models: Path, logs: Path, truths: Path, named: tuple[str, OwnersCase]) -> tuple[str, str]:
+    """Write the logs, the model and the truth of one case of owners' errors; return its name and seal."""
+    name, case = named
+    return name, write_truth(write_owners_case(case, models, logs / name, truths / name), truths, name)
 
 
 def write_truth(truth: dict[str, Any], truths: Path, name: str) -> str:

@@ -16,6 +16,7 @@ BARS = {
     "named_first": ("named first, of detectable single effects", 0.97, ">="),
     "named_in_set": ("within the reported set", 0.97, ">="),
     "set_size_mean": ("mean size of the reported set", 2.0, "<="),
+    "right_or_honest": ("right, or nothing false stated as a fact", 0.90, ">="),
     "wrongly_named": ("a wrong `named`, of all cases", 0.03, "<="),
     "unknown_recall": ("`unknown` or `partly`, of detectable off-table effects", 0.90, ">="),
     "none_correct": ("`none`, of robots with nothing wrong", 0.95, ">="),

@@ -1,5 +1,6 @@
 """The outcome of one case: the truth beside what the report says."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,6 +17,8 @@ CLOCK = "sample_period"
 """Name of the effect as which a diagnosis names rows that are not what they claim."""
 DETECTABLE_FLOORS = 2.0
 """An effect is detectable where it changes the headline figure of the motion by this many noise floors."""
+PUBLISHED_CLOSURE = 0.8
+"""Share of the gap of held-out published jumps that their diagnosis closes."""
 ORDINARY = ("single", "pair", "triple", "nameless", "none")
 """Kinds of cases that the scores without a kind in their name are counted from."""
 
@@ -96,6 +99,12 @@ class CaseOutcome:
     """Whether the largest share of the true map is one of the three largest of the reported one."""
     members: Mapping[str, bool] = field(default_factory=dict)
     """Of three effects those that show, each switched off alone, and whether the answer has them."""
+    shown: tuple[str, ...] = ()
+    """Names of the effects that show, each switched off alone."""
+    facts: Mapping[str, bool] = field(default_factory=dict)
+    """What is wrong with the log and not with the robot, and whether a check tells it."""
+    told_by_check: bool = False
+    """Whether a check tells one of the effects."""
 
     @property
     def is_ordinary(self) -> bool:
@@ -118,8 +127,35 @@ class CaseOutcome:
         return self.verdict == "named" and not self.answered <= set(self.true)
 
     @property
+    def false_names(self) -> set[str]:
+        """Causes that are stated as a fact, without a rival, and did not act."""
+        alone = {names[0] for names in self.answer if len(names) == 1} if self.verdict in CLAIMS else set()
+        return alone - {*self.true, *self.accepted}
+
+    @property
+    def honest(self) -> bool:
+        """Whether the verdict is right, or states nothing false as a fact.
+
+        An answer with rivals must hold what acts, ``named`` all that shows, and ``none`` is right or nothing.
+        """
+        if all(self.facts.values()) and (self.told_by_check or (self.facts and not self.true)):
+            return not self.false_names
+        if self.verdict == "named":
+            is_whole = self.names_nothing_else and set(self.shown) <= self.answered
+            return self.right or (self.kind != "nameless" and is_whole)
+        if self.verdict == "ambiguous":
+            return all(set(names) & {*self.true, *self.accepted} for names in self.answer)
+        if self.verdict in LEAVES_A_REST:
+            return not self.false_names
+        return self.right
+
+    @property
     def right(self) -> bool:
         """Whether the verdict is one that a perfect diagnosis may give."""
+        if not all(self.facts.values()):
+            return False
+        if self.kind == "published":
+            return self.clock_first and (self.promised or 0.0) >= PUBLISHED_CLOSURE
         if self.kind == "nameless":
             return self.verdict in LEAVES_A_REST or (not self.detectable and self.verdict == "none")
         if self.kind == "none":
@@ -154,7 +190,19 @@ def outcome(
     sides: Mapping[str, str] | None = None,
 ) -> CaseOutcome:
     """Compare a truth with a report; ``sides`` are those of the robot's topology."""
-    answer = tuple(tuple(map(effects.first_name, names)) for names in report["answer"])
+    same = {other: e["name"] for e in truth["effects"] for other in e.get("same", ())}
+
+    def canonical(name: str) -> str:
+        first = effects.first_name(name)
+        return same.get(first, first)
+
+    answer = tuple(tuple(dict.fromkeys(map(canonical, names))) for names in report["answer"])
+    said = [one["says"] for one in report.get("checks", ()) if not one["passed"]] + list(report.get("notes", ()))
+
+    def is_told(words: str | None) -> bool:
+        return words is not None and any(re.search(words, one, re.IGNORECASE) for one in said)
+
+    by_check = {e["name"] for e in truth["effects"] if is_told(e.get("told"))}
     claims = report["verdict"] in CLAIMS and bool(report["causes"])
     true = tuple(effect["name"] for effect in truth["effects"])
     in_answer = {name for names in answer for name in names}
@@ -173,7 +221,7 @@ def outcome(
         each_detectable=bool(truth.get("changes")) and min(truth["changes"]) >= DETECTABLE_FLOORS * floor,
         verdict=report["verdict"],
         answer=answer,
-        first=effects.first_name(report["causes"][0]["effect"]) if claims else None,
+        first=canonical(report["causes"][0]["effect"]) if claims else None,
         probability=report["causes"][0]["probability"] if claims else None,
         # A rival that a cause cannot be told apart from is in the answer, and not always among the causes.
         locations=tuple(
@@ -199,16 +247,18 @@ def outcome(
         robot=truth.get("robot"),
         where_overlap=overlap(true_map, said_map) if true_map else None,
         where_top_three=bool(true_map) and largest(true_map, 1)[0] in largest(said_map, 3),
-        members={name: name in in_answer for name in members_that_show(truth)},
+        members={name: name in in_answer for name in members_that_show(truth) if truth["kind"] == "triple"},
+        shown=tuple(name for name in members_that_show(truth) if name not in by_check),
+        facts={name: is_told(fact["told"]) for name, fact in truth.get("facts", {}).items()},
+        told_by_check=bool(by_check),
     )
 
 
 def members_that_show(truth: Mapping[str, Any]) -> list[str]:
-    """Of three effects the names of those that change the motion detectably; none of another kind of case."""
-    if truth["kind"] != "triple":
-        return []
-    least = DETECTABLE_FLOORS * truth["noise_floor"]
-    return [e["name"] for e, change in zip(truth["effects"], truth["changes"], strict=True) if change >= least]
+    """Names of the effects that change the motion detectably, each switched off alone."""
+    changes = truth.get("changes") or ()
+    least = DETECTABLE_FLOORS * (truth.get("noise_floor") or 1.0)
+    return [e["name"] for e, change in zip(truth["effects"], changes, strict=False) if change >= least]
 
 
 Map = Mapping[tuple[str, str], float]
@@ -284,6 +334,8 @@ def compare(
     index = [e["name"] for e in truth["effects"]].index(effect["name"])
     logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
     for name, about in known.items():
+        if name not in effect["parameters"]:  # the truth has another number of it
+            continue
         for cause in report["causes"]:
             if effects.first_name(cause["effect"]) == effect["name"] and name in cause["parameters"]:
                 estimate = cause["parameters"][name]

@@ -181,6 +181,7 @@ def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng:
         "detectable": sum(o.detectable for o in outcomes),
         **{name: shares[name] for name in ("named_first", "named_in_set", "named_alone")},
         "located": share(true == said for o in singles for true, said in o.locations),
+        "right_or_honest": share(o.honest for o in outcomes),
         "set_size_mean": mean(len(names) for o in singles for names in o.answer),
         **{name: value for name, value in shares.items() if name not in ("named_first", "named_in_set", "named_alone")},
         "triples_members_named": share(found for o in outcomes for found in o.members.values()),
