@@ -223,7 +223,15 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=progress, threads=chosen.threads)
     print(printable(report))
     if chosen.out is not None:
-        print(f"page: {report.save(chosen.out, chosen.viewer) / 'report.html'}")
+        print_written(report.save(chosen.out, chosen.viewer))
+
+
+def print_written(folder: Path) -> None:
+    """Print what a report's folder holds, and where its page is."""
+    from leapgap.reports.written import what_was_written
+
+    print(printable("\n".join(what_was_written(folder))))
+    print(f"page: {folder / 'report.html'}")
 
 
 def run_check(chosen: argparse.Namespace) -> None:
@@ -236,12 +244,10 @@ def run_check(chosen: argparse.Namespace) -> None:
 def run_replay(chosen: argparse.Namespace) -> None:
     """Replay the logs and write the replays."""
     from leapgap import api, effects
-    from leapgap.simulation.corrected import read_corrected
 
     check_output(chosen.out, REPLAY, (chosen.logs, chosen.robot), kept=True)
-    robot, found = read_corrected(chosen.robot) if chosen.robot.is_dir() else (robot_of(chosen), ())
-    found = (*found, *(effects.from_config([effect_entry(text)])[0] for text in chosen.effect))
-    replays = api.replay(chosen.logs, robot, found)
+    added = tuple(effects.from_config([effect_entry(text)])[0] for text in chosen.effect)
+    replays = api.replay(chosen.logs, chosen.robot if chosen.robot.is_dir() else robot_of(chosen), added)
     write_all(replays, chosen.out, REPLAY)
     print(f"{len(replays)} replays: {chosen.out}")
 
@@ -369,10 +375,9 @@ def run_demo(chosen: argparse.Namespace) -> None:
     with still_running(partial(print, flush=True)) as progress:
         report = api.diagnose(logs_folder, hiding.robot, progress=progress)
     print(f"\n{report}\n\nhidden was {hiding.answer}")
-    page = report.save(report_folder) / "report.html"
-    print(f"page: {page}")
+    print_written(report.save(report_folder))
     if not chosen.no_browser:
-        open_page(page)
+        open_page(report_folder / "report.html")
 
 
 if __name__ == "__main__":

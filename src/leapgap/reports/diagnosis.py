@@ -135,7 +135,7 @@ class Report:
         the name of one of the report's is an ``InputError``. ``viewer``: ``light``, or ``embedded`` for the Rerun
         viewer inside the page.
         """
-        with merged_folder(Path(folder), SAVED_BY) as beside:
+        with merged_folder(Path(folder), SAVED_BY, replaced=(CORRECTED, BEST)) as beside:
             self.write(beside, viewer)
             if self.record is not None:
                 self.record(self, beside / RECORDING)
@@ -145,16 +145,18 @@ class Report:
     def write(self, folder: Path, viewer: str = LIGHT) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
-        ``best/`` is left out where no best simulator was asked for. ``viewer`` as of ``save``.
+        ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
+        ``save``.
         """
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
         write_json(folder / REPORT, self.content.to_json())
-        page = html(self.content, self.logs, self.robot, self.nominal, self.corrected, inside)
-        write_text(folder / PAGE, page)
-        write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
-        if self.content.best_simulator:
+        written = write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
+        best = self.content.best_simulator
+        if best and not best.is_answer:
             write_corrected(folder / BEST, self.robot, self.best, gains_of(self.logs[0]))
+        page = html(self.content, self.logs, self.robot, self.nominal, self.corrected, inside, written.replayable)
+        write_text(folder / PAGE, page)
 
     def embedded(self) -> EmbeddedViewer:
         """The viewer with the recording of this report."""

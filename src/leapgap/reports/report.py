@@ -36,8 +36,12 @@ def html(
     nominal: Mapping[str, Log],
     corrected: Mapping[str, Log],
     viewer: EmbeddedViewer | None = None,
+    replayable: bool = True,
 ) -> str:
-    """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots."""
+    """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots.
+
+    ``replayable``: whether leapgap takes the folder ``corrected`` beside the page as a robot.
+    """
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
         "overlay": overlay(report, logs, nominal, corrected),
@@ -68,6 +72,7 @@ def html(
         fitted=partial(fitted_value, report.causes[: len(report.answer)]),
         number_of_logs=len(logs),
         viewer=viewer,
+        replayable=replayable,
         timeline=TIMELINE,
         channels=embed_json(json.dumps(channels, separators=(",", ":"), ensure_ascii=False), channels="all"),
         segments=[segment.name for segment in logs[0].info.segments],

@@ -1,4 +1,4 @@
-"""The numbers of a corrected robot: as JSON, in words, and as settings of other simulators."""
+"""The numbers of a corrected robot, as JSON and as settings of other simulators."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -14,13 +14,15 @@ from leapgap.effects.command_delay import CommandDelay
 from leapgap.effects.drive import Drive
 from leapgap.effects.encoder_bias import EncoderBias
 from leapgap.robot.model import Robot
+from leapgap.simulation.corrected_model import Placement
 
 Gains = Mapping[str, tuple[float, float]]
 """Joint → kp and kd of its joint PD, N·m/rad and N·m·s/rad."""
 
 
-def parameters(robot: Robot, correction: Sequence[Effect], left_out: Sequence[Effect]) -> dict[str, Any]:
+def parameters(robot: Robot, placed: Sequence[Placement]) -> dict[str, Any]:
     """What ``parameters.json`` holds: effects with their values, joints, changed bodies and feet, SI units."""
+    correction = [one.effect for one in placed]
     nominal = robot.model
     corrected = copy.copy(nominal)
     in_model = [effect for effect in correction if effect.structure is None]  # others add parts to the model
@@ -30,15 +32,16 @@ def parameters(robot: Robot, correction: Sequence[Effect], left_out: Sequence[Ef
         "robot": robot.name,
         "robot_sha256": robot.sha256,
         "units": "SI: N·m, rad, kg, m, s, V; joints that slide: N, m",
-        "effects": [effect_entry(effect, robot, effect not in left_out) for effect in correction],
+        "effects": [effect_entry(one, robot) for one in placed],
         "joints": joint_entries(robot, correction, nominal, corrected),
         "bodies": body_entries(robot, nominal, corrected),
         "feet": foot_entries(robot, nominal, corrected),
     }
 
 
-def effect_entry(effect: Effect, robot: Robot, in_model: bool) -> dict[str, Any]:
+def effect_entry(placed: Placement, robot: Robot) -> dict[str, Any]:
     """One effect: where it acts, its values and nominal values, and whether the model holds all of it."""
+    effect = placed.effect
     values = {
         one.name: {"value": effect.values.get(one.name, one.nominal), "nominal": one.nominal, "unit": one.unit}
         for one in effect.parameters(robot, effect.location)
@@ -50,7 +53,9 @@ def effect_entry(effect: Effect, robot: Robot, in_model: bool) -> dict[str, Any]
         "location": effect.location,
         "at": list(at(effect.location)) if at else [],
         "parameters": values,
-        "in_model": in_model,
+        "in_model": placed.in_model and not placed.lacks,
+        "in_model_in_part": placed.in_model and bool(placed.lacks),
+        "lacks": placed.lacks,
     }
 
 
@@ -153,64 +158,3 @@ def isaac_actuators(found: Mapping[str, Any], gains: Gains) -> dict[str, Any]:
             "delay_s": of["command_delay_s"]["corrected"],
         }
     return settings
-
-
-def readme(found: Mapping[str, Any], failure: str = "") -> str:
-    """What the folder holds, and what no model file can hold, with the numbers.
-
-    ``failure`` says why there are no model files, where MuJoCo could not save them.
-    """
-    held = [effect for effect in found["effects"] if effect["in_model"]]
-    outside = [effect for effect in found["effects"] if not effect["in_model"]]
-    lines = [
-        f"# {found['robot'] or 'The robot'}, corrected",
-        "",
-        "- `robot.xml`: the corrected robot as a plain MJCF, with the actuators of its makers, for any MuJoCo:",
-        "  `mujoco.MjModel.from_xml_path`. `assets/`, if there is one, belongs to it.",
-        "- `nominal.xml` and `effects.json`: the robot as it was and all effects to add, for leapgap, which takes this",
-        "  folder as a robot: `leapgap replay`, `collect.robot=`.",
-        "- `parameters.json`: every number, nominal and corrected.",
-        "- `urdf_dynamics.xml`: damping and friction of the joints, to copy into a URDF.",
-        "- `isaac_actuators.json`: settings of the actuators for simulators with joint PDs of their own.",
-        *(["", f"**Without `robot.xml` and `nominal.xml`**: {failure}."] if failure else []),
-        "",
-        "## In `robot.xml`",
-        "",
-        *(entry_in_words(effect) for effect in held),
-        *([] if held else ["Nothing: the nominal model is not changed."]),
-        "",
-        "## Not in `robot.xml`",
-        "",
-        *([] if outside else ["Nothing is missing from it."]),
-        *(f"{entry_in_words(effect)} Simulate it outside the model." for effect in outside),
-        *motor_words(found),
-    ]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def entry_in_words(effect: Mapping[str, Any]) -> str:
-    """``- `joint_damping` at RR_calf: damping 0.4 N·m·s/rad (nominal 0). Viscous friction of the gears.``"""
-    numbers = ", ".join(
-        f"{name} {one['value']:.6g} {one['unit']} (nominal {one['nominal']:.6g})"
-        for name, one in effect["parameters"].items()
-    )
-    what = effect["what"]
-    return f"- `{effect['name']}` at {effect['location']}: {numbers}. {what[:1].upper()}{what[1:]}."
-
-
-def motor_words(found: Mapping[str, Any]) -> list[str]:
-    """A paragraph on motors that are DC motors in the model, where there are any."""
-    warm = [joint for joint, of in found["joints"].items() if of["motor_heating_per_n2m2s"]["corrected"]]
-    electric = [
-        joint
-        for joint, of in found["joints"].items()
-        if of["motor_lag_s"]["corrected"] or of["motor_voltage_v"]["corrected"] is not None or joint in warm
-    ]
-    if not electric:
-        return []
-    return [
-        "",
-        f"The actuators of {', '.join(electric)} are MuJoCo's DC motors (`dcmotor`, MuJoCo 4.0 or later). Other",
-        "simulators have no voltage and lag of theirs, nor has leapgap where `robot.xml` itself is its robot.",
-        *(["Their temperature is the rise of their resistance, as a share of it, and begins at 0."] if warm else []),
-    ]
