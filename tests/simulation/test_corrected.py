@@ -5,7 +5,6 @@ import re
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -178,7 +177,7 @@ def test_what_no_model_holds_is_listed_with_its_numbers(tmp_path: Path) -> None:
     late = effects.effect("command_delay", "RR_calf", delay_s=0.004)
     loose = effects.effect("joint_damping", "RR", damping=0.4)
     weak = effects.effect("torque_gain", "RR_calf", scale=0.8)
-    write_corrected(tmp_path, robot, (late, loose, weak), gains=dict.fromkeys(robot.joints, (100.0, 2.0)))
+    write_corrected(tmp_path, robot, (late, loose, weak))
     held, outside = (tmp_path / "README.md").read_text().split("## Not in `robot.xml`")
     assert "`joint_damping` at RR: damping 0.4 N·m·s/rad (nominal 0)" in held
     assert "`command_delay` at RR_calf: delay_s 0.004 s (nominal 0)" in outside
@@ -189,18 +188,6 @@ def test_what_no_model_holds_is_listed_with_its_numbers(tmp_path: Path) -> None:
     assert calf["command_delay_s"]["corrected"] == 0.004
     assert [effect["in_model"] for effect in found["effects"]] == [False, True, True]
     assert found["effects"][1]["at"] == ["RR_hip", "RR_thigh", "RR_calf"]
-    settings = json.loads((tmp_path / "isaac_actuators.json").read_text())
-    assert settings["RR_calf"] == {
-        "stiffness": 80.0,
-        "damping": 1.6,
-        "effort_limit": pytest.approx(26.8),
-        "armature": 0.01,
-        "friction": 0.2,
-        "viscous_friction": pytest.approx(0.41),
-        "delay_s": 0.004,
-    }
-    dynamics = ElementTree.fromstring((tmp_path / "urdf_dynamics.xml").read_text())
-    assert dynamics.find("joint[@name='RR_calf']/dynamics").attrib == {"damping": "0.41", "friction": "0.2"}
 
 
 def test_motors_that_heat_are_said_to_be_dc_motors(tmp_path: Path) -> None:

@@ -15,6 +15,9 @@ from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.export import write_exports
+from leapgap.export.base import CorrectedRobot
+from leapgap.export.posterior import Posterior, posterior_of
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
@@ -107,6 +110,12 @@ class Report:
         best = self.content.best_simulator
         return best.effects if best else self.correction
 
+    @property
+    def posterior(self) -> Posterior:
+        """How surely the numbers of the answer are known together."""
+        fit, causes = self.diagnosis.fit, self.causes[: len(self.answer)]
+        return posterior_of(self.robot, self.correction, causes, fit)
+
     def __str__(self) -> str:
         """The sentence, the gap, the first causes with their numbers, and what could not be judged."""
         content = self.content
@@ -151,10 +160,11 @@ class Report:
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
         write_json(folder / REPORT, self.content.to_json())
-        written = write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
+        written = write_corrected(folder / CORRECTED, self.robot, self.correction)
+        write_exports(folder / CORRECTED, CorrectedRobot(self.posterior, self.robot, gains_of(self.logs[0])))
         best = self.content.best_simulator
         if best and not best.is_answer:
-            write_corrected(folder / BEST, self.robot, self.best, gains_of(self.logs[0]))
+            write_corrected(folder / BEST, self.robot, self.best)
         page = html(self.content, self.logs, self.robot, self.nominal, self.corrected, inside, written.replayable)
         write_text(folder / PAGE, page)
 

@@ -21,13 +21,7 @@ from leapgap.robot.motors import MotorConstants
 from leapgap.robot.topology import PartNames
 from leapgap.simulation.corrected_model import corrected_spec
 from leapgap.simulation.corrected_readme import EFFECTS, MODEL, NOMINAL, PARAMETERS, README, readme
-from leapgap.simulation.corrected_values import Gains, isaac_actuators, parameters, urdf_dynamics
-
-URDF, ISAAC = "urdf_dynamics.xml", "isaac_actuators.json"
-FURTHER = {
-    URDF: "damping and friction of the joints, to copy into a URDF",
-    ISAAC: "settings of the actuators for simulators with joint PDs of their own",
-}
+from leapgap.simulation.corrected_values import parameters
 
 
 @dataclass(frozen=True)
@@ -45,13 +39,8 @@ class WrittenRobot:
         return NOMINAL not in self.missing
 
 
-def write_corrected(
-    folder: Path, robot: Robot, correction: tuple[Effect, ...], gains: Gains | None = None
-) -> WrittenRobot:
-    """Write the corrected model, its numbers, and the nominal model beside the effects to add to it.
-
-    ``gains`` are kp and kd of each joint by its name, as the logs have them, for the settings of other simulators.
-    """
+def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...]) -> WrittenRobot:
+    """Write the corrected model, its numbers, and the nominal model beside the effects to add to it."""
     folder.mkdir(parents=True, exist_ok=True)
     spec, placed = corrected_spec(robot, correction)
     nominal = robot.published_spec() if robot.states_actuators else robot.spec()
@@ -59,9 +48,7 @@ def write_corrected(
     write_json(folder / EFFECTS, {"effects": effects.to_config(correction), **settings_of(robot)})
     found = parameters(robot, placed)
     write_json(folder / PARAMETERS, found)
-    write_text(folder / URDF, urdf_dynamics(found))
-    write_json(folder / ISAAC, isaac_actuators(found, gains or {}))
-    write_text(folder / README, readme(folder.name, found, missing, FURTHER))
+    write_text(folder / README, readme(folder.name, found, missing))
     return WrittenRobot(found, missing)
 
 

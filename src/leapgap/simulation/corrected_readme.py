@@ -15,14 +15,14 @@ HOLDS = {
 """What each file holds."""
 
 
-def readme(folder: str, found: Mapping[str, Any], missing: Mapping[str, str], further: Mapping[str, str]) -> str:
+def readme(folder: str, found: Mapping[str, Any], missing: Mapping[str, str]) -> str:
     """What a folder of this name holds, how to use it, and what no model file can hold, with the numbers.
 
-    ``missing``: model files that MuJoCo could not save, with the reason. ``further``: other files, with what they hold.
+    ``missing``: model files that MuJoCo could not save, with the reason.
     """
     held = [effect for effect in found["effects"] if effect["in_model"] and MODEL not in missing]
     outside = [effect for effect in found["effects"] if effect not in held]
-    files = {name: says for name, says in {**HOLDS, **further}.items() if name not in missing}
+    files = {name: says for name, says in HOLDS.items() if name not in missing}
     lines = [
         f"# {found['robot'] or 'The robot'}, corrected",
         "",

@@ -1,9 +1,8 @@
-"""The numbers of a corrected robot, as JSON and as settings of other simulators."""
+"""The numbers of a corrected robot, as JSON."""
 
 import copy
 from collections.abc import Mapping, Sequence
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -16,18 +15,12 @@ from leapgap.effects.encoder_bias import EncoderBias
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected_model import Placement
 
-Gains = Mapping[str, tuple[float, float]]
-"""Joint → kp and kd of its joint PD, N·m/rad and N·m·s/rad."""
-
 
 def parameters(robot: Robot, placed: Sequence[Placement]) -> dict[str, Any]:
     """What ``parameters.json`` holds: effects with their values, joints, changed bodies and feet, SI units."""
     correction = [one.effect for one in placed]
     nominal = robot.model
-    corrected = copy.copy(nominal)
-    in_model = [effect for effect in correction if effect.structure is None]  # others add parts to the model
-    for effect in in_model:
-        effect.change_model(corrected, robot)
+    corrected = changed_model(nominal, robot, correction)
     return {
         "robot": robot.name,
         "robot_sha256": robot.sha256,
@@ -37,6 +30,15 @@ def parameters(robot: Robot, placed: Sequence[Placement]) -> dict[str, Any]:
         "bodies": body_entries(robot, nominal, corrected),
         "feet": foot_entries(robot, nominal, corrected),
     }
+
+
+def changed_model(nominal: mujoco.MjModel, robot: Robot, correction: Sequence[Effect]) -> mujoco.MjModel:
+    """A copy of a model with the effects that add no parts to it."""
+    changed = copy.copy(nominal)
+    for effect in correction:
+        if effect.structure is None:
+            effect.change_model(changed, robot)
+    return changed
 
 
 def effect_entry(placed: Placement, robot: Robot) -> dict[str, Any]:
@@ -63,7 +65,15 @@ def joint_entries(
     robot: Robot, correction: Sequence[Effect], nominal: mujoco.MjModel, corrected: mujoco.MjModel
 ) -> dict[str, Any]:
     """Numbers of each joint: its friction, inertia and motor, and what acts between command and joint."""
-    count = len(robot.joints)
+    before, after = joint_numbers(robot, (), nominal), joint_numbers(robot, correction, corrected)
+    return {
+        joint: {key: pair(before[key][i], after[key][i]) for key in before} for i, joint in enumerate(robot.joints)
+    }
+
+
+def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """Numbers of the joints of a robot with some effects, (joints,) each; ``model`` has the effects already."""
+    count, dofs = len(robot.joints), robot.joint_dofs
     drive = Drive.ideal(count)
     delay, bias = np.zeros(count), np.zeros(count)
     for effect in correction:
@@ -72,22 +82,18 @@ def joint_entries(
             delay[robot.joints_at(effect.location)] += effect.delay_s
         if isinstance(effect, EncoderBias):
             bias[robot.joints_at(effect.location)] += effect.bias_rad
-    entries = {}
-    for i, joint in enumerate(robot.joints):
-        dof, limit = robot.joint_dofs[i], robot.torque_limits[i]
-        entries[joint] = {
-            "damping": pair(nominal.dof_damping[dof], corrected.dof_damping[dof]),
-            "friction": pair(nominal.dof_frictionloss[dof], corrected.dof_frictionloss[dof]),
-            "armature": pair(nominal.dof_armature[dof], corrected.dof_armature[dof]),
-            "torque_limit": pair(limit, limit * drive.gain[i]),
-            "torque_gain": pair(1.0, drive.gain[i]),
-            "motor_lag_s": pair(0.0, drive.lag_s[i]),
-            "motor_voltage_v": pair(np.inf, drive.voltage_v[i]),
-            "motor_heating_per_n2m2s": pair(0.0, drive.heating[i]),
-            "command_delay_s": pair(0.0, delay[i]),
-            "encoder_bias_rad": pair(0.0, bias[i]),
-        }
-    return entries
+    return {
+        "damping": model.dof_damping[dofs],
+        "friction": model.dof_frictionloss[dofs],
+        "armature": model.dof_armature[dofs],
+        "torque_limit": robot.torque_limits * drive.gain,
+        "torque_gain": drive.gain,
+        "motor_lag_s": drive.lag_s,
+        "motor_voltage_v": drive.voltage_v,
+        "motor_heating_per_n2m2s": drive.heating,
+        "command_delay_s": delay,
+        "encoder_bias_rad": bias,
+    }
 
 
 def body_entries(robot: Robot, nominal: mujoco.MjModel, corrected: mujoco.MjModel) -> dict[str, Any]:
@@ -124,37 +130,3 @@ def plain(value: Any) -> Any:
     """A NumPy number or vector as JSON has it."""
     values = [float(one) if np.isfinite(one) else None for one in np.ravel(value)]
     return values if np.ndim(value) else values[0]
-
-
-def urdf_dynamics(found: Mapping[str, Any]) -> str:
-    """The element ``dynamics`` of each joint for a URDF: its damping and its friction."""
-    root = ElementTree.Element("robot", {"name": found["robot"]})
-    for joint, of in found["joints"].items():
-        element = ElementTree.SubElement(root, "joint", {"name": joint})
-        numbers = {key: f"{of[key]['corrected']:.9g}" for key in ("damping", "friction")}
-        ElementTree.SubElement(element, "dynamics", numbers)
-    ElementTree.indent(root)
-    return "<!-- The element dynamics of each joint of the corrected robot, to copy into a URDF. -->\n" + (
-        ElementTree.tostring(root, encoding="unicode") + "\n"
-    )
-
-
-def isaac_actuators(found: Mapping[str, Any], gains: Gains) -> dict[str, Any]:
-    """Settings of each joint as the actuator models of Isaac Lab and similar simulators name them, by joint.
-
-    ``stiffness`` and ``damping`` are the gains of the joint PD, null where no log says them. ``friction`` is a torque,
-    N·m; ``delay_s`` a time.
-    """
-    settings = {}
-    for joint, of in found["joints"].items():
-        kp, kd = gains.get(joint, (None, None))
-        settings[joint] = {
-            "stiffness": None if kp is None else kp * of["torque_gain"]["corrected"],
-            "damping": None if kd is None else kd * of["torque_gain"]["corrected"],
-            "effort_limit": of["torque_limit"]["corrected"],
-            "armature": of["armature"]["corrected"],
-            "friction": of["friction"]["corrected"],
-            "viscous_friction": of["damping"]["corrected"],
-            "delay_s": of["command_delay_s"]["corrected"],
-        }
-    return settings
