@@ -33,6 +33,7 @@ ONLY_IN = {
     "daqp": {"jumping.control"},
     "numba": {"jumping.control"},
     "osqp": {"jumping.control"},
+    "gymnasium": {"simulation"},
     "h5py": {"logs"},
     "rosbags": {"logs"},
     "hydra": set(),

@@ -66,9 +66,7 @@ def joint_entries(
 ) -> dict[str, Any]:
     """Numbers of each joint: its friction, inertia and motor, and what acts between command and joint."""
     before, after = joint_numbers(robot, (), nominal), joint_numbers(robot, correction, corrected)
-    return {
-        joint: {key: pair(before[key][i], after[key][i]) for key in before} for i, joint in enumerate(robot.joints)
-    }
+    return {joint: {key: pair(before[key][i], after[key][i]) for key in before} for i, joint in enumerate(robot.joints)}
 
 
 def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjModel) -> dict[str, np.ndarray]:
