@@ -17,9 +17,9 @@ from leapgap.logs.log import Log
 from leapgap.reports.channel_names import channel_title, channel_words
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
-from leapgap.reports.overlay import overlay
 from leapgap.reports.page import embed_json, render_page
 from leapgap.reports.similarity import similarity
+from leapgap.reports.tiles import tiles
 from leapgap.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -44,7 +44,6 @@ def html(
     """
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
-        "overlay": overlay(report, logs, nominal, corrected),
         "horizons": horizons(report),
         "closure": closures(report),
         "profiles": profiles(report),
@@ -55,9 +54,7 @@ def html(
     alike = similarity(report.causes, logs, robot, **lengths)
     if alike is not None:
         figures["similarity"] = similarities(alike)
-    channels = channels_data(
-        logs, robot, nominal, corrected if report.answer else None, report.median_log, channel_title
-    )
+    channels = channels_data(report, logs, robot, nominal, corrected if report.answer else None)
     return render_page(
         Path(__file__).with_name("report.html"),
         figures,
@@ -70,7 +67,7 @@ def html(
         split_numbers=split_numbers,
         in_noises=in_noises,
         fitted=partial(fitted_value, report.causes[: len(report.answer)]),
-        number_of_logs=len(logs),
+        tiles=tiles(report, logs, nominal, corrected),
         viewer=viewer,
         replayable=replayable,
         timeline=TIMELINE,
