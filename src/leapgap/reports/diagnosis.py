@@ -37,6 +37,7 @@ from leapgap.reports.viewer import (
 )
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
+from leapgap.robot.picture import robot_picture
 from leapgap.simulation.corrected import write_corrected
 from leapgap.simulation.replay import Replayer
 
@@ -111,6 +112,12 @@ class Report:
         return best.effects if best else self.correction
 
     @property
+    def culprits(self) -> tuple[str, ...]:
+        """Joints at which the answer's effects act, where they do not act at all joints alike."""
+        at = [e.location for e in self.correction if e.places == "joints" and e.location != "all"]
+        return tuple(dict.fromkeys(joint for one in at for joint in self.robot.topology.joints_at(one)))
+
+    @property
     def posterior(self) -> Posterior:
         """How surely the numbers of the answer are known together."""
         fit, causes = self.diagnosis.fit, self.causes[: len(self.answer)]
@@ -145,17 +152,17 @@ class Report:
         viewer inside the page.
         """
         with merged_folder(Path(folder), SAVED_BY, replaced=(CORRECTED, BEST)) as beside:
-            self.write(beside, viewer)
+            self.write(beside, viewer, robot_picture(self.robot, joints) if (joints := self.culprits) else None)
             if self.record is not None:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
     @one_blas_thread()
-    def write(self, folder: Path, viewer: str = LIGHT) -> None:
+    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
         ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
-        ``save``.
+        ``save``; ``picture`` is a PNG of the robot for the page.
         """
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
@@ -165,7 +172,8 @@ class Report:
         best = self.content.best_simulator
         if best and not best.is_answer:
             write_corrected(folder / BEST, self.robot, self.best)
-        page = html(self.content, self.logs, self.robot, self.nominal, self.corrected, inside, written.replayable)
+        replays = (self.nominal, self.corrected)
+        page = html(self.content, self.logs, self.robot, *replays, inside, written.replayable, picture)
         write_text(folder / PAGE, page)
 
     def embedded(self) -> EmbeddedViewer:

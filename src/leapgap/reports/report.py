@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -37,10 +38,12 @@ def html(
     corrected: Mapping[str, Log],
     viewer: EmbeddedViewer | None = None,
     replayable: bool = True,
+    picture: bytes | None = None,
 ) -> str:
     """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots.
 
-    ``replayable``: whether leapgap takes the folder ``corrected`` beside the page as a robot.
+    ``replayable``: whether leapgap takes the folder ``corrected`` beside the page as a robot. ``picture``:
+    a PNG of the robot.
     """
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
@@ -70,6 +73,7 @@ def html(
         tiles=tiles(report, logs, nominal, corrected),
         viewer=viewer,
         replayable=replayable,
+        picture=None if picture is None else b64encode(picture).decode(),
         timeline=TIMELINE,
         channels=embed_json(json.dumps(channels, separators=(",", ":"), ensure_ascii=False), channels="all"),
         segments=[segment.name for segment in logs[0].info.segments],
