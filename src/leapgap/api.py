@@ -17,6 +17,7 @@ from leapgap.logs import log as log_file
 from leapgap.logs import reading
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log
+from leapgap.logs.map_proposal.report import first_file
 from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
@@ -47,19 +48,26 @@ def read_logs(
             found = "\n".join(map(str, readings.set_aside))
             raise InputError(path, f"logs that cannot be used:\n{found}\n ", "whole logs", "repair or remove them")
         return list(readings.logs)
-    return some(log_file.read_logs(path) if path.is_dir() else [log_file.read_log(path)], path, "*.parquet")
+    loaded = None if robot is None else load_robot(robot)
+    return some(log_file.read_logs(path) if path.is_dir() else [log_file.read_log(path)], path, "*.parquet", loaded)
 
 
-def some(logs: Sequence[Log], path: Path, kind: str) -> list[Log]:
+def some(logs: Sequence[Log], path: Path, kind: str, robot: Robot | None = None) -> list[Log]:
     """The logs; none is an ``InputError``."""
     if not logs:
-        raise no_logs(path, kind)
+        raise no_logs(path, kind, robot)
     return list(logs)
 
 
-def no_logs(path: Path, kind: str) -> InputError:
-    """The refusal of a folder without logs."""
-    return InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
+def no_logs(path: Path, kind: str, robot: Robot | None = None) -> InputError:
+    """The refusal of a folder without logs; it names the command that would import what is there."""
+    try:
+        layout, _ = first_file(path, None)
+    except InputError:
+        return InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
+    model = robot.path if robot else "<robot.xml>"
+    do = f"leapgap import {path} {model} --out imported; then name the folder 'imported' in place of this one"
+    return InputError(path, f"no {kind}, but logs of format {layout.name}", "logs of leapgap", do)
 
 
 def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> Readings:
@@ -71,7 +79,8 @@ def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, option
         raise InputError(path, "no such folder", f"a folder or file of logs of format {format}", "name the folder")
     loaded, chosen = load_robot(robot), layout.Options() if options is None else options
     readings = reading.read_foreign(layout, path, loaded, chosen)
-    some(readings.logs, path, f"logs of format {format}")
+    if not readings.logs:
+        raise InputError(path, f"no logs of format {format}", "one log or more", "name the folder of the logs")
     return readings
 
 
@@ -123,7 +132,9 @@ def check(logs: Logs, robot: Robot | PathLike | None = None, settings: Settings 
     Without a robot only what needs no model is checked.
     """
     loaded = None if robot is None else load_robot(robot)
-    return CheckReport(tuple(run_checks(read_logs(logs), loaded, (settings or Settings()).check_thresholds)))
+    return CheckReport(
+        tuple(run_checks(read_logs(logs, robot=loaded), loaded, (settings or Settings()).check_thresholds))
+    )
 
 
 def diagnose(
@@ -149,7 +160,7 @@ def diagnose(
     if isinstance(logs, PathLike) and Path(logs).is_dir():
         report = diagnose_folder(Path(logs), loaded, chosen, progress, threads, tuple(effects), others, record)
         if report is None:
-            raise no_logs(Path(logs), "*.parquet")
+            raise no_logs(Path(logs), "*.parquet", loaded)
         return report
     read = read_logs(logs)
     provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))

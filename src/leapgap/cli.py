@@ -112,7 +112,7 @@ def parser() -> argparse.ArgumentParser:
     bring = command("import", run_import, "turn logs of another format into logs of ours")
     bring.add_argument("source", type=Path, help="folder that holds the logs, or one file")
     bring.add_argument("robot", type=Path, help="MuJoCo model whose joints the logs are of")
-    bring.add_argument("--format", help="csv, parquet, npz, hdf5, mat, pt, ros, lerobot, or what else is installed")
+    bring.add_argument("--format", help="csv, json, parquet, npz, hdf5, mat, pt, ros, lerobot, sage, …; none: as found")
     bring.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs")
     bring.add_argument(
         "--guess", action="store_true", help="print a map of columns for these logs, as YAML to check; import nothing"
@@ -121,7 +121,8 @@ def parser() -> argparse.ArgumentParser:
         "--options",
         type=Path,
         metavar="FILE",
-        help="options of the format, as YAML or JSON: alone, or as in conf/import_logs with the format beside them",
+        help="options of the format, as YAML or JSON: alone, or as in conf/import_logs with the format beside them; "
+        "none: a map as --guess prints it, if the logs leave no question open",
     )
 
     robot_options(bring)
@@ -220,7 +221,9 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
             settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
     tell = (lambda _: None) if chosen.quiet else (lambda line: print(printable(line), flush=True))
     with nullcontext(tell) if chosen.quiet else still_running(tell) as progress:
-        report = api.diagnose(chosen.logs, load_robot(chosen), settings, progress=progress, threads=chosen.threads)
+        robot = load_robot(chosen)
+        progress(f"{robot.path.name}: {robot.step_and_integrator}")
+        report = api.diagnose(chosen.logs, robot, settings, progress=progress, threads=chosen.threads)
     print(printable(report))
     if chosen.out is not None:
         print_written(report.save(chosen.out, chosen.viewer))
@@ -282,26 +285,41 @@ def run_import(chosen: argparse.Namespace) -> None:
     """Read all logs of the source, then write them; or print a map that would read them."""
     from leapgap import api
     from leapgap.logs.importers import log_format
+    from leapgap.logs.map_proposal.report import propose_map
     from leapgap.settings import from_mapping
 
     if chosen.guess:
-        from leapgap.logs.map_proposal.report import propose_map
-
-        print(propose_map(chosen.source, robot_of(chosen), chosen.format))
+        robot = robot_of(chosen)
+        print(printable(propose_map(chosen.source, robot, chosen.format).text(robot)))
         return
     if chosen.out is None:
         raise InputError("--out", "no folder", "a folder for the logs", "name it: --out DIR")
     check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)
-    name, values = import_options(chosen.options, chosen.format)
-    options = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
+    guessed: list[str] = []
+    values: Any
+    if chosen.options is None and is_proposed(chosen.format):
+        found = propose_map(chosen.source, load_robot(chosen), chosen.format)
+        name, values = found.format, found.answered(chosen.source, chosen.robot)
+        guessed = [f"guessed: {sentence}" for sentence in found.guesses]
+    else:
+        name, values = import_options(chosen.options, chosen.format)
+    options: Any = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
     readings = api.read_foreign(chosen.source, name, robot_of(chosen), options)
     logs = readings.logs
     write_all(logs, chosen.out, IMPORT)
-    for line in readings.lines():
+    for line in (*guessed, *readings.lines()):
         print(printable(line), file=sys.stderr)
     for log in logs:
         print(printable(import_line(log)))
     print(f"{len(logs)} logs: {chosen.out}")
+
+
+def is_proposed(format: str | None) -> bool:
+    """Whether a map can be proposed for a format: for tables; None stands for whichever the files are of."""
+    from leapgap.logs.importers import log_format
+    from leapgap.logs.importers.table_format import TableFormat
+
+    return format is None or isinstance(log_format(format), TableFormat)
 
 
 def import_options(path: Path | None, stated: str | None) -> tuple[str, Any]:
@@ -323,6 +341,8 @@ def import_line(log: Any) -> str:
     notes = [f"{key}: {how}" for key, how in log.info.extra.get("derived", {}).items()]
     follows = log.info.extra.get("follows", {}).items()
     notes += [f"{joint} is not in the file: it follows {other}, to which the model ties it" for joint, other in follows]
+    if not log.info.extra.get("gains", {}).get("known", True):
+        notes.append("gains of the joint PD unknown: those in the log are a start")
     head = f"{log.name}: {len(log)} rows, {log.time[-1]:.3f} s, mean step {1e3 * log.info.sample_period_s:.4g} ms"
     return "; ".join([head, *notes])
 
@@ -331,10 +351,13 @@ def run_effects(chosen: argparse.Namespace) -> None:
     """Print a line for each parameter of each effect."""
     from leapgap.reports.effects_table import effect_rows
 
-    rows = effect_rows(robot_of(chosen))
+    robot = robot_of(chosen)
+    rows = effect_rows(robot)
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    if robot:
+        print(f"{robot.path}: {robot.step_and_integrator}", file=sys.stderr)
 
 
 def run_report(chosen: argparse.Namespace) -> None:

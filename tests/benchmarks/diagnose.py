@@ -36,8 +36,9 @@ class Counting(Replayer):
 
     def replay_pieces(self, trials, starts, rows):  # type: ignore[no-untyped-def]
         """Count the steps of pieces."""
-        pieces = sum(len(s.rows) * self.substeps(t.log) for t, s in zip(trials, starts, strict=True))
-        Counting.steps += pieces * (rows - 1)
+        lengths = [rows] * len(trials) if isinstance(rows, int) else rows
+        each = zip(trials, starts, lengths, strict=True)
+        Counting.steps += sum(len(s.rows) * self.substeps(t.log) * (length - 1) for t, s, length in each)
         return super().replay_pieces(trials, starts, rows)
 
     def true_motions(self, trials: list[Rollout], rows: int | None = None) -> list[Motion]:  # type: ignore[override]

@@ -85,7 +85,7 @@ def test_its_numbers_are_those_that_were_hidden_at_each_joint(found: Diagnosis) 
         ("joint_friction", "L_elbow"): 0.25,
         ("armature", "L_shoulder"): 0.01,
         ("armature", "L_elbow"): 0.03,
-        ("leg_mass", "L_elbow"): 1.15,
+        ("link_mass", "L_elbow"): 1.15,
     }
     for which, true in hidden.items():
         assert values[which] == pytest.approx(true, rel=0.1), which

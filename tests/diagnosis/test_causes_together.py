@@ -30,7 +30,7 @@ HIDDEN = {
     ("joint_friction", "L_elbow"): 0.25,
     ("armature", "L_shoulder"): 0.01,
     ("armature", "L_elbow"): 0.03,
-    ("leg_mass", "L_elbow"): 1.15,
+    ("link_mass", "L_elbow"): 1.15,
 }
 """What ``worn`` hides, an effect that is the same at both joints once."""
 

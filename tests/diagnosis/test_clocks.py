@@ -80,7 +80,8 @@ def test_a_clock_of_noise_alone_is_still_a_number() -> None:
     """Only what is exactly still has none: a channel with noise has one, however poor."""
     noise = np.random.default_rng(0).standard_normal((2, 300, 3))
     assert np.isfinite(clock_scale(noise[0], noise[1], 0.001) or np.nan)
-    assert np.isfinite(local_clock(noise[0], noise[1], 0.001, 20)).all()
+    local = local_clock(noise[0], noise[1], 0.001, 20)
+    assert local is not None and np.isfinite(local.values).all() and np.isfinite(local.error)
 
 
 def test_a_clock_that_drifts_by_three_per_cent_is_told(robot: Robot) -> None:

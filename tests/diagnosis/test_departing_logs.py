@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from tests import plain_arm
+from tests.conftest import standing
 from tests.hostile.base_logs import Columns, arm_log
 
 INFO = LogInfo("arm", 0.01, "a test")
@@ -70,6 +73,93 @@ def test_a_clock_a_pause_and_a_step_of_the_command_are_no_departure() -> None:
     for name in [name for name in still if name.startswith(("joint_", "tau/"))]:
         still[name] = still[name] + 1e-4 * noise.standard_normal(160)
     assert without_departing(arms(**still))[1] == []
+
+
+def swings(number: int = 4) -> list[dict[str, np.ndarray]]:
+    """Logs of the arm of the guide, by plain MuJoCo."""
+    return [plain_arm.swing(k) for k in range(number)]
+
+
+def left_out(columns: list[dict[str, np.ndarray]]) -> dict[str, str]:
+    logs = [Log(f"log_{k}", of_log, LogInfo("arm", 0.001, "a test")) for k, of_log in enumerate(columns)]
+    return {one.name: one.reason for one in without_departing(logs)[1]}
+
+
+def test_a_log_with_gains_of_zero_that_follows_its_set_points_is_left_out() -> None:
+    logs = swings()
+    logs[2] |= {name: np.zeros(2000) for name in logs[2] if name.startswith(("cmd_kp", "cmd_kd"))}
+    found = left_out(logs)
+    assert set(found) == {"log_2"}
+    assert "its gains of shoulder, elbow are 0, and the joints follow their set points" in found["log_2"]
+
+
+@pytest.mark.parametrize("logged_as_set_point", [True, False])
+def test_a_robot_that_was_really_let_go_is_kept(logged_as_set_point: bool) -> None:
+    """Without gains nobody is near his set points, unless these are where he is."""
+    logs = swings()
+    names = [name for name in logs[2] if name.startswith(("cmd_kp", "cmd_kd"))]
+    logs[2] |= {name: np.zeros(2000) for name in names}
+    for joint in plain_arm.JOINTS:
+        if logged_as_set_point:
+            logs[2][f"cmd_pos/{joint}"] = logs[2][f"joint_pos/{joint}"]
+        else:
+            logs[2][f"joint_pos/{joint}"] = logs[3][f"joint_pos/{joint}"]
+            logs[2][f"joint_vel/{joint}"] = logs[3][f"joint_vel/{joint}"]
+    assert left_out(logs) == {}
+
+
+@pytest.mark.parametrize(("rows", "says"), [(200, "late"), (-200, "early")])
+def test_a_log_whose_commands_are_of_another_time_is_left_out(rows: int, says: str) -> None:
+    logs = swings()
+    for name in [name for name in logs[1] if name.startswith("cmd_")]:
+        logs[1][name] = np.roll(logs[1][name], rows)
+    found = left_out(logs)
+    assert set(found) == {"log_1"}
+    told = re.fullmatch(r".*: commands are (\d+) ms too (early|late)", found["log_1"])
+    assert told and told[2] == says and float(told[1]) == pytest.approx(200, abs=15)
+
+
+def test_a_robot_that_is_late_in_every_log_and_by_a_little_more_in_one_is_kept() -> None:
+    logs = swings()
+    for k, of_log in enumerate(logs):
+        for name in [name for name in of_log if name.startswith("cmd_")]:
+            of_log[name] = np.roll(of_log[name], -100 - 5 * k)
+    assert left_out(logs) == {}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-9, 1e-7])
+def test_a_copy_with_a_little_noise_is_a_copy(noise: float) -> None:
+    logs, rng = swings(), np.random.default_rng(3)
+    logs[3] = {name: values + noise * rng.standard_normal(2000) for name, values in logs[0].items()}
+    logs[3]["time"] = logs[0]["time"]
+    found = left_out(logs)
+    assert set(found) == {"log_3"} and "equal to log_0 in every column" in found["log_3"]
+    assert ("but for less than 5 % of its noise" in found["log_3"]) == (noise > 0)
+
+
+def test_a_second_run_of_the_same_commands_is_no_copy() -> None:
+    """Two runs differ by the noise of their sensors, however well the robot repeats itself."""
+    logs, rng = swings(3), np.random.default_rng(3)
+    again = {name: values.copy() for name, values in logs[0].items()}
+    for name in again:
+        if name.startswith("joint_"):
+            noise = 2e-4 if "pos" in name else 5e-3
+            again[name] += noise * rng.standard_normal(2000)
+    assert left_out([*logs, again]) == {}
+
+
+def test_signs_of_quaternions_that_flip_from_row_to_row_are_no_spike(robot: Robot) -> None:
+    logs = []
+    for k in range(4):
+        tilt = 0.3 * np.sin(np.arange(400) * 0.01 + k)
+        columns = {"base_quat_w": np.cos(tilt / 2), "base_quat_y": np.sin(tilt / 2)}
+        if k == 1:
+            signs = np.random.default_rng(4).choice([-1.0, 1.0], 400)
+            columns = {name: signs * values for name, values in columns.items()}
+        logs.append(replace(standing(robot, **columns), name=f"log_{k}"))
+    assert without_departing(logs)[1] == []
+    assert np.abs(np.diff(logs[1]["base_quat_w"])).max() < 0.01
+    assert np.abs(logs[1].pitch - 0.3 * np.sin(np.arange(400) * 0.01 + 1)).max() < 1e-12
 
 
 def test_no_published_jump_departs(robot: Robot) -> None:

@@ -277,8 +277,8 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
     rows = len(jumps[0])
     every = jumps[0].info.rows(local.LOCAL_EVERY_S)
     moving = slice(rows // 3 // every, 2 * rows // 3 // every)
-    found = clocks["made_0"][moving]
-    at = np.linspace(0, rows - 1, len(clocks["made_0"]))[moving]
+    found = clocks["made_0"].values[moving]
+    at = np.linspace(0, rows - 1, len(clocks["made_0"].values))[moving]
     assert found == pytest.approx(1.05 * np.interp(at, np.linspace(0, rows - 1, 5), profile), abs=0.03)
     report = diagnosed_of([jump.first_rows(900) for jump in jumps], robot)
     assert report.answer[0] == ("sample_period",)

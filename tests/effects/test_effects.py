@@ -33,6 +33,14 @@ TABLE = {
 }
 NAMED_ONLY = {
     "computation_delay": (("share", "rows", 0, 0.25, 0.5, 1.5),),
+    "contact_damping": (("scale", "1", 1, 1.3, 2, 4),),
+    "gravity_compensation": (("share", "1", 0, 0.05, 0.2, 1),),
+    "position_gain": (("scale", "1", 1, 1.1, 1.5, 10),),
+    "set_point_filter": (("time_constant_s", "s", 0, 0.003, 0.01, 0.1),),
+    "set_point_slew": (("rate_rad_s", "rad/s", 100, 10, 2, 0.3),),
+    "supply_sag": (("sag", "1", 0, 0.05, 0.2, 0.5),),
+    "torque_limit": (("scale", "1", 1, 0.9, 0.5, 0.3),),
+    "velocity_gain": (("scale", "1", 1, 1.1, 1.5, 10),),
     "velocity_filter": (("time_constant_s", "s", 0, 0.0005, 0.001, 0.004),),
     "dropped_commands": (("share", "1", 0, 0.2, 0.5, 0.8),),
     "duty_limit": (("droop_s_rad", "s/rad", 0, 0.02, 0.05, 0.2),),
@@ -111,7 +119,7 @@ def test_an_effect_acts_at_its_location_only(name: str, robot: Robot, reference:
     fields = {
         "dof": ("dof_damping", "dof_dampingpoly", "dof_frictionloss", "dof_armature"),
         "actuator": ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange"),
-        "body": ("body_mass", "body_inertia", "body_ipos"),
+        "body": ("body_mass", "body_inertia", "body_ipos", "body_gravcomp"),
     }
     changed = {
         kind: {

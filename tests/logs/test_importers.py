@@ -189,7 +189,7 @@ def test_csv_names_the_missing_column_and_the_empty_cell(robot: Robot, tmp_path:
 
 
 def test_unknown_format_lists_the_known(robot: Robot) -> None:
-    known = ("csv", "hdf5", "lerobot", "mat", "npz", "parquet", "pt", "published", "ros")
+    known = ("csv", "hdf5", "json", "lerobot", "mat", "npz", "parquet", "pt", "published", "ros", "sage")
     assert tuple(formats()) == known
     with pytest.raises(InputError, match=f"found bags; expected one of {', '.join(known)}"):
         log_format("bags")

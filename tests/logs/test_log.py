@@ -163,3 +163,15 @@ def test_a_jump_of_version_1_has_its_phases_as_segments(tmp_path: Path) -> None:
     del about["schedule"]["flight_s"]
     with pytest.raises(InputError, match="flight_s"):
         jump_log.read_log(write_table(tmp_path / "b.parquet", swing(2.0), about))
+
+
+def test_a_log_whose_time_is_in_ms_is_refused() -> None:
+    """2000 rows of 1 ms that claim 1 s each: in a claimed 50 ms nothing moves, so longer times are looked at."""
+    time = np.arange(2000) / 1000
+    columns = {"time": 1000 * time, "joint_pos/knee": np.sin(3 * time), "joint_vel/knee": 3 * np.cos(3 * time)}
+    columns |= {f"cmd_{name}/knee": np.zeros(2000) for name in ("tau", "pos", "vel", "kp", "kd")}
+    log = jump_log.Log("run", columns, jump_log.LogInfo("leg", 1.0, "a test"))
+    with pytest.raises(InputError, match=r"a log of 1999 s with steps of 1000 ms.*moves 0.001 times as far"):
+        jump_log.check_read(log, "run")
+    right = jump_log.Log("run", columns | {"time": time}, jump_log.LogInfo("leg", 0.001, "a test"))
+    jump_log.check_read(right, "run")

@@ -46,7 +46,7 @@ def motion(rows: int = 1500) -> dict[str, np.ndarray]:
 
 
 def propose(table: Path, arm: Robot) -> tuple[dict, str]:
-    text = propose_map(table, arm)
+    text = propose_map(table, arm).text(arm)
     return yaml.safe_load(text)["csv"], text
 
 
@@ -102,7 +102,7 @@ def test_units_signs_and_order_are_found_by_physics(arm: Robot, tmp_path: Path) 
     assert options["columns"]["cmd_pos/shoulder"] == "angle_ref_2"
     assert options["units"] == {"time": "us", "joint_pos/*": "deg", "joint_vel/*": "rpm"}
     assert options["factors"] == {"joint_vel/*": -1.0}
-    assert "#   velocities of shoulder, elbow have the opposite sign of their positions; they are turned round" in text
+    assert "#   velocities of shoulder, elbow are mirror images of their positions; they are turned round" in text
     assert "#   gains of the joint PD: state constants.cmd_kp/*, constants.cmd_kd/*" in text
     assert "cmd_kp/*" not in options["constants"]  # never filled in without a word
 
@@ -112,8 +112,9 @@ def test_without_positions_the_unit_of_velocities_is_missing(arm: Robot, tmp_pat
     columns = {"t": truth["time"], "dq0": truth["dq"][:, 0] / DEGREE, "dq1": truth["dq"][:, 1] / DEGREE}
     options, text = propose(write_table(tmp_path / "a.csv", columns), arm)
     assert "units" not in options
-    missing = text.partition("Missing, nothing is assumed:")[2]
-    assert "the unit of velocities: it shows beside positions, else state units.joint_vel/*" in missing
+    assert "joint_vel/*" not in options["columns"]
+    absent = text.partition("Not in the logs, or left out:")[2]
+    assert "measured velocities: left out, their unit shows beside positions" in absent
 
 
 def test_a_joint_that_counts_backwards_is_found_by_its_limits(arm: Robot, tmp_path: Path) -> None:
@@ -289,12 +290,12 @@ def test_semicolons_are_noticed_and_other_files_refused(arm: Robot, tmp_path: Pa
 
 def test_recordings_and_datasets_are_proposed_for_too(arm: Robot, tmp_path: Path) -> None:
     """LowState and LowCmd of a Unitree robot with a motor more than the model; episodes whose time begins anew."""
-    options = yaml.safe_load(propose_map(write_mcap(tmp_path / "walk"), arm))["ros"]
+    options = yaml.safe_load(propose_map(write_mcap(tmp_path / "walk"), arm).text(arm))["ros"]
     assert options["columns"]["joint_pos/*"] == "/lowstate/motor_state[*].q"
     assert options["columns"]["cmd_tau/*"] == "/lowcmd/motor_cmd[*].tau"
     assert options["columns"]["cmd_kp/*"] == "/lowcmd/motor_cmd[*].kp"
     assert options["joint_names"] == {"0": "shoulder", "1": "elbow"}
-    options = yaml.safe_load(propose_map(write_lerobot(tmp_path / "arm_data"), arm))["lerobot"]
+    options = yaml.safe_load(propose_map(write_lerobot(tmp_path / "arm_data"), arm).text(arm))["lerobot"]
     assert options["columns"]["time"] == "timestamp"
     assert options["columns"]["joint_pos/*"] == "observation.state.*.pos"
 
@@ -304,5 +305,5 @@ def test_many_small_arrays_beside_the_log_do_not_hide_it(arm: Robot, tmp_path: P
     truth = motion(400)
     extra = {f"camera_{i}": np.eye(3) for i in range(9)} | {"picture": np.zeros((5, 60, 80)), "note": np.array("x")}
     np.savez(tmp_path / "a.npz", t=truth["time"], q=truth["q"].T, dq=truth["dq"], **extra)
-    options = yaml.safe_load(propose_map(tmp_path / "a.npz", arm))["npz"]
+    options = yaml.safe_load(propose_map(tmp_path / "a.npz", arm).text(arm))["npz"]
     assert options["columns"] == {"time": "t", "joint_pos/*": "q[*]", "joint_vel/*": "dq[*]"}

@@ -272,8 +272,9 @@ def test_lerobot_episodes_are_logs(arm: Robot, tmp_path: Path) -> None:
     assert logs[1]["joint_pos/shoulder"] == pytest.approx(Q[:, 1] + 1, rel=1e-6)
     assert logs[0]["cmd_pos/elbow"] == pytest.approx(Q[:, 0] - 1)
     assert logs[1].time == pytest.approx(TIME - 5, abs=1e-6)
-    old = write_lerobot(tmp_path / "old", "v2.1")
-    with pytest.raises(InputError, match=r"found version v2\.1; expected version 3 of the format"):
+    assert len(layout.read_all(write_lerobot(tmp_path / "two", "v2.1"), "two", arm, options)) == 2
+    old = write_lerobot(tmp_path / "old", "v1.6")
+    with pytest.raises(InputError, match=r"found version v1\.6; expected version 2 or 3 of the format"):
         layout.read_all(old, "old", arm, options)
 
 

@@ -60,16 +60,18 @@ def test_a_finger_that_is_not_in_the_file_follows_the_other(gripper: Robot, tmp_
     truth = motion()
     columns = {name: values for name, values in truth.items() if not name.endswith("right")}
     path = write_table(tmp_path / "a.csv", columns)
-    text = propose_map(path, gripper)
+    text = propose_map(path, gripper).text(gripper)
     assert "right is not in the file: it follows left, to which the model ties it" in text
     assert "those of the servos in the model file" in text
     proposed = yaml.safe_load(text)["csv"]
-    assert proposed["constants"]["cmd_kp/*"] == [80.0, 600.0, 0.0]
-    assert proposed["constants"]["cmd_kd/*"] == [4.0, 20.0, 0.0]
+    assert proposed["gains"] == "unknown"
     log = Csv().read(path, "a", gripper, CsvOptions(**proposed))
     assert log["joint_pos/right"][200:] == pytest.approx(truth["q_right"][200:], abs=3e-4)
     assert log["joint_vel/right"][200:] == pytest.approx(truth["dq_right"][200:], abs=3e-3)
     assert log.info.extra["follows"] == {"right": "left"}
+    assert log.info.extra["gains"] == {"known": False}
+    assert [log[f"cmd_kp/{joint}"][0] for joint in ("wrist", "left")] == [80.0, 600.0]
+    assert [log[f"cmd_kd/{joint}"][0] for joint in ("wrist", "left")] == [4.0, 20.0]
     assert "cmd_pos/left" in log and not any(name.startswith("cmd_") for name in log.columns if "right" in name)
 
 
@@ -81,8 +83,9 @@ def test_columns_as_many_as_motors_are_those_of_the_motors(
     columns = {"t": truth["t"]}
     for key, joint in zip(theirs, ("wrist", "left"), strict=True):
         of_key = {f"{key}_pos": f"q_{joint}", f"{key}_spd_dps": f"dq_{joint}", f"{key}_target": f"goal_{joint}"}
-        columns |= {name: degrees * truth[source] for name, source in of_key.items()}
-    text = propose_map(write_table(tmp_path / "a.csv", columns), gripper)
+        unit = degrees if joint == "wrist" else 1.0  # a finger slides, in m
+        columns |= {name: unit * truth[source] for name, source in of_key.items()}
+    text = propose_map(write_table(tmp_path / "a.csv", columns), gripper).text(gripper)
     proposed = yaml.safe_load(text)["csv"]
     assert proposed["joint_names"] == dict(zip(theirs, ("wrist", "left"), strict=True))
     assert f"makers may have another: {theirs[0]} = wrist, {theirs[1]} = left\n" in text

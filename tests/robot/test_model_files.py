@@ -109,6 +109,34 @@ def test_a_floating_robot_without_a_floor_falls_and_says_so(tmp_path: Path) -> N
     assert "the model has no ground" in Robot.load(path).notes[0]
 
 
+@pytest.mark.parametrize(
+    "effect", [None, effects.effect("ground_slope", pitch_rad=0.1), effects.effect("ground_height", height_m=0.03)]
+)
+def test_a_floor_that_is_a_geom_of_a_body_is_ground(tmp_path: Path, effect: effects.Effect | None) -> None:
+    """Sloped and raised too, it lies where the same geom of the world would."""
+    floor = '<geom name="floor" type="plane" size="5 5 0.1"/>'
+    frames = []
+    for name, moved in (("world", floor), ("body", f'<body pos="0.5 0 0">{floor}</body>')):
+        (tmp_path / name).mkdir()
+        robot = hopper(tmp_path / name)
+        robot.path.write_text(robot.path.read_text().replace(floor, moved))
+        robot = Robot.load(robot.path, names=PartNames(feet=("sole",)))
+        assert robot.notes == ()
+        spec = robot.spec()
+        if effect:
+            effect.change_spec(spec, robot)
+        model = spec.compile()
+        if effect:
+            effect.change_model(model, robot)
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        planes = np.flatnonzero(model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE))
+        normal = data.geom_xmat[planes].reshape(-1, 3, 3)[:, :, 2]
+        frames.append(np.concatenate([normal, (normal * data.geom_xpos[planes]).sum(axis=1)[:, None]], axis=1))
+    assert frames[0] == pytest.approx(frames[1])
+    assert len(frames[0]) == (2 if effect and effect.name == "ground_height" else 1)
+
+
 URDF = """<robot name="leg">
   <link name="base"><inertial><mass value="2"/><inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>
     </inertial><visual><geometry><mesh filename="package://leg_description/meshes/base.dae"/></geometry></visual></link>
@@ -175,6 +203,13 @@ def meshed(folder: Path, geom: str) -> Path:
       <body name="rod"><inertial pos="0 0 -0.1" mass="1" diaginertia="0.01 0.01 0.01"/><joint name="hinge"/>
       <geom type="mesh" mesh="shell" {geom}/></body></worldbody><actuator><motor joint="hinge"/></actuator></mujoco>""")
     return path
+
+
+def test_a_namespace_on_the_robot_of_a_urdf_changes_nothing(tmp_path: Path) -> None:
+    plain = urdf(tmp_path)
+    other = plain.path.with_name("other.urdf")
+    other.write_text(plain.path.read_text().replace("<robot ", '<robot xmlns="http://www.ros.org/urdf" '))
+    assert Robot.load(other).sha256 == plain.sha256
 
 
 def test_visual_meshes_whose_files_are_missing_are_left_out_with_a_note(tmp_path: Path) -> None:

@@ -65,9 +65,21 @@ NAMED = (
     effects.effect("frame_tilt", roll_rad=0.03),
     effects.effect("thermal_fade", location="rear", loss_per_s=1.0),
 )
+OWNERS = (
+    effects.effect("position_gain", location="calf", scale=1.3),
+    effects.effect("velocity_gain", scale=0.8),
+    effects.effect("torque_limit", location="rear", scale=0.7),
+    effects.effect("set_point_filter", location="front", time_constant_s=0.004),
+    effects.effect("set_point_slew", location="RL_calf", rate_rad_s=4.0),
+    effects.effect("contact_damping", scale=1.5),
+)
 
 
-@pytest.mark.parametrize("found", [(), ALL_KINDS, NAMED], ids=["nominal", "with effects", "with named effects"])
+@pytest.mark.parametrize(
+    "found",
+    [(), ALL_KINDS, NAMED, OWNERS],
+    ids=["nominal", "with effects", "with named effects", "with drives of their own"],
+)
 def test_closed_loop_of_known_commands_is_their_replay(
     robot: Robot, reference: Log, found: tuple[effects.Effect, ...]
 ) -> None:
@@ -123,7 +135,8 @@ def test_a_motor_behind_a_gear_starts_in_a_loop_as_in_a_replay(robot: Robot, ref
     [
         (4000, effects.effect("command_delay", delay_s=0.02)),  # 80 ticks
         (4000, effects.effect("state_latency", delay_s=0.05)),  # 200 ticks
-        (100, effects.effect("state_latency", delay_s=0.06)),  # the longest there is, 6 ticks
+        (100, effects.effect("state_latency", delay_s=0.15)),  # the longest there is, 15 ticks
+        (1000, effects.effect("command_delay", delay_s=0.12)),
     ],
     ids=lambda value: str(getattr(value, "name", value)),
 )

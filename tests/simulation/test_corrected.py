@@ -27,7 +27,8 @@ from tests.simulation.test_replay import moving
 NOT_IN_A_MODEL = (
     *("command_delay", "computation_delay", "dropped_commands", "encoder_bias", "frame_tilt", "joint_elasticity"),
     *("friction_compensation", "joint_play", "load_friction", "loop_delay", "numerics"),
-    *("sample_period", "state_latency", "static_friction", "torque_offset", "velocity_filter"),
+    *("position_gain", "sample_period", "set_point_filter", "set_point_slew", "state_latency", "static_friction"),
+    *("supply_sag", "torque_offset", "velocity_filter", "velocity_gain"),
 )
 ROWS = 250
 

@@ -1,5 +1,3 @@
-from typing import Any
-
 import mujoco
 import numpy as np
 import pytest
@@ -8,8 +6,6 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import Motion
-from leapgap.simulation import replay
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing
@@ -79,37 +75,16 @@ def test_alone_in_company_and_at_any_number_of_threads_bits_are_equal(robot: Rob
     assert not np.array_equal(together[0].qpos, together[1].qpos)
 
 
-def test_batches_change_no_bit(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where the gains of trials change at other rows."""
+def test_gains_that_change_at_other_rows_and_threads_change_no_bit(robot: Robot) -> None:
     rows = 90
     logs = []
     for change in (30, 50, 70):
         kp = {f"cmd_kp/{joint}": np.where(np.arange(rows) < change, 300.0, 90.0) for joint in robot.joints}
         base = moving(robot, rows, kp=300.0)
         logs.append(Log(f"change_{change}", dict(base.columns) | kp, base.info))
-    together = Replayer(robot, threads=1).motions([Rollout(log) for log in logs])
-    monkeypatch.setattr(replay, "MOST_BATCH_BYTES", 1)
-    alone = Replayer(robot, threads=1).motions([Rollout(log) for log in logs])
-    for one, other in zip(together, alone, strict=True):
+    alone, several = (Replayer(robot, threads=threads).motions([Rollout(log) for log in logs]) for threads in (1, 3))
+    for one, other in zip(alone, several, strict=True):
         assert np.array_equal(one.qpos, other.qpos) and np.array_equal(one.qvel, other.qvel)
-
-
-def test_a_batch_holds_fewer_trials_of_more_steps(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Values of every step are in memory while trials are replayed, those of eight times as many by finer steps."""
-    trials = [Rollout(moving(robot, 400))] * 12
-    at_once: list[int] = []
-    original = Replayer._batch
-
-    def counting(self: Replayer, batch: list[Rollout], *rest: Any) -> list[Motion]:
-        at_once.append(len(batch))
-        return original(self, batch, *rest)
-
-    monkeypatch.setattr(Replayer, "_batch", counting)
-    monkeypatch.setattr(replay, "MOST_BATCH_BYTES", 4 * 2**20)
-    usual = Replayer(robot, threads=1)
-    usual.motions(trials)
-    usual.with_steps(usual.largest_step_s / 8).motions(trials)
-    assert at_once == [12] + [2] * 6
 
 
 def test_in_the_air_the_centre_of_mass_falls_and_angular_momentum_stays(robot: Robot) -> None:

@@ -5,7 +5,6 @@ or a column is not what its name says. A log departs where a statistic is many t
 beyond a floor. So effects that differ from log to log, such as a clock or a payload, do not make a log depart.
 """
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
+from leapgap.logs.noise import noise_of
 from leapgap.logs.reading import FEWEST, SetAside
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, quantity_of
 
@@ -37,6 +37,22 @@ SPIKE_FLOORS = {
 """Quantity → height of a spike, in its unit, that is one."""
 SHARE_OF_SPREAD = 1.0
 """To the floor of a command or torque, this share of the spread of its column is added: commands may leap."""
+
+COPY_OF_NOISE, COPY_OF_SPREAD = 0.05, 1e-6
+"""Columns of one run differ by less than these shares of their noise or of their spread (commands: of their size, or of
+1); those of two runs by √2 of their noise."""
+FOLLOWS = 0.8
+"""Correlation of positions and set points, at the lag that suits them best, from which on a robot follows its commands
+closely enough to tell that lag."""
+NEAREST = 0.2
+"""A joint follows as in other logs where its distance from the set point is not smaller than this share of theirs, nor
+theirs than this share of its own: motions differ."""
+LONGEST_LAG_S = 0.5
+"""Lags of a robot behind its commands are looked for up to this, before and after."""
+LEAST_LAG_S, LEAST_LAG_ROWS, LAG_SPREADS = 0.05, 3, 3.0
+"""A lag departs by more than this, s and rows, and by so many times the range of the other logs' lags."""
+LAG_EXPLAINS = 4.0
+"""At the other logs' lag, so many times as much of the motion is left unexplained as at its own."""
 
 Values = Mapping[str, float]
 """Channel → statistic of one log."""
@@ -78,35 +94,56 @@ def check_motion(logs: Sequence[Log]) -> None:
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
-    """The logs without those that are equal to an earlier one in every column.
+    """The logs without those that are equal to an earlier one, or nearly so.
 
     A cause is judged on logs that it was not fitted on. A copy would be judged by itself.
     """
-    first: dict[bytes, Log] = {}
+    kept: list[Log] = []
     copies = []
     for log in logs:
-        hashed = hashlib.sha256()
-        for name in sorted(log.columns):
-            hashed.update(f"{name}\0{len(log)}\0".encode())
-            hashed.update(np.ascontiguousarray(log.columns[name]).tobytes())
-        known = first.setdefault(hashed.digest(), log)
-        if known is not log:
-            reason = f"equal to {known.name} in every column: a copy says nothing more"
-            copies.append(SetAside(log.name, reason))
-    return list(first.values()), copies
+        found = next(((of, how) for of in kept if (how := alike(log, of)) is not None), None)
+        if found is None:
+            kept.append(log)
+        else:
+            of, how = found
+            copies.append(SetAside(log.name, f"equal to {of.name} in every column{how}: a copy says nothing more"))
+    return kept, copies
+
+
+def alike(one: Log, other: Log) -> str | None:
+    """How nearly two logs are one, in words that may be blank; None where they are two.
+
+    Two runs differ by the noise of the sensors. What differs by far less in every measured column is one run.
+    """
+    if len(one) != len(other) or one.columns.keys() != other.columns.keys():
+        return None
+    measured = [name for name in one.columns if name != "time" and not name.startswith("cmd_")]
+    commands = [name for name in one.columns if name not in measured]
+    equal = True
+    for name in [*measured, *commands]:
+        a, b = one[name], other[name]
+        if np.array_equal(a, b):
+            continue
+        equal = False
+        noise = noise_of(np.diff(a)[:, None], one.info.sample_period_s)[0] if name in measured else 0.0
+        spread = float(np.ptp(a)) if name in measured else max(1.0, float(np.abs(a).max()))
+        if rms(a - b) > max(COPY_OF_NOISE * noise, COPY_OF_SPREAD * spread):
+            return None
+    return "" if equal else f" but for less than {100 * COPY_OF_NOISE:.0f} % of its noise"
 
 
 def reasons(logs: Sequence[Log]) -> dict[str, str]:
     """Name → reason of each log that departs, in the order of the logs."""
     found: dict[str, str] = {}
+    for compare in (without_gains, late_commands, turned_round):
+        for log, reason in zip(logs, compare(logs), strict=True):
+            if reason:
+                found.setdefault(log.name, reason)
     for statistic in STATISTICS:
         values = [statistic.of(log) for log in logs]
         for log, reason in zip(logs, departures(values, statistic), strict=True):
             if reason:
                 found.setdefault(log.name, reason)
-    for log, reason in zip(logs, turned_round(logs), strict=True):
-        if reason:
-            found.setdefault(log.name, reason)
     return {log.name: found[log.name] for log in logs if log.name in found}
 
 
@@ -219,6 +256,87 @@ def still_rows(log: Log) -> Values:
     """Share of rows that repeat a joint's last position, of joints that were asked to move."""
     asked = [joint for joint in acting(log) if float(np.std(log[f"cmd_pos/{joint}"])) > 0.05]
     return {joint: float(np.mean(np.diff(log[f"joint_pos/{joint}"]) == 0)) for joint in asked}
+
+
+def without_gains(logs: Sequence[Log]) -> list[str]:
+    """Logs whose gains are zero while their joints follow the set points as closely as in the others, where gains act.
+
+    A robot without gains that is carried or falls does not follow; one whose set points are its measured positions is
+    nearer to them than any PD brings it.
+    """
+    joints = [set(acting(log)) for log in logs]
+    errors = [tracking_errors(log) for log in logs]
+    found = []
+    for one, log in enumerate(logs):
+        others = [other for other in range(len(logs)) if other != one]
+        usual = [joint for joint in log.joints if sum(joint in joints[other] for other in others) > len(others) / 2]
+        idle = [joint for joint in usual if f"joint_pos/{joint}" in log and not log[f"cmd_kp/{joint}"].any()]
+        following = []
+        for joint in idle:
+            error = float(np.median(np.abs(log[f"cmd_pos/{joint}"] - log[f"joint_pos/{joint}"])))
+            of_others = [errors[other][joint] for other in others if joint in errors[other]]
+            near = NEAREST * min(of_others) < error < max(of_others) / NEAREST
+            if near and (lag := lag_of(log, [joint])) and lag.correlation > FOLLOWS:
+                following.append(joint)
+        says = f"its gains of {', '.join(following)} are 0, and the joints follow their set points as in the other logs"
+        found.append(says if following else "")
+    return found
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How far the joints of a log move behind their set points."""
+
+    seconds: float
+    correlation: float
+    """Of positions and set points at that lag, over all joints."""
+    at: Callable[[float], float]
+    """The same at another lag, s."""
+
+
+def lag_of(log: Log, joints: Sequence[str]) -> Lag | None:
+    """The lag at which positions and set points of some joints correlate best; None where none of them moves."""
+    wanted, position = (log.stack([f"{one}/{joint}" for joint in joints]) for one in ("cmd_pos", "joint_pos"))
+    moving = (np.ptp(wanted, axis=0) > 0) & (np.ptp(position, axis=0) > 0)
+    rows, period = len(log), log.info.sample_period_s
+    reach = min(int(LONGEST_LAG_S / period), rows // 4)
+    if not moving.any() or reach < 1:
+        return None
+    wanted, position = wanted[:, moving], position[:, moving]
+
+    def correlation(lag: int) -> float:
+        sent, seen = wanted[max(0, -lag) : rows - max(0, lag)], position[max(0, lag) : rows - max(0, -lag)]
+        sent, seen = sent - sent.mean(axis=0), seen - seen.mean(axis=0)
+        sizes = np.sqrt((sent**2).sum(axis=0) * (seen**2).sum(axis=0))
+        return float(np.mean((sent * seen).sum(axis=0) / np.maximum(sizes, np.finfo(float).tiny)))
+
+    lags = np.arange(-reach, reach + 1)
+    values = np.array([correlation(int(lag)) for lag in lags])
+    best = int(np.argmax(values))
+    return Lag(float(lags[best] * period), float(values[best]), lambda s: float(np.interp(s / period, lags, values)))
+
+
+def late_commands(logs: Sequence[Log]) -> list[str]:
+    """Logs whose joints follow their set points with another lag than in all others: commands of another time."""
+    lags = [lag_of(log, acting(log)) if acting(log) else None for log in logs]
+    found = []
+    for one, own in enumerate(lags):
+        others = [lag for other, lag in enumerate(lags) if other != one and lag is not None]
+        if own is None or len(others) < FEWEST_LOGS - 1 or min(lag.correlation for lag in (own, *others)) < FOLLOWS:
+            found.append("")
+            continue
+        usual = float(np.median([lag.seconds for lag in others]))
+        spread = max(lag.seconds for lag in others) - min(lag.seconds for lag in others)
+        least = max(LEAST_LAG_S, LEAST_LAG_ROWS * logs[one].info.sample_period_s, LAG_SPREADS * spread)
+        later = own.seconds - usual
+        if abs(later) > least and 1 - own.at(usual) > LAG_EXPLAINS * (1 - own.correlation):
+            found.append(
+                f"its joints follow the set points {1000 * own.seconds:.0f} ms later, in the other logs "
+                f"{1000 * usual:.0f} ms: commands are {1000 * abs(later):.0f} ms too {'early' if later > 0 else 'late'}"
+            )
+        else:
+            found.append("")
+    return found
 
 
 def turned_round(logs: Sequence[Log]) -> list[str]:

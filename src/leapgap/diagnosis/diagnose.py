@@ -10,11 +10,14 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.checks import CheckResult, clock_of, run_checks
+from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.doubts import with_doubts
+from leapgap.diagnosis.engine.points import Bench
+from leapgap.diagnosis.engine.search import Search
+from leapgap.diagnosis.engine.verdict import EvidenceJudgement, conclude
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
@@ -29,13 +32,13 @@ from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
 from leapgap.diagnosis.own_clock import OwnClock, own_clock, with_clock_first
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
+from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportContent
 from leapgap.diagnosis.selection import find_causes
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
 from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
-from leapgap.effects.base import Effect
+from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
@@ -84,7 +87,7 @@ def diagnose(
     """
     own = (*own, *map(effect_class, settings.model_fields))
     kinds = chosen_kinds(settings, own)
-    check_tolerances(settings, own)
+    settings = replace(settings, tolerances=tolerances_on(robot, settings, own))
     rng = np.random.default_rng(settings.seed)
     ready = prepare(logs, robot, settings, threads, rng, progress)
     answer = find_answer(ready, kinds, settings, progress)
@@ -105,7 +108,13 @@ def diagnose(
     places = localise(mapped, fine, settings.where_horizon_s, settings.noise_draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     pieces = (settings.horizon_s, settings.every_s)
-    proposal = propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
+    proposal, numbers = None, None
+    profiles: tuple[Profile, ...] = ()
+    if isinstance(judgement, EvidenceJudgement):
+        numbers = judgement.numbers
+    else:
+        proposal = propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
+        profiles = tuple(profiles_of(judgement.result))
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, corrected, names),
@@ -127,7 +136,8 @@ def diagnose(
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
         next_experiment=proposal.to_json() if proposal else None,
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
-        profiles=tuple(profiles_of(judgement.result)),
+        profiles=profiles,
+        evidence_numbers=numbers,
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
@@ -171,14 +181,17 @@ def prepare(
     """Check the logs, take out what acts from outside, and measure the gap of the nominal robot."""
     slots = max((len(log.info.terrain) for log in logs), default=0)
     given = JudgedLogs.of(logs, robot, settings.sizes)
+    checks = run_checks(given.logs, robot, settings.check_thresholds, logs)
+    if any(check.reads is not None for check in checks):
+        given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
     judged, replayer = given, Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
-    checks = run_checks(judged.logs, robot, settings.check_thresholds, logs)
     clock = own_clock(judged, checks, settings.sizes)
     # By a clock of their own, rows are not known well enough to tell accelerations of a push.
     outside = OutsideForces() if clock is not None else find_outside_forces(judged, replayer, settings.outside)
     if outside.logs:
         judged = JudgedLogs.of(outside.logs, robot, settings.sizes)
-        checks = run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)
+        again = {one.name: one for one in run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)}
+        checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
     for force in outside.forces:
@@ -194,7 +207,7 @@ def prepare(
 class FoundAnswer:
     """The search for causes with its conclusion."""
 
-    judgement: Judgement
+    judgement: Judgement | EvidenceJudgement
     heldout_gap: HeldOutGap
     """At the horizon at which the answer is judged."""
     evidence: Sequence[Evidence]
@@ -210,6 +223,8 @@ def find_answer(
 ) -> FoundAnswer:
     """Search for causes one by one, and where these leave much for all together; judge them."""
     judged, clock = ready.judged, ready.clock
+    if settings.engine == "evidence" and clock is None:
+        return answer_by_evidence(ready, kinds, settings, progress)
     kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
@@ -248,6 +263,23 @@ def find_answer(
     return FoundAnswer(judgement, heldout_gap, evidence, by_source, best, tuple(joint.notes))
 
 
+def answer_by_evidence(
+    ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
+) -> FoundAnswer:
+    """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
+    judged, gap = ready.judged, ready.heldout_gap
+    if not settings.effects and not judged.robot.has_free_base:  # all that a held robot can have
+        known = (kind for kind in effects.known().values() if kind.name not in settings.without)
+        kinds = list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
+    hypotheses = list_hypotheses(kinds, judged.robot, None)
+    bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
+    search = Search(bench, gap.folds, progress)
+    judgement = conclude(search, search.explore(), gap)
+    gap = gap.at_stable_horizon(judgement.selected, settings.noise_draws, np.random.default_rng(settings.seed))
+    told = gather([states.log for states in judged.whole], judged.robot)
+    return FoundAnswer(judgement, gap, told, None, None)
+
+
 def whitened(pieces: ShortRollouts) -> ShortRollouts:
     """Pieces whose errors are whitened for the nominal robot."""
     return pieces.whiten_for(pieces.on_every_log(()))
@@ -271,7 +303,8 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
             expected = f"names among {', '.join(kinds)}"
             raise InputError(f"diagnose.settings.{key}", ", ".join(unknown), expected, "correct the name")
     names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
-    found = [kinds[name] for name in dict.fromkeys(names) if name not in settings.without]
+    without = {kinds[name] for name in settings.without}
+    found = [kind for kind in dict.fromkeys(kinds[name] for name in names) if kind not in without]
     if not found:
         raise InputError("diagnose.settings.without", "every effect", "some that are looked for", "leave out fewer")
     return found
@@ -291,11 +324,13 @@ def further_kinds(kinds: Sequence[type[Effect]], robot: Robot, settings: Setting
     return [kind for kind in known if kind not in kinds and kind.name not in settings.without]
 
 
-def check_tolerances(settings: Settings, own: Sequence[type[Effect]] = ()) -> None:
-    """Raise ``InputError`` for a tolerance that does not name a parameter of an effect."""
-    kinds = effects.registry(own)
-    for name in settings.tolerances:
+def tolerances_on(robot: Robot, settings: Settings, own: Sequence[type[Effect]] = ()) -> dict[str, float]:
+    """Tolerances by the names that effects have on a robot; ``InputError`` for one that names no parameter of one."""
+    kinds, found = effects.registry(own), {}
+    for name, share in settings.tolerances.items():
         effect, _, parameter = name.partition(".")
         if effect not in kinds or parameter not in kinds[effect].declarations():
             expected = "<effect>.<parameter>, such as armature.inertia"
             raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
+        found[f"{kinds[effect].called(robot)}.{parameter}"] = share
+    return found

@@ -33,8 +33,8 @@ class Hypothesis:
 
     @property
     def name(self) -> str:
-        """Name of the effect."""
-        return self.kind.name
+        """Name of the effect on this robot."""
+        return self.kind.called(self.robot)
 
     @property
     def label(self) -> str:

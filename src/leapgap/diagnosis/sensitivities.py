@@ -80,7 +80,7 @@ class Sensitivities:
         All of them act on top of ``around``, whose effects are not tried again. Tolerances are shares of the model's
         own numbers at each place (``Settings.tolerances``).
         """
-        robot, kinds = evidence.state.robot, {**effects.known(), **{h.name: h.kind for h in hypotheses}}
+        robot, kinds = evidence.state.robot, effects.registry(h.kind for h in hypotheses)
         present = {h.name for h, _ in around}
         names = {h.name: h for h in hypotheses if h.name not in present}
         for name in tolerances:

@@ -13,6 +13,7 @@ from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
 
 LONGEST_HORIZON_S = 1000.0
+ENGINES = ("search", "evidence")
 TOLERANCES = {
     "armature.inertia": 0.05,
     "joint_friction.torque_nm": 0.05,
@@ -38,6 +39,8 @@ class Settings:
     """Names of effects that are not looked for; the others are, as if these were unknown."""
     model_fields: list[ModelField] = field(default_factory=list)
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
+    engine: str = "search"
+    """``evidence``: one evidence of all sets of effects, and of a force without a name; ``search``: that of 0.2."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -79,6 +82,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""
+        if self.engine not in ENGINES:
+            raise wrong_setting("engine", self.engine, f"one of {', '.join(ENGINES)}")
         counts = {"folds": 2, "pieces_per_log": 1, "most_pieces": 1, "noise_draws": 1, "bootstrap_draws": 1, "seed": 0}
         for name, least in counts.items():
             if getattr(self, name) < least:
@@ -122,6 +127,6 @@ class Settings:
         }
 
 
-def wrong_setting(name: str, value: float, expected: str) -> InputError:
+def wrong_setting(name: str, value: float | str, expected: str) -> InputError:
     """The refusal of a setting of a diagnosis."""
     return InputError(f"diagnose.settings.{name}", f"{value}", expected, "correct it")

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import mujoco
 import numpy as np
@@ -147,6 +147,16 @@ def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -
     return Starts(rows, states, course), np.array([kept for _, kept in found])
 
 
+def every(motions: Sequence[Motion], rows: int) -> Motion:
+    """Every ``rows``-th row after the first of several motions, one motion after the other."""
+    sensors = [motion.sensors[rows::rows] for motion in motions if motion.sensors is not None]
+    return Motion(
+        np.concatenate([motion.qpos[rows::rows] for motion in motions]),
+        np.concatenate([motion.qvel[rows::rows] for motion in motions]),
+        np.concatenate(sensors) if sensors else None,
+    )
+
+
 @dataclass(frozen=True)
 class Pieces:
     """The pieces of one log."""
@@ -161,7 +171,8 @@ class Pieces:
     fitted_noise: np.ndarray
     """Standard deviation of states of the starts that were not logged, in their tangent, (pieces, 2 nv)."""
     ages: np.ndarray
-    """Rows after the start of a piece at which it is compared, (ages,); equally many in every log."""
+    """Rows after the start of a piece at which it is compared, whole numbers of the first, (ages,); equally many in
+    every log."""
 
     @staticmethod
     def of(states: States, rows: Sequence[int], ages: np.ndarray, state: StateChannels) -> "Pieces":
@@ -184,11 +195,11 @@ class Pieces:
 
     def errors(self, motions: Sequence[Motion], starts: Starts, state: StateChannels) -> np.ndarray:
         """Simulated − logged values of replays from some starts, (starts, ages × channels)."""
-        found = [
-            state.differences(motion[self.ages], self.logged[row + self.ages]).ravel()
-            for motion, row in zip(motions, starts.rows, strict=True)
-        ]
-        return np.array(found).reshape(len(found), len(self.ages) * len(state.channels))
+        values = len(self.ages) * len(state.channels)
+        if not motions:
+            return np.zeros((0, values))
+        rows = (np.array(starts.rows)[:, None] + self.ages).ravel()
+        return state.differences(every(motions, int(self.ages[0])), self.logged[rows]).reshape(-1, values)
 
 
 @dataclass(frozen=True)
@@ -242,7 +253,7 @@ class ShortRollouts:
         pieces = tuple(of.for_steps(largest_step_s) for of in self.pieces)
         return replace(self, replayer=self.replayer.with_steps(largest_step_s), pieces=pieces)
 
-    def errors(self, trials: Sequence[RolloutRequest]) -> Iterator[np.ndarray]:
+    def errors(self, trials: Sequence[RolloutRequest], whitened: bool = False) -> Iterator[np.ndarray]:
         """Simulated − logged values of each request, (pieces, values), computed by all threads."""
         sizes = [len(starts.rows) for _, _, starts in trials]
         most = min(ROLLOUTS_AT_ONCE, -(-sum(sizes) // (SHARES * self.replayer.threads)))
@@ -255,18 +266,17 @@ class ShortRollouts:
             batches[-1].append(trial)
             room -= size
         with ThreadPoolExecutor(self.replayer.threads) as pool:
-            yield from itertools.chain.from_iterable(pool.map(self._batch, batches))
+            yield from itertools.chain.from_iterable(pool.map(partial(self._batch, whitened), batches))
 
-    def _batch(self, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
-        found: dict[int, np.ndarray] = {}
-        lengths = [int(self.pieces[log].ages[-1]) + 1 for log, _, _ in batch]
-        for length in dict.fromkeys(lengths):
-            chosen = [k for k, own in enumerate(lengths) if own == length]
-            trials = [Rollout(self.pieces[batch[k][0]].log, batch[k][1]) for k in chosen]
-            motions = self.replayer.replay_pieces(trials, [batch[k][2] for k in chosen], length)
-            for k, of_trial in zip(chosen, motions, strict=True):
-                found[k] = self.pieces[batch[k][0]].errors(of_trial, batch[k][2], self.state)
-        return [found[k] for k in range(len(batch))]
+    def _batch(self, whitened: bool, batch: Sequence[RolloutRequest]) -> list[np.ndarray]:
+        trials = [Rollout(self.pieces[log].log, effects) for log, effects, _ in batch]
+        rows = [int(self.pieces[log].ages[-1]) + 1 for log, _, _ in batch]
+        motions = self.replayer.replay_pieces(trials, [starts for _, _, starts in batch], rows)
+        found = []
+        for (log, _, starts), of_trial in zip(batch, motions, strict=True):
+            error = self.pieces[log].errors(of_trial, starts, self.state)
+            found.append(self.whiten(log, error) if whitened else error)
+        return found
 
     def residuals(
         self, candidates: Sequence[Sequence[Effects]], logs: Sequence[int] | None = None
@@ -276,13 +286,12 @@ class ShortRollouts:
         Of some ``logs``; None: of all.
         """
         logs = range(len(self.pieces)) if logs is None else logs
-        trials = [(log, of[log], self.pieces[log].starts) for of in candidates for log in logs]
-        errors = self.errors(trials)
-        return [[self.whiten(log, next(errors)) for log in logs] for _ in candidates]
+        errors = self.errors([(log, of[log], self.pieces[log].starts) for of in candidates for log in logs], True)
+        return [[next(errors) for _ in logs] for _ in candidates]
 
     def whiten(self, log: int, error: np.ndarray) -> np.ndarray:
         """Whiten the errors of one log, (pieces, values)."""
-        finite = np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
+        finite = error if np.isfinite(error).all() else np.nan_to_num(error, nan=0.0, posinf=1e3, neginf=-1e3)
         return np.asarray((self.whitening[log] @ finite[:, :, None])[:, :, 0])
 
     def _whitening(self, effects: Sequence[Effects]) -> Iterator[np.ndarray]:

@@ -9,6 +9,7 @@ from leapgap.diagnosis.candidates import Candidate, SearchResult
 from leapgap.diagnosis.channels import is_logged, state_channels
 from leapgap.diagnosis.closure import SIGMAS, Interval
 from leapgap.diagnosis.decision import Conclusion, Judgement
+from leapgap.diagnosis.engine.verdict import EvidenceJudgement
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -21,7 +22,7 @@ NOTICEABLE = 0.05
 
 
 def causes_of(
-    judgement: Judgement, figures: Sequence[HeldOutFigures], logs: Sequence[str], model_error: float
+    judgement: Judgement | EvidenceJudgement, figures: Sequence[HeldOutFigures], logs: Sequence[str], model_error: float
 ) -> list[Cause]:
     """Selected effects, then their confusable alternatives, then all single effects, by probability.
 

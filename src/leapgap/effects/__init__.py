@@ -19,10 +19,37 @@ Registry = Mapping[str, type[Effect]]
 """Effect classes by name."""
 
 
+class Kinds(dict[str, type[Effect]]):
+    """Effect classes by name; a class is found by its other names too, which are not counted."""
+
+    def __missing__(self, name: str) -> type[Effect]:
+        """The class that has this as another name."""
+        for kind in self.values():
+            if name in kind.other_names:
+                return kind
+        raise KeyError(name)
+
+    def __contains__(self, name: object) -> bool:
+        """Whether some class is found by this name."""
+        return super().__contains__(name) or any(name in kind.other_names for kind in self.values())
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The class of this name, if there is one."""
+        try:
+            return self[name]
+        except KeyError:
+            return default
+
+
+def first_name(name: str) -> str:
+    """The name under which an effect stands in the tables, by any name of it; a name that is no effect's stays."""
+    return known()[name].name if name in known() else name
+
+
 @cache
-def known() -> dict[str, type[Effect]]:
+def known() -> Kinds:
     """All effects by name, in alphabetical order: those of this package and those of installed packages."""
-    kinds = classes_by_name(sys.modules[__name__], Effect, ENTRY_POINTS)
+    kinds = Kinds(classes_by_name(sys.modules[__name__], Effect, ENTRY_POINTS))
     for kind in kinds.values():
         check_class(kind)
     return kinds
@@ -33,20 +60,21 @@ def by_default() -> dict[str, type[Effect]]:
     return {name: kind for name, kind in known().items() if kind.by_default}
 
 
-def registry(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
+def registry(own: Iterable[type[Effect]] = ()) -> Kinds:
     """The known effects and a user's own classes."""
     return with_own(known(), own)
 
 
-def with_own(kinds: Registry, own: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
+def with_own(kinds: Registry, own: Iterable[type[Effect]]) -> Kinds:
     """Effects by name with further classes; ``InputError`` for what is no effect or has the name of another."""
-    found = dict(kinds)
+    found = Kinds(kinds)
     for kind in own:
         check_class(kind)
-        if found.setdefault(kind.name, kind) is not kind:
+        if found.get(kind.name, kind) is not kind:
             raise InputError(
                 f"effect class {kind.__qualname__}", f"the name {kind.name}", "a name of its own", "choose another name"
             )
+        found[kind.name] = kind
     return found
 
 

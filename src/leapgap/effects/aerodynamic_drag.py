@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, ForceContext, parameter
+from leapgap.effects.links import jacobians
 from leapgap.robot.model import Robot
 
 DENSITY = 1e-9
@@ -26,6 +27,14 @@ class AerodynamicDrag(Effect):
     needs_base = True
 
     coefficient: float = parameter(0.0, "N·s²/m²", 0.0, 8.0, 1.0)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Against the velocity of the trunk's centre, by its square."""
+        (jacobian,) = np.moveaxis(jacobians(at, [at.robot.base_body]), 1, 0)
+        velocity = np.einsum("sij,sj->si", jacobian, at.qvel)
+        drag = -np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
+        return np.einsum("si,sij->sj", drag, jacobian)[None]
 
     @property
     def structure(self) -> Hashable | None:

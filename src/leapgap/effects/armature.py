@@ -4,8 +4,18 @@ from dataclasses import dataclass
 from math import inf
 
 import mujoco
+import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, recompute_constants, widened
+from leapgap.effects.base import (
+    Effect,
+    ForceContext,
+    Parameter,
+    add_nonnegative,
+    addition,
+    parameter,
+    recompute_constants,
+    widened,
+)
 from leapgap.robot.model import Robot
 
 MOST = 0.004
@@ -18,6 +28,7 @@ class Armature(Effect):
 
     name = "armature"
     places = "joints"
+    along_joints = True
 
     inertia: float = parameter(0.0, "kg·m²", 0.0, 0.15, 0.02, limits=(-inf, inf))
 
@@ -27,6 +38,11 @@ class Armature(Effect):
         (declared,) = super().parameters(robot, location)
         declared = widened(declared, robot, location, MOST)
         return (addition(declared, robot.model.dof_armature[robot.joint_dofs[robot.joints_at(location)]]),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Against the acceleration."""
+        return at.at_joints(location, -at.acceleration)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the armature of the joints."""

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, ClassVar
 
 import mujoco
@@ -36,6 +36,8 @@ class Parameter:
     """
     lower_is_physical: bool = False
     """Whether ``lower`` is a physical limit (zero friction), so that a fit may end there."""
+    logarithmic: bool = False
+    """Whether its natural scale is logarithmic, as that of a factor which may be a fiftieth or fifty; ``lower`` > 0."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class Declaration:
     moderate: float | None
     limits: tuple[float, float]
     """Range of values that may be set."""
+    logarithmic: bool = False
+    """As in ``Parameter``."""
 
 
 def parameter(
@@ -59,16 +63,17 @@ def parameter(
     upper: float,
     moderate: float | None = None,
     limits: tuple[float, float] | None = None,
+    logarithmic: bool = False,
 ) -> Any:
     """Declare a dataclass field as a parameter; its default is the value at which the effect is absent.
 
     ``None`` as nominal value means the model's own: the class then says in ``Effect.parameters`` what that is on a
     robot. ``lower`` to ``upper`` is the range that is searched; ``limits`` is the range of values that may be set
-    (by default the same).
+    (by default the same). ``logarithmic`` as in ``Parameter``.
     """
     if moderate is None and nominal is not None:
         moderate = nominal + max(upper - nominal, lower - nominal, key=abs) / 10
-    about = Declaration(nominal, unit, lower, upper, moderate, limits or (lower, upper))
+    about = Declaration(nominal, unit, lower, upper, moderate, limits or (lower, upper), logarithmic)
     return field(default=nominal, metadata={PARAMETER: about})
 
 
@@ -118,6 +123,95 @@ class Load:
     """Step of the simulation, s."""
 
 
+SMALL = 0.01
+"""Departure from nominal by which derivatives are taken, as a share of the moderate one."""
+ACTING = (
+    *("change_period", "change_rows", "change_step", "change_drive", "change_model", "change_spec"),
+    *("change_commands", "torque_by_velocity", "put_controls"),
+)
+"""Methods by which an effect changes the true motion."""
+
+
+@dataclass(frozen=True)
+class ForceContext:
+    """A motion of the nominal robot, step by step, along which effects state what they add to first order.
+
+    Each step begins in its state, and the commands hold throughout it.
+    """
+
+    robot: Robot
+    model: mujoco.MjModel
+    """The nominal model; not to be changed."""
+    qpos: np.ndarray
+    """(steps, nq)"""
+    qvel: np.ndarray
+    """(steps, nv)"""
+    qacc: np.ndarray
+    """(steps, nv): what the velocity changes by in the step, over its length."""
+    commands: Commands
+    """As they were sent, (steps, joints) each."""
+    kp: np.ndarray
+    """Gain of the joint PD, N·m/rad, (steps, joints)."""
+    kd: np.ndarray
+    """N·m·s/rad, (steps, joints)."""
+    step_s: float
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """Of the joints, rad, (steps, joints)."""
+        return self.qpos[:, self.robot.joint_qpos]
+
+    @cached_property
+    def velocity(self) -> np.ndarray:
+        """Of the joints, rad/s, (steps, joints)."""
+        return self.qvel[:, self.robot.joint_dofs]
+
+    @cached_property
+    def acceleration(self) -> np.ndarray:
+        """Of the joints, rad/s², (steps, joints)."""
+        return self.qacc[:, self.robot.joint_dofs]
+
+    def torque_of(self, commands: Commands) -> np.ndarray:
+        """Torque by commands alone, τ + kp q* + kd q̇*, N·m, (steps, joints)."""
+        return np.asarray(commands.torque + self.kp * commands.position + self.kd * commands.velocity)
+
+    @cached_property
+    def sent(self) -> np.ndarray:
+        """The same by those that were sent."""
+        return self.torque_of(self.commands)
+
+    @cached_property
+    def asked(self) -> np.ndarray:
+        """Torque that is asked of the motors, joint PD included, before any limit, N·m, (steps, joints)."""
+        return np.asarray(self.sent - self.kp * self.position - self.kd * self.velocity)
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """The same within the limits of the model."""
+        limits = self.robot.torque_limits
+        return np.asarray(np.clip(self.asked, -limits, limits))
+
+    @cached_property
+    def within(self) -> np.ndarray:
+        """1 where the motors give what is asked of them, 0 at a limit, (steps, joints)."""
+        return np.asarray((self.torque == self.asked).astype(float))
+
+    def late(self, course: np.ndarray) -> np.ndarray:
+        """What a course (steps, …) changes by if it is late, per second; before its first step it stood still."""
+        return np.asarray(-np.diff(course, axis=0, prepend=course[:1]) / self.step_s)
+
+    def at_joints(self, location: str, force: np.ndarray) -> np.ndarray:
+        """Forces (steps, joints) at the joints of a location alone, of one parameter: (1, steps, nv)."""
+        found = np.zeros((1, *self.qvel.shape))
+        at = self.robot.joints_at(location)
+        found[0, :, self.robot.joint_dofs[at]] = np.broadcast_to(force, self.velocity.shape).T[at]
+        return found
+
+    def at_motors(self, location: str, torque: np.ndarray) -> np.ndarray:
+        """The same at the joints that motors drive."""
+        return self.at_joints(location, torque * self.robot.driven)
+
+
 @dataclass(frozen=True)
 class Effect(ABC):
     """One unmodelled effect; ``collect`` injects it and ``diagnose`` looks for it, through the same methods.
@@ -132,6 +226,8 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    other_names: ClassVar[tuple[str, ...]] = ()
+    """Further names by which it is found; ``called`` says which of them all reports use."""
     by_default: ClassVar[bool] = True
     """Whether a diagnosis looks for it when its settings name no effects; each effect looked for costs time."""
     differs_per_log: ClassVar[bool] = False
@@ -150,11 +246,18 @@ class Effect(ABC):
     """Whether it is looked for beside the answer of such a fit: it can do what several do, and would hide them."""
     has_rotors: ClassVar[bool] = False
     """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
+    along_joints: ClassVar[bool] = False
+    """Whether it acts at each joint of its place as a torque along that joint alone, whatever it does at others."""
     command_stage: ClassVar[CommandStage] = CommandStage.ARRIVAL
     """Where on their way it changes commands. Where rows are uneven, effects act in the order of these stages, since
     commands that are shifted in time no longer tell what each row sent."""
     places: ClassVar[str] = "none"
     """What ``location`` chooses among: ``joints``, ``feet``, or ``none`` (acts on the robot as a whole)."""
+
+    @classmethod
+    def called(cls, robot: Robot) -> str:
+        """Its name in reports on a robot."""
+        return cls.name
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
@@ -174,7 +277,8 @@ class Effect(ABC):
         for name, about in cls.declarations().items():
             if about.nominal is None or about.moderate is None:
                 raise TypeError(f"{cls.__name__}.parameters has to say what the model's own {name} is")
-            found.append(Parameter(name, about.unit, about.nominal, about.lower, about.upper, about.moderate))
+            ends = (about.lower, about.upper, about.moderate)
+            found.append(Parameter(name, about.unit, about.nominal, *ends, logarithmic=about.logarithmic))
         return tuple(found)
 
     @classmethod
@@ -196,6 +300,48 @@ class Effect(ABC):
     def is_nominal_for(self, robot: Robot) -> bool:
         """Whether the effect is absent from this robot: every parameter has its default, or the model's own value."""
         return all(self.values.get(p.name, p.nominal) == p.nominal for p in self.parameters(robot, self.location))
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Generalised force that it adds along a motion of the nominal robot, per unit of each parameter at nominal.
+
+        (parameters, steps, nv), N and N·m by the unit of the parameter, in their order. None: it is not known in closed
+        form, or no force does the same, and the effect is replayed instead. Zero where the first order vanishes, as for
+        a limit that is not met. By default it is known of what acts through ``change_commands`` alone.
+        """
+        if {method for method in ACTING if overrides(cls, method)} != {"change_commands"}:
+            return None
+        found = []
+        for effect, by in cls.small_departures(at.robot, location):
+            changed = effect.change_commands(at.commands, at.step_s, at.robot)
+            found.append(at.at_motors("all", at.within * (at.torque_of(changed) - at.sent) / by))
+        return np.concatenate(found)
+
+    @classmethod
+    def measurement(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """What it adds to the reported state along such a motion, per unit of each parameter at nominal.
+
+        (parameters, steps, 2 nv): positions as MuJoCo integrates them (attitude as a turn in the axes of the base),
+        then velocities. None: what is reported is true. Replays start at what is reported, so the true start departs by
+        the opposite of the first step's. An effect may have a ``force`` besides, and then does both.
+        """
+        if not overrides(cls, "change_measured"):
+            return None
+        true, nv = Motion(at.qpos, at.qvel), at.qvel.shape[1]
+        found = np.zeros((len(cls.declarations()), len(true), 2 * nv))
+        for changes, (effect, by) in zip(found, cls.small_departures(at.robot, location), strict=True):
+            reported = effect.change_measured(true, at.step_s, at.robot)
+            for change, one, other in zip(changes, true.qpos, reported.qpos, strict=True):
+                mujoco.mj_differentiatePos(at.model, change[:nv], by, one, other)
+            changes[:, nv:] = (reported.qvel - true.qvel) / by
+        return found
+
+    @classmethod
+    def small_departures(cls, robot: Robot, location: str) -> "Iterator[tuple[Effect, float]]":
+        """The effect with each of its parameters a little off nominal, and by how much, for derivatives."""
+        for one in cls.parameters(robot, location):
+            by = SMALL * (one.moderate - one.nominal)
+            yield cls(location, **{one.name: one.nominal + by}), by
 
     def with_profile(self, profile: tuple[float, ...]) -> "Effect":
         """The effect with a value that changes within a log.
@@ -241,6 +387,11 @@ class Effect(ABC):
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Commands as they reach the joints in periods of ``period_s`` true seconds."""
         return commands
+
+    @property
+    def memory_s(self) -> float:
+        """How long ago commands and states still count in ``change_commands`` and ``change_measured``, s."""
+        return 0.0
 
     def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """The last period of ``change_commands`` alone, which a closed loop asks for at every tick.
@@ -353,10 +504,11 @@ _later = _Later()
 
 
 @contextmanager
-def constants_at_end(model: mujoco.MjModel) -> Iterator[None]:
+def constants_at_end(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[None]:
     """Let the effects that act in this block ask for a model's constants, and recompute them once, at its end.
 
     With many effects that change masses, constants would else take longer than the simulation of a short motion.
+    ``data`` is working memory for it.
     """
     _later.model, _later.asked = model, False
     try:
@@ -364,4 +516,5 @@ def constants_at_end(model: mujoco.MjModel) -> Iterator[None]:
     finally:
         _later.model = None
     if _later.asked:
-        recompute_constants(model)
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_setConst(model, data)

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import mujoco
 
-from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class ComOffset(Effect):
+class ComOffset(InertialEffect):
     """Shift of the base body's centre of mass along its own axes: forward and up."""
 
     name = "com_offset"

@@ -20,9 +20,15 @@ class CommandDelay(Effect):
 
     name = "command_delay"
     places = "joints"
+    along_joints = True
     needs_motor = True
 
-    delay_s: float = parameter(0.0, "s", 0.0, 0.025, 0.005)
+    delay_s: float = parameter(0.0, "s", 0.0, 0.15, 0.005)
+
+    @property
+    def memory_s(self) -> float:
+        """All of the delay."""
+        return self.delay_s
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the commands of the joints."""

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from leapgap.robot.model import Robot
+from leapgap.robot.terrain import ground_geoms
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ def mixed_contact(model: mujoco.MjModel, foot: int) -> tuple[int, np.ndarray, np
 
 
 def ground_under(model: mujoco.MjModel, foot: int) -> int | None:
-    """The first geom of the world that a foot can touch; None where the model has no ground."""
-    for geom in np.flatnonzero(model.geom_bodyid == 0):
+    """The first geom of the ground that a foot can touch; None where the model has no ground."""
+    for geom in ground_geoms(model):
         contype, conaffinity = model.geom_contype, model.geom_conaffinity
         if contype[foot] & conaffinity[geom] or contype[geom] & conaffinity[foot]:
             return int(geom)

@@ -6,7 +6,7 @@ the electrical time constant; the motor constant is 1 at the joint, so that curr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -24,6 +24,12 @@ COOLING_S = 60.0
 class Drive:
     """Motors of all joints, shape (joints,) each, joint order of the robot."""
 
+    kp_scale: np.ndarray
+    """Ratio of the joint PD's acting stiffness to the one that was sent."""
+    kd_scale: np.ndarray
+    """The same of its damping."""
+    limit_scale: np.ndarray
+    """Ratio of the torque limit to the model's."""
     gain: np.ndarray
     """Ratio of delivered to commanded torque; it scales the torque limit too."""
     voltage_v: np.ndarray
@@ -44,7 +50,16 @@ class Drive:
         """Motors that deliver the commanded torque at once."""
         ones, none = np.ones(joints), np.zeros(joints)
         return Drive(
-            ones, np.full(joints, np.inf), none, none.copy(), np.full(joints, np.nan), none.copy(), none.copy()
+            kp_scale=ones,
+            kd_scale=ones,
+            limit_scale=ones,
+            gain=ones,
+            voltage_v=np.full(joints, np.inf),
+            lag_s=none,
+            filter_s=none,
+            resistance=np.full(joints, np.nan),
+            delay_s=none,
+            heating=none,
         )
 
     @property
@@ -61,8 +76,24 @@ class Drive:
         """Factor on the controls, (joints,): a DC motor has no gain of its own."""
         return np.where(self.electric, self.gain, 1.0)
 
-    def put_into(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Set these motors in the model, whose actuators already have the joint PD."""
+    def scaled(self, name: str, joints: np.ndarray, by: float) -> "Drive":
+        """The same motors with one field larger by a factor at some joints."""
+        changed = getattr(self, name).copy()
+        changed[joints] *= by
+        return replace(self, **{name: changed})
+
+    def gains(self, kp: np.ndarray, kd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains of the joint PD that act, from those that were sent, (…, joints) each: N·m/rad, N·m·s/rad."""
+        return kp * self.kp_scale, kd * self.kd_scale
+
+    def torque_limits(self, robot: Robot) -> np.ndarray:
+        """Largest torque that can be commanded, N·m, (joints,); ``gain`` acts on what is within."""
+        return robot.torque_limits * self.limit_scale
+
+    def put_into(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
+        """Set these motors in a model of affine actuators, with a joint PD of the gains that were sent (joints,)."""
+        actuators.set_joint_pd(model, robot.joint_actuators, *self.gains(kp, kd))
+        actuators.scale_limit(model, robot.joint_actuators, self.limit_scale * self.gain)
         actuators.scale_torque(model, robot.joint_actuators, self.gain)
         chosen = self.electric & robot.driven
         if chosen.any():
@@ -112,7 +143,8 @@ class Drive:
         return np.array(found)
 
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
-        """Set other gains (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
+        """Set other gains that were sent (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
+        kp, kd = self.gains(kp, kd)
         late = kd - kp * self.delay_s
         for chosen, put in ((~self.electric, actuators.set_joint_pd), (self.electric, dc_motors.set_dc_joint_pd)):
             put(model, robot.joint_actuators[chosen], (kp * self.gain)[chosen], (late * self.gain)[chosen])

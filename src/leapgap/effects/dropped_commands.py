@@ -20,6 +20,7 @@ class DroppedCommands(Effect):
     name = "dropped_commands"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
     command_stage = CommandStage.CHOICE
 

@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, ForceContext, parameter
 from leapgap.effects.drive import Drive, lacks_torque_limits
 from leapgap.robot.model import Robot
 
@@ -22,6 +22,7 @@ class DutyLimit(Effect):
     name = "duty_limit"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     droop_s_rad: float = parameter(0.0, "s/rad", 0.0, 0.5, 0.05, limits=(0.0, inf))
@@ -31,6 +32,12 @@ class DutyLimit(Effect):
         """The line ends at a stated torque, and motors of stated constants have a law of their own."""
         stated = None if robot.motors is None else "motors without stated constants (see torque_speed_limit)"
         return super().lacks(robot) or stated or lacks_torque_limits(robot)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """At the limits, what a speed along the torque takes of them."""
+        along = np.maximum(at.torque * at.velocity, 0.0) * np.sign(at.torque)
+        return at.at_motors(location, -(1 - at.within) * along)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Bound the voltage of the motors at the no-load speed."""

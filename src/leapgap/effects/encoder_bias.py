@@ -16,7 +16,7 @@ class EncoderBias(Effect):
     name = "encoder_bias"
     places = "joints"
 
-    bias_rad: float = parameter(0.0, "rad", -0.15, 0.15, 0.03)
+    bias_rad: float = parameter(0.0, "rad", -0.6, 0.6, 0.03)
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the set points: kp (q* − (q + bias)) = kp ((q* − bias) − q)."""

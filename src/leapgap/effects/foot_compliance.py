@@ -40,9 +40,10 @@ class FootCompliance(Effect):
         decide_contact(model, robot, self.location)
         wanted = self.time_constant_s * (own / mean_of(own))
         direct = solref[:, 0] <= 0
-        model.geom_solref[feet[~direct], 0] = wanted[~direct]
+        others = np.divide(model.geom_solref[feet], solref, out=np.ones_like(solref), where=solref != 0)  # have done
+        model.geom_solref[feet[~direct], 0] = (wanted * others[:, 0])[~direct]
         ratio = (wanted / own)[direct]
-        model.geom_solref[feet[direct]] = solref[direct] / np.column_stack([ratio**2, ratio])
+        model.geom_solref[feet[direct]] = solref[direct] * others[direct] / np.column_stack([ratio**2, ratio])
 
 
 def time_constants(solref: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, parameter
+from leapgap.effects.base import Effect, ForceContext, Parameter, parameter
 from leapgap.effects.joint_friction import JointFriction
 from leapgap.robot.model import Robot
 
@@ -25,6 +25,7 @@ class FrictionCompensation(Effect):
     by_default = False
     in_joint_fit = True
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 2.0, 0.2, limits=(-np.inf, np.inf))
@@ -35,6 +36,11 @@ class FrictionCompensation(Effect):
         (declared,) = super().parameters(robot, location)
         declared, most = replace(declared, lower_is_physical=True), robot.largest_torque(location)
         return (declared if most is None else replace(declared, upper=LARGEST * most, moderate=MODERATE * most),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Along the motion."""
+        return at.at_motors(location, at.within * np.tanh(at.velocity / STILL_RAD_S))
 
     def torque_by_velocity(self, velocity: np.ndarray, robot: Robot) -> np.ndarray | None:
         """Along the motion, as large at every speed at which the joint clearly moves."""

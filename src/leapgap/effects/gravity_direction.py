@@ -5,14 +5,15 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import parameter
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.effects.leaning import lean, rotated
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 
 
 @dataclass(frozen=True)
-class GravityDirection(Effect):
+class GravityDirection(InertialEffect):
     """Gravity turned by a roll about the world's x axis, then a pitch about its y axis; its size stays.
 
     For a robot on a floor it is the same as a floor and a measuring frame that both lean the other way.

@@ -7,6 +7,7 @@ import mujoco
 
 from leapgap.effects.base import Effect, parameter, recompute_constants
 from leapgap.robot.model import Robot
+from leapgap.robot.terrain import ground_geoms, ground_of_spec
 
 
 @dataclass(frozen=True)
@@ -28,13 +29,13 @@ class GroundHeight(Effect):
         return None if self.is_nominal else (self.name, self.location)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
-        """Copy every geom of the world that feet can touch, for collisions with the named feet alone."""
+        """Copy every geom of the ground that feet can touch, for collisions with the named feet alone."""
         used = 0
         for geom in spec.geoms:
             used |= int(geom.contype) | int(geom.conaffinity)
         own = 1 << used.bit_length()
-        for i, geom in enumerate([g for g in spec.worldbody.geoms if touchable(g.contype, g.conaffinity, g.name)]):
-            copy = spec.worldbody.add_geom()
+        for i, geom in enumerate([g for g in ground_of_spec(spec) if touchable(g.contype, g.conaffinity, g.name)]):
+            copy = geom.parent.add_geom()
             copy.name, copy.contype, copy.conaffinity, copy.group = f"{self._prefix}{i}", own, 0, geom.group
             for key in COPIED:
                 setattr(copy, key, getattr(geom, key))
@@ -48,11 +49,8 @@ class GroundHeight(Effect):
             return
         names = [model.geom(g).name for g in range(model.ngeom)]
         copies = [g for g, name in enumerate(names) if name.startswith(self._prefix)]
-        stated = [
-            g
-            for g, name in enumerate(names)
-            if model.geom_bodyid[g] == 0 and touchable(model.geom_contype[g], model.geom_conaffinity[g], name)
-        ]
+        contype, conaffinity = model.geom_contype, model.geom_conaffinity
+        stated = [g for g in ground_geoms(model) if touchable(contype[g], conaffinity[g], names[g])]
         model.geom_pos[copies], model.geom_quat[copies] = model.geom_pos[stated], model.geom_quat[stated]
         model.geom_pos[copies, 2] += self.height_m
         model.geom_sameframe[copies] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)

@@ -8,6 +8,7 @@ import numpy as np
 from leapgap.effects.base import Effect, parameter, recompute_constants
 from leapgap.effects.contact import ground_under
 from leapgap.robot.model import Robot
+from leapgap.robot.terrain import ground_bodies
 
 
 @dataclass(frozen=True)
@@ -30,14 +31,19 @@ class GroundSlope(Effect):
         return super().lacks(robot) or (None if robot.has_free_base or grounded else "ground")
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Turn all geoms of the world."""
+        """Turn all geoms of the world, and the other bodies of the ground as a whole."""
         if self.is_nominal:
             return
         turn = np.array([np.cos(self.pitch_rad / 2), 0.0, np.sin(self.pitch_rad / 2), 0.0])
-        for geom in np.flatnonzero(model.geom_bodyid == 0):
+        roots = [body for body in ground_bodies(model)[1:] if model.body_parentid[body] == 0]
+        of_world = np.flatnonzero(model.geom_bodyid == 0)
+        for positions, turns, at in (
+            *((model.geom_pos, model.geom_quat, geom) for geom in of_world),
+            *((model.body_pos, model.body_quat, body) for body in roots),
+        ):
             position, quaternion = np.empty(3), np.empty(4)
-            mujoco.mju_rotVecQuat(position, model.geom_pos[geom], turn)
-            mujoco.mju_mulQuat(quaternion, turn, model.geom_quat[geom])
-            model.geom_pos[geom], model.geom_quat[geom] = position, quaternion
-            model.geom_sameframe[geom] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
+            mujoco.mju_rotVecQuat(position, positions[at], turn)
+            mujoco.mju_mulQuat(quaternion, turn, turns[at])
+            positions[at], turns[at] = position, quaternion
+        model.geom_sameframe[of_world] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
         recompute_constants(model)

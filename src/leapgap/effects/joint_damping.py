@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from math import inf
 
 import mujoco
+import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, widened
+from leapgap.effects.base import Effect, ForceContext, Parameter, add_nonnegative, addition, parameter, widened
 from leapgap.robot.model import Robot
 
 MOST = 0.1
@@ -18,6 +19,7 @@ class JointDamping(Effect):
 
     name = "joint_damping"
     places = "joints"
+    along_joints = True
 
     damping: float = parameter(0.0, "N·m·s/rad", 0.0, 4.0, 0.4, limits=(-inf, inf))
 
@@ -27,6 +29,11 @@ class JointDamping(Effect):
         (declared,) = super().parameters(robot, location)
         declared = widened(declared, robot, location, MOST)
         return (addition(declared, robot.model.dof_damping[robot.joint_dofs[robot.joints_at(location)]]),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Against the velocity."""
+        return at.at_joints(location, -at.velocity)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the damping of the joints."""

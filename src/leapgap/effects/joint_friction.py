@@ -4,12 +4,16 @@ from dataclasses import dataclass
 from math import inf
 
 import mujoco
+import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter, widened
+from leapgap.effects.base import Effect, ForceContext, Parameter, add_nonnegative, addition, parameter, widened
 from leapgap.robot.model import Robot
 
 MOST = 0.15
 """Upper end of the search, as a share of the largest torque of the motors, if that is more than declared."""
+
+STILL_RAD_S = 0.01
+"""Speed below which a joint that starts or stops is between both directions."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,7 @@ class JointFriction(Effect):
 
     name = "joint_friction"
     places = "joints"
+    along_joints = True
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0, 1.0, limits=(-inf, inf))
 
@@ -27,6 +32,16 @@ class JointFriction(Effect):
         (declared,) = super().parameters(robot, location)
         declared = widened(declared, robot, location, MOST)
         return (addition(declared, robot.model.dof_frictionloss[robot.joint_dofs[robot.joints_at(location)]]),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Against the motion as MuJoCo's soft constraint sees it, which looks ahead by half its time constant.
+
+        A joint that stands is held by what pushes it, so that its force is not known.
+        """
+        dofs = at.robot.joint_dofs
+        ahead_s = np.maximum(at.model.dof_solref[dofs, 0], 0.0) * at.model.dof_solimp[dofs, 1] / 2
+        return at.at_joints(location, -np.tanh((at.velocity + ahead_s * at.acceleration) / STILL_RAD_S))
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the friction loss of the joints."""

@@ -6,7 +6,8 @@ from math import inf
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, parameter, recompute_constants
+from leapgap.effects.base import Parameter, parameter, recompute_constants
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.effects.links import arm_of_centre, links_at, move_centre, outward
 from leapgap.robot.model import Robot
 
@@ -15,7 +16,7 @@ LEAST_RANGE_M, MODERATE = 0.05, 0.2
 
 
 @dataclass(frozen=True)
-class LinkCom(Effect):
+class LinkCom(InertialEffect):
     """Shift of a link's centre of mass away from the axis of its joint; negative towards it, and beyond.
 
     A joint feels mass · g · shift of it. Mass and inertia about the centre stay.

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import mujoco
 
-from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.effects.links import links_at
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class LinkInertia(Effect):
+class LinkInertia(InertialEffect):
     """Ratio of true to nominal rotational inertia of links about their centres of mass; masses and centres stay."""
 
     name = "link_inertia"

@@ -5,7 +5,8 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, parameter, recompute_constants
+from leapgap.effects.base import Parameter, parameter, recompute_constants
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.effects.links import add_mass, along, links_at, square_to
 from leapgap.robot.model import Robot
 
@@ -21,7 +22,7 @@ there a moment is a centre of mass that is elsewhere."""
 
 
 @dataclass(frozen=True)
-class LinkPayload(Effect):
+class LinkPayload(InertialEffect):
     """A point mass at the links that the located joints move; negative where they are lighter.
 
     It lies beyond the link's centre of mass, away from the joint, by ``moment_kg_m`` / ``mass_kg``. Gravity and inertia

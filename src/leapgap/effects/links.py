@@ -1,8 +1,11 @@
 """Links that joints move: their masses, and where their centres lie seen from the joint."""
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
+from leapgap.effects.base import ForceContext
 from leapgap.robot.model import Robot
 
 LEAST_ARM_M = 1e-4
@@ -54,6 +57,19 @@ def along(robot: Robot, body: int) -> np.ndarray:
     away: np.ndarray = robot.model.body_ipos[body] - robot.model.jnt_pos[joint]
     length = float(np.linalg.norm(away))
     return away / length if length >= LEAST_ARM_M else np.asarray(robot.model.jnt_axis[joint])
+
+
+def jacobians(at: ForceContext, bodies: Sequence[int]) -> np.ndarray:
+    """How the centres of mass of bodies move with the robot at each step, (steps, bodies, 3, nv), world axes."""
+    model, found = at.model, np.empty((len(at.qpos), len(bodies), 3, at.model.nv))
+    data = mujoco.MjData(model)
+    for qpos, of_step in zip(at.qpos, found, strict=True):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        for body, of_body in zip(bodies, of_step, strict=True):
+            mujoco.mj_jacBodyCom(model, data, of_body, None, body)
+    return found
 
 
 def add_mass(model: mujoco.MjModel, body: int, mass: float, moment: np.ndarray, inertia: np.ndarray) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, Load, parameter
+from leapgap.effects.base import Effect, ForceContext, Load, parameter
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 
@@ -30,6 +30,7 @@ class LoadFriction(Effect):
     name = "load_friction"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     share: float = parameter(0.0, "1", 0.0, 0.6, 0.1, limits=(0.0, 1.0))
@@ -45,6 +46,11 @@ class LoadFriction(Effect):
             if robot.driven[i]:
                 where = f"at {self.location} of {robot.joints[i]}"
                 yield int(i), f"{self.name} {where}", f"damping of {self.name} {where}"
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Against the motion, by the torque."""
+        return at.at_motors(location, -np.abs(at.torque) * np.tanh(at.velocity / STILL_RAD_S))
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Add the torque and the damper of each joint that a motor drives."""

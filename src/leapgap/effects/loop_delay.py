@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass, replace
 
-from leapgap.effects.base import Commands, Effect, parameter
+import numpy as np
+
+from leapgap.effects.base import Commands, Effect, ForceContext, parameter
 from leapgap.effects.command_delay import CommandDelay
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
@@ -20,9 +22,20 @@ class LoopDelay(Effect):
     name = "loop_delay"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
-    delay_s: float = parameter(0.0, "s", 0.0, 0.02, 0.003)
+    delay_s: float = parameter(0.0, "s", 0.0, 0.15, 0.003)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Commands and joint PD are late."""
+        return at.at_motors(location, at.within * (at.late(at.sent) + at.kp * at.velocity + at.kd * at.acceleration))
+
+    @property
+    def memory_s(self) -> float:
+        """All of the delay."""
+        return self.delay_s
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the commands of the joints."""

@@ -4,8 +4,9 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import mujoco
+import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, ForceContext, parameter
 from leapgap.effects.drive import Drive, add_lag
 from leapgap.robot.model import Robot
 
@@ -20,14 +21,20 @@ class MotorLag(Effect):
 
     name = "motor_lag"
     places = "joints"
+    along_joints = True
     needs_motor = True
 
-    time_constant_s: float = parameter(0.0, "s", 0.0, 0.03, 0.005)
+    time_constant_s: float = parameter(0.0, "s", 0.0, 0.15, 0.005)
 
     @property
     def structure(self) -> Hashable | None:
         """Key of the motors whose torque becomes a state; None at nominal lag."""
         return None if self.is_nominal else (self.name, self.location)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """The torque is late."""
+        return at.at_motors(location, at.late(at.torque))
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Give the motors their torque as a state."""

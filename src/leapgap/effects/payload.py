@@ -5,7 +5,8 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Effect, Parameter, addition, parameter, recompute_constants
+from leapgap.effects.base import Parameter, addition, parameter, recompute_constants
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.robot.model import Robot
 
 LARGEST_LOSS = 0.9
@@ -13,7 +14,7 @@ LARGEST_LOSS = 0.9
 
 
 @dataclass(frozen=True)
-class Payload(Effect):
+class Payload(InertialEffect):
     """A point mass at the trunk's centre of mass; a negative one where the trunk is lighter than the model has it."""
 
     name = "payload"

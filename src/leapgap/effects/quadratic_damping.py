@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from math import inf
 
 import mujoco
+import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, add_nonnegative, addition, parameter
+from leapgap.effects.base import Effect, ForceContext, Parameter, add_nonnegative, addition, parameter
 from leapgap.robot.model import Robot
 
 QUADRATIC = 0
@@ -19,6 +20,7 @@ class QuadraticDamping(Effect):
     name = "quadratic_damping"
     by_default = False
     places = "joints"
+    along_joints = True
 
     coefficient: float = parameter(0.0, "N·m·s²/rad²", 0.0, 1.0, 0.05, limits=(-inf, inf))
 
@@ -28,6 +30,11 @@ class QuadraticDamping(Effect):
         (declared,) = super().parameters(robot, location)
         own = robot.model.dof_dampingpoly[robot.joint_dofs[robot.joints_at(location)], QUADRATIC]
         return (addition(declared, own),)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Against the velocity, by its square."""
+        return at.at_joints(location, -np.abs(at.velocity) * at.velocity)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the quadratic damping of the joints."""

@@ -20,6 +20,7 @@ class RotorEffect(Effect):
 
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
     has_rotors = True
 

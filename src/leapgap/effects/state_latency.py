@@ -23,11 +23,16 @@ class StateLatency(Effect):
     name = "state_latency"
     needs_base = True
 
-    delay_s: float = parameter(0.0, "s", 0.0, 0.06, 0.015)
+    delay_s: float = parameter(0.0, "s", 0.0, 0.15, 0.015)
 
     @property
     def reported_late_s(self) -> float:
         """All of the delay: pose and velocity of the base are reported late together."""
+        return self.delay_s
+
+    @property
+    def memory_s(self) -> float:
+        """All of the delay."""
         return self.delay_s
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:

@@ -33,6 +33,7 @@ class StaticFriction(Effect):
     name = "static_friction"
     by_default = False
     places = "joints"
+    along_joints = True
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 6.0, 1.0, limits=(0.0, inf))
 

@@ -26,6 +26,7 @@ class ThermalFade(Effect):
     name = "thermal_fade"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     loss_per_s: float = parameter(0.0, "1/s", 0.0, 20.0, 1.0, limits=(0.0, inf))

@@ -1,8 +1,10 @@
 """Motors that deliver another torque than they were told."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from leapgap.effects.base import Effect, parameter
+import numpy as np
+
+from leapgap.effects.base import Effect, ForceContext, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
@@ -13,12 +15,16 @@ class TorqueGain(Effect):
 
     name = "torque_gain"
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     scale: float = parameter(1.0, "1", 0.3, 1.5, 0.85)
 
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """All that the motors give."""
+        return at.at_motors(location, at.torque)
+
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the gain of the motors."""
-        gain = drive.gain.copy()
-        gain[robot.joints_at(self.location)] *= self.scale
-        return replace(drive, gain=gain)
+        return drive.scaled("gain", robot.joints_at(self.location), self.scale)

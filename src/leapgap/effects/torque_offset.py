@@ -17,6 +17,7 @@ class TorqueOffset(Effect):
     name = "torque_offset"
     by_default = False
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     torque_nm: float = parameter(0.0, "N·m", -10.0, 10.0, 1.0, limits=(-inf, inf))

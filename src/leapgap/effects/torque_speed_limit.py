@@ -23,6 +23,7 @@ class TorqueSpeedLimit(Effect):
 
     name = "torque_speed_limit"
     places = "joints"
+    along_joints = True
     needs_motor = True
 
     voltage_v: float | None = parameter(None, "V", 0.0, inf, limits=(0.0, inf))

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import mujoco
 
-from leapgap.effects.base import Effect, parameter, recompute_constants
+from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class TrunkInertia(Effect):
+class TrunkInertia(InertialEffect):
     """Ratio of true to nominal rotational inertia of the base body about its centre of mass; its mass stays."""
 
     name = "trunk_inertia"

@@ -4,8 +4,9 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import mujoco
+import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import Effect, ForceContext, parameter
 from leapgap.effects.drive import Drive, add_velocity_filter
 from leapgap.robot.model import Robot
 
@@ -21,6 +22,7 @@ class VelocityFilter(Effect):
 
     name = "velocity_filter"
     places = "joints"
+    along_joints = True
     needs_motor = True
     in_controller = True
     by_default = False
@@ -32,6 +34,11 @@ class VelocityFilter(Effect):
     def structure(self) -> Hashable | None:
         """Key of the joints whose damper is an actuator of its own; None without a filter."""
         return None if self.is_nominal else (self.name, self.location)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """The damper misses the newest change of the velocity."""
+        return at.at_motors(location, at.within * at.kd * at.acceleration)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Give the joints the actuators of their dampers."""

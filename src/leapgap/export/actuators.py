@@ -34,11 +34,12 @@ class ActuatorSettings:
             return {joint: float(numbers[key][i]) for i, joint in driven}
 
         gain, gains = by_joint("torque_gain"), corrected.gains
+        of_kp, of_kd = by_joint("position_gain"), by_joint("velocity_gain")
         limits, delay = by_joint("torque_limit"), by_joint("command_delay_s")
         ranges = corrected.joint_ranges.get("command_delay_s", {})
         return ActuatorSettings(
-            {joint: gains[joint][0] * gain[joint] if joint in gains else None for joint in gain},
-            {joint: gains[joint][1] * gain[joint] if joint in gains else None for joint in gain},
+            {joint: gains[joint][0] * gain[joint] * of_kp[joint] if joint in gains else None for joint in gain},
+            {joint: gains[joint][1] * gain[joint] * of_kd[joint] if joint in gains else None for joint in gain},
             {joint: limit if isfinite(limit) else None for joint, limit in limits.items()},
             by_joint("armature"),
             by_joint("friction"),

@@ -67,6 +67,8 @@ JOINT_UNITS = {
     "friction": "N·m",
     "armature": "kg·m²",
     "torque_gain": "1",
+    "position_gain": "1",
+    "velocity_gain": "1",
     "command_delay_s": "s",
     "encoder_bias_rad": "rad",
 }

@@ -72,7 +72,7 @@ def posterior_of(
     known = {(cause.effect, cause.location): cause.parameters for cause in causes}
     numbers, spread, lower, upper = [], [], [], []
     for which, effect in enumerate(correction):
-        estimates = known.get((effect.name, effect.location), {})
+        estimates = known.get((effect.called(robot), effect.location), {})
         for parameter in effect.parameters(robot, effect.location):
             if parameter.name not in estimates or parameter.name not in effect.values:
                 continue
@@ -81,12 +81,12 @@ def posterior_of(
             spread.append((high - low) / (2 * SIGMAS))
             lower.append(min(parameter.lower, effect.values[parameter.name]))
             upper.append(max(parameter.upper, effect.values[parameter.name]))
-    correlation = correlations([(correction[which], name) for which, name in numbers], fit)
+    correlation = correlations([(correction[which], name) for which, name in numbers], robot, fit)
     covariance = correlation * np.outer(spread, spread)
     return Posterior(tuple(correction), tuple(numbers), covariance, np.array(lower), np.array(upper))
 
 
-def correlations(numbers: Sequence[tuple[Effect, str]], fit: Candidate | None) -> np.ndarray:
+def correlations(numbers: Sequence[tuple[Effect, str]], robot: Robot, fit: Candidate | None) -> np.ndarray:
     """Correlations of numbers by the covariance of a fit, (numbers, numbers); none where the fit has not the number."""
     found = np.eye(len(numbers))
     if fit is None or not fit.hypotheses:
@@ -95,7 +95,7 @@ def correlations(numbers: Sequence[tuple[Effect, str]], fit: Candidate | None) -
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     own = [(h, p.name) for h in fit.hypotheses for p in h.parameters]
     row = {(h.name, h.location, name): i for i, (h, name) in enumerate(own) if h.per_log is None}
-    at = [row.get((effect.name, effect.location, name)) for effect, name in numbers]
+    at = [row.get((effect.called(robot), effect.location, name)) for effect, name in numbers]
     for i, one in enumerate(at):
         for k, other in enumerate(at):
             if i != k and one is not None and other is not None:

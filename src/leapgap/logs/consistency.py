@@ -126,7 +126,33 @@ def check_velocities(
                 "positions and velocities of one motion, rows in the order of time",
                 "check the names and the order of the columns, signs, and the order of the rows",
             )
+    check_clock_unit(position, integrated, time, positions, where)
     check_steps(position, integrated, time, moving, positions, where)
+
+
+def check_clock_unit(
+    position: np.ndarray, integrated: np.ndarray, time: np.ndarray, names: Sequence[str], where: object
+) -> None:
+    """All columns must not move many times more or less than their velocities, over whatever time they visibly move.
+
+    Where the time is in ms, ``WINDOW_S`` of it is a row or less, in which nothing moves; so displacements over more and
+    more rows are looked at.
+    """
+    rows = rows_of_window(time)
+    while rows <= len(time) // 4:
+        size, ratio, alike = compare(position[rows:] - position[:-rows], integrated[rows:] - integrated[:-rows])
+        clear = (size > MOVES) & (alike > SAME_MOTION)
+        off = float(np.median(ratio[clear])) if clear.any() else 1.0
+        if not 1 / LARGEST_UNIT_RATIO < off < LARGEST_UNIT_RATIO:
+            steps = float(time[-1] - time[0]) / (len(time) - 1)
+            raise InputError(
+                f"{where}, time",
+                f"a log of {float(time[-1] - time[0]):.4g} s with steps of {1000 * steps:.4g} ms, in which "
+                f"{names[int(np.argmax(clear))]} moves {off:.3g} times as far as its velocity says{typical(off)}",
+                "time in s, and velocities per s of that time",
+                "correct the unit of the time",
+            )
+        rows *= 2
 
 
 def check_steps(

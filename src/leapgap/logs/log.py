@@ -26,7 +26,7 @@ from leapgap.logs.files import VALUE_BYTES, check_file, check_values_fit, decodi
 from leapgap.logs.metadata import read_metadata
 from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, check_values
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
-from leapgap.robot.rotations import pitch_of, roll_of, yaw_of
+from leapgap.robot.rotations import continuous, pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
 
 FORMAT_VERSION = 2
@@ -107,15 +107,23 @@ class LogInfo:
 
 @dataclass(frozen=True)
 class Log:
-    """One log: columns of equal length (SI units, world x forward, y left, z up) and their metadata."""
+    """One log: columns of equal length (SI units, world x forward, y left, z up) and their metadata.
+
+    Signs of the base's quaternions never flip from row to row: q and −q are one attitude.
+    """
 
     name: str
     columns: Mapping[str, np.ndarray]
     info: LogInfo
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))
+        columns = dict(self.columns)
+        object.__setattr__(self, "columns", MappingProxyType(columns))
         check_complete(self.columns, self.joints, self.name)
+        if all(name in columns for name in BASE_QUATERNION):
+            turn = self.stack(BASE_QUATERNION)
+            if (smooth := continuous(turn)) is not turn:
+                columns |= zip(BASE_QUATERNION, smooth.T.copy(), strict=True)
 
     def __reduce__(self) -> tuple[type["Log"], tuple[str, dict[str, np.ndarray], LogInfo]]:
         """Pickle with a plain dict: a read-only view of columns cannot be pickled."""

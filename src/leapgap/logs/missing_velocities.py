@@ -32,16 +32,10 @@ def add_velocities(log: Log, joints: Sequence[str], window_s: float) -> tuple[Lo
     if BASE_POSITION[0] in log and not any(column in log for column in BASE_VELOCITY):
         add("base_linvel", BASE_VELOCITY, fit(BASE_POSITION), "base_pos")
     if BASE_QUATERNION[0] in log and not any(column in log for column in BASE_ANGULAR_VELOCITY):
-        turn = continuous(log.stack(BASE_QUATERNION))
+        turn = log.stack(BASE_QUATERNION)
         rate = velocity_fit(log.time, turn, window_s).velocity
         add("base_angvel", BASE_ANGULAR_VELOCITY, angular_velocity(turn, rate), "base_quat")
     return (replace(log, columns={**log.columns, **added}) if added else log), derived
-
-
-def continuous(quaternion: np.ndarray) -> np.ndarray:
-    """The same attitudes (rows, 4) with signs that never flip: q and −q are the same turn."""
-    flips = np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1))
-    return quaternion * np.concatenate([[1.0], np.cumprod(np.where(flips < 0, -1.0, 1.0))])[:, None]
 
 
 def angular_velocity(quaternion: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -10,16 +10,49 @@ SMOOTH_PERIOD_S = 0.002
 """Up to this sample period the second differences of a robot's motion are tiny against those of noise."""
 HIGHER_ORDERS = (2, 4, 6)
 """Orders of differences at longer periods: those of a smooth motion shrink with the order, those of noise do not."""
+QUIETEST_GAP, ROUNDING = 0.02, 1e-6
+"""Share of the gaps between the values of a column that are narrower than its resolution; those that are narrower than
+``ROUNDING`` times its spread are the rounding of numbers, and none."""
+ON_GRID = 0.05
+"""Values are whole counts that lie off a grid by less than this share of its width, on average; others by a quarter."""
+
+
+def resolution_of(values: np.ndarray) -> np.ndarray:
+    """Distance between neighbouring values of columns (rows, channels): an encoder's count, or the last digit.
+
+    Infinite for a column of one value, and next to nothing where values are continuous.
+    """
+    gaps = [np.diff(np.unique(column)) for column in values.T]
+    gaps = [own[own > ROUNDING * own.sum()] for own in gaps]
+    return np.array([np.quantile(own, QUIETEST_GAP) if len(own) else np.inf for own in gaps])
+
+
+def ticks_of(values: np.ndarray) -> np.ndarray:
+    """Width of the grid on which all values of a column lie, (channels,); 0 where they are continuous or one value."""
+    found = np.zeros(values.shape[1])
+    for k, (column, tick) in enumerate(zip(values.T, resolution_of(values), strict=True)):
+        if np.isfinite(tick):
+            gaps = np.diff(np.unique(column))
+            tick = gaps.sum() / np.round(gaps / tick).sum()
+            counts = (column - column[0]) / tick
+            found[k] = tick if np.mean(np.abs(counts - np.round(counts))) < ON_GRID else 0.0
+    return found
 
 
 def noise_of(steps: np.ndarray, period_s: float, lengths: np.ndarray | None = None) -> np.ndarray:
-    """Standard deviation of white noise in channels of which the first differences (rows, channels) are given.
+    """Standard deviation of the noise in channels of which the first differences (rows, channels) are given.
 
-    Differences of order n of white noise have variance C(2n, n) σ²; the median absolute value is insensitive to
-    impacts. The motion itself only adds to them, so at long periods the smallest estimate of several orders is taken.
-    ``lengths`` (rows,) of the steps are given where they are uneven and short; then a value is compared with the
-    straight line between its neighbours.
+    It is that of white noise, or that of rounding to whole counts of a grid, whichever is larger. Differences of order
+    n of white noise have variance C(2n, n) σ²; the median absolute value is insensitive to impacts. The motion itself
+    only adds to them, so at long periods the smallest estimate of several orders is taken. ``lengths`` (rows,) of the
+    steps are given where they are uneven and short; then a value is compared with the straight line between its
+    neighbours.
     """
+    return np.asarray(np.maximum(white_noise_of(steps, period_s, lengths), ticks_of(steps) / np.sqrt(12)))
+
+
+def white_noise_of(steps: np.ndarray, period_s: float, lengths: np.ndarray | None) -> np.ndarray:
+    """``noise_of``, without regard to grids."""
     if lengths is not None and period_s <= SMOOTH_PERIOD_S and len(steps) > 1:
         after = (lengths[1:] / (lengths[1:] + lengths[:-1]))[:, None]
         off = (after * steps[:-1] - (1 - after) * steps[1:]) / np.sqrt(1 + after**2 + (1 - after) ** 2)

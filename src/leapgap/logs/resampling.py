@@ -7,7 +7,6 @@ import numpy as np
 from leapgap.logs.clock import even_clock, held_at, interpolated_at
 from leapgap.logs.files import check_values_fit
 from leapgap.logs.log import Log
-from leapgap.logs.missing_velocities import continuous
 from leapgap.logs.schema import BASE_QUATERNION, COMMANDS
 
 HELD = (*COMMANDS, "contact")
@@ -26,7 +25,7 @@ def on_even_clock(log: Log, period_s: float) -> Log:
         columns[name] = at(instants, log.time, values)
     columns["time"] = instants
     if BASE_QUATERNION[0] in log:
-        turn = continuous(log.stack(BASE_QUATERNION))
+        turn = log.stack(BASE_QUATERNION)
         between = np.stack([interpolated_at(instants, log.time, one) for one in turn.T], axis=1)
         columns |= zip(BASE_QUATERNION, (between / np.linalg.norm(between, axis=1, keepdims=True)).T, strict=True)
     source = f"{log.info.source}; resampled to {period_s:g} s"

@@ -42,7 +42,7 @@ class States:
         from its feet (``estimate_base``). Both start replays, and are compared with nothing. A single component that
         is missing is zero.
         """
-        window = max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
+        window = fit_window_s(log)
         joints = [joint for joint in robot.joints if f"joint_pos/{joint}" in log]
         full, derived = add_velocities(log, joints, window) if len(log) >= FIT_ROWS else (log, {})
         motion, fitted = logged_motion(full, robot), frozenset([*derived, *log.derived])
@@ -69,6 +69,11 @@ class States:
         if self.base is None:
             return frozenset()
         return frozenset({"base_pos"} if has_base_velocity(self.log) else {"base_pos", "base_linvel"})
+
+
+def fit_window_s(log: Log) -> float:
+    """Time within which velocities that were not logged are fitted through positions, s."""
+    return max(FIT_WINDOW_S, FIT_ROWS * log.info.sample_period_s)
 
 
 def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:

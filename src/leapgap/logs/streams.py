@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.logs.log import Log
+from leapgap.logs.noise import resolution_of
 from leapgap.logs.schema import BASE_POSITION, BASE_VELOCITY
 
 BASE = "base"
@@ -58,8 +59,7 @@ class Stream:
     @cached_property
     def resolution(self) -> np.ndarray:
         """Distance between neighbouring values of each position, (channels,): an encoder's count, or the last digit."""
-        of_channels = [np.diff(np.unique(values)) for values in self.position.T]
-        return np.array([np.quantile(steps, QUIETEST) if len(steps) else np.inf for steps in of_channels])
+        return resolution_of(self.position)
 
     def share_in_motion(self, period_s: float) -> float:
         """Share of the rows in which its velocity moves a channel visibly."""

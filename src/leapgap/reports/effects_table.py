@@ -21,7 +21,8 @@ def effect_rows(robot: Robot | None) -> list[tuple[str, ...]]:
         for name, about in kind.declarations().items():
             nominal = "the model's own" if about.nominal is None else f"{about.nominal:g}"
             default = (nominal, f"needs {missing}" if missing else "see: leapgap effects ROBOT")
-            rows.append((kind.name, name, about.unit, *of_robot.get(name, default), places, what))
+            called = kind.name if robot is None else kind.called(robot)
+            rows.append((called, name, about.unit, *of_robot.get(name, default), places, what))
     return rows
 
 

@@ -15,6 +15,7 @@ from leapgap.logs.segments import FLIGHT, LIFT_OFF_WINDOW_S, Segment
 from leapgap.reports.recorder import Recorder, rows_at_period
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.model import Robot
+from leapgap.robot.terrain import ground_geoms
 from leapgap.robot.topology import PAIRS
 
 BASE_PERIOD_S = 0.002
@@ -221,8 +222,7 @@ def log_force_ratios(to: Recorder, actor: ShownRobot, sources: Sequence[str], ro
 def ground_friction(robot: Robot) -> float:
     """Sliding friction between feet and floor: the larger of the two, as MuJoCo combines them."""
     model = robot.model
-    floor = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == 0]
-    return float(model.geom_friction[[*robot.foot_geoms, *floor], 0].max())
+    return float(model.geom_friction[[*robot.foot_geoms, *ground_geoms(model)], 0].max())
 
 
 def has_pair_force(jump: Log, source: str) -> bool:

@@ -103,20 +103,35 @@ def joint_pd(model: mujoco.MjModel, actuators: np.ndarray) -> tuple[np.ndarray, 
 
 
 def scale_torque(model: mujoco.MjModel, actuators: np.ndarray, gain: np.ndarray) -> None:
-    """Scale control, joint PD and limit of affine actuators by (actuators,) factors."""
+    """Scale control and joint PD of affine actuators by (actuators,) factors."""
     model.actuator_gainprm[actuators, 0] *= gain
     model.actuator_biasprm[actuators, :3] *= gain[:, None]
-    model.actuator_forcerange[actuators] *= gain[:, None]
+
+
+def scale_limit(model: mujoco.MjModel, actuators: np.ndarray, scale: np.ndarray) -> None:
+    """Scale the range of torque of affine actuators by (actuators,) factors, and of their joints where those have one.
+
+    Joints have one where a compensation of gravity counts as torque of their motors.
+    """
+    model.actuator_forcerange[actuators] *= scale[:, None]
+    model.jnt_actfrcrange[model.actuator_trnid[actuators, 0]] *= scale[:, None]
 
 
 def add_brake(spec: mujoco.MjSpec, joint: str, push: str, damper: str) -> None:
     """Add two actuators at a joint: ``push`` has a torque as its control, ``damper`` a coefficient of damping."""
-    for name, gain in ((push, [1.0, 0.0, 0.0]), (damper, [0.0, 0.0, -1.0])):  # constant, by position, by velocity
-        added = spec.add_actuator()
-        added.name, added.trntype, added.target, added.gear = name, mujoco.mjtTrn.mjTRN_JOINT, joint, [1.0, *[0.0] * 5]
-        make_affine(added, gain=1.0)
-        set_limit(added, UNLIMITED)
-        added.gaintype, added.gainprm = mujoco.mjtGain.mjGAIN_AFFINE, [*gain, *[0.0] * 7]
+    add_push(spec, joint, push)
+    added = add_push(spec, joint, damper)
+    by_velocity = [0.0, 0.0, -1.0]  # after a constant, and by position
+    added.gaintype, added.gainprm = mujoco.mjtGain.mjGAIN_AFFINE, [*by_velocity, *[0.0] * 7]
+
+
+def add_push(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
+    """Add an actuator at a joint whose control is a torque, without any limit."""
+    added = spec.add_actuator()
+    added.name, added.trntype, added.target, added.gear = name, mujoco.mjtTrn.mjTRN_JOINT, joint, [1.0, *[0.0] * 5]
+    make_affine(added, gain=1.0)
+    set_limit(added, UNLIMITED)
+    return added
 
 
 def largest_damping(model: mujoco.MjModel, dofs: np.ndarray, step_s: float) -> np.ndarray:

@@ -116,17 +116,18 @@ def set_lugre_friction(
 
 
 def bristles_in_motion(model: mujoco.MjModel, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Addresses among the activations, and deflections of the bristles of LuGre friction, at speeds of the dofs (nv,).
+    """Addresses of the bristles of LuGre friction among the activations, and their deflections (…, bristles).
 
-    A joint that moves has dragged its bristles along, z = g(q̇) sign(q̇) / σ₀ with Stribeck's curve g. For one that
-    hardly moves nothing is known of them, so the sign is softened over a tenth of Stribeck's speed.
+    ``speeds`` are those of the dofs, (…, nv). A joint that moves has dragged its bristles along,
+    z = g(q̇) sign(q̇) / σ₀ with Stribeck's curve g. For one that hardly moves nothing is known of them, so the sign is
+    softened over a tenth of Stribeck's speed.
     """
     stiffness = model.actuator_dynprm[:, LUGRE_DYNAMICS.start]
     passive = np.flatnonzero(
         (model.actuator_actnum > 0) & is_dc_motor(model, np.arange(len(stiffness))) & (stiffness > 0)
     )
     sliding, holding, stribeck = model.actuator_biasprm[passive, LUGRE_BIAS].T
-    speed = speeds[model.jnt_dofadr[model.actuator_trnid[passive, 0]]]
+    speed = speeds[..., model.jnt_dofadr[model.actuator_trnid[passive, 0]]]
     curve = sliding + (holding - sliding) * np.exp(-((speed / stribeck) ** 2))
     return model.actuator_actadr[passive], curve * np.tanh(10 * speed / stribeck) / stiffness[passive]
 
@@ -150,24 +151,24 @@ def dc_motor(actuator: mujoco.MjsActuator, resistance: float) -> mujoco.MjsActua
     return actuator
 
 
-def has_current(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether the torque of a motor is a state of its own."""
-    return bool(model.actuator_actnum[actuator] and model.actuator_dynprm[actuator, DC_TIME_CONSTANT] > 0)
+def has_current(model: mujoco.MjModel, actuators: np.ndarray) -> np.ndarray:
+    """Of which motors the torque is a state of its own, bool, (actuators,)."""
+    return (model.actuator_actnum[actuators] > 0) & (model.actuator_dynprm[actuators, DC_TIME_CONSTANT] > 0)
 
 
-def has_temperature(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether the temperature of a motor is a state of its own."""
-    return bool(model.actuator_actnum[actuator] and model.actuator_dynprm[actuator, DC_HEAT.start] > 0)
+def has_temperature(model: mujoco.MjModel, actuators: np.ndarray) -> np.ndarray:
+    """Of which motors the temperature is a state of its own, bool, (actuators,)."""
+    return (model.actuator_actnum[actuators] > 0) & (model.actuator_dynprm[actuators, DC_HEAT.start] > 0)
 
 
-def state_of_current(model: mujoco.MjModel, actuator: int) -> int:
-    """Address of a motor's current among the activations: MuJoCo has it last."""
-    return int(model.actuator_actadr[actuator] + model.actuator_actnum[actuator] - 1)
+def state_of_current(model: mujoco.MjModel, actuators: np.ndarray) -> np.ndarray:
+    """Addresses of the currents of motors among the activations: MuJoCo has them last, (actuators,)."""
+    return model.actuator_actadr[actuators] + model.actuator_actnum[actuators] - 1
 
 
-def state_of_temperature(model: mujoco.MjModel, actuator: int) -> int:
-    """Address of a motor's temperature among the activations: MuJoCo has it first in a motor without an integrator."""
-    return int(model.actuator_actadr[actuator])
+def state_of_temperature(model: mujoco.MjModel, actuators: np.ndarray) -> np.ndarray:
+    """Addresses of the temperatures of motors among the activations: first in a motor without an integrator."""
+    return model.actuator_actadr[actuators]
 
 
 def filter_of(joint: str) -> str:
@@ -204,10 +205,11 @@ def split_joint_pd(model: mujoco.MjModel, motors: np.ndarray, dampers: np.ndarra
         put(model, motors[chosen], kp, np.zeros_like(kd))
         set_dc_joint_pd(model, dampers[chosen], np.zeros_like(kp), kd)
     model.actuator_dynprm[dampers, DC_TIME_CONSTANT] = lag_s
-    joints = model.actuator_trnid[motors, 0]
-    model.jnt_actfrclimited[joints] = model.actuator_forcelimited[motors]
-    model.jnt_actfrcrange[joints] = model.actuator_forcerange[motors]
-    model.actuator_forcelimited[motors] = False
+    limited = motors[model.actuator_forcelimited[motors].astype(bool)]
+    joints = model.actuator_trnid[limited, 0]
+    model.jnt_actfrclimited[joints] = True
+    model.jnt_actfrcrange[joints] = model.actuator_forcerange[limited]
+    model.actuator_forcelimited[limited] = False
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,17 @@ def scale_joint(spec: mujoco.MjSpec, joint: str, gain: float) -> None:
     limited.actfrcrange = gain * limited.actfrcrange
 
 
+def scale_limit(spec: mujoco.MjSpec, joint: str, scale: float) -> None:
+    """Scale the largest torque of the makers' actuators of a joint, whether their force or their control limits it."""
+    for actuator in spec.actuators:
+        if actuator.target == joint:
+            actuator.forcerange = scale * actuator.forcerange
+            if actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:
+                actuator.ctrlrange = scale * actuator.ctrlrange
+    limited = next(one for one in spec.joints if one.name == joint)
+    limited.actfrcrange = scale * limited.actfrcrange
+
+
 def replace_by_dc_motor(spec: mujoco.MjSpec, motor: JointActuator, gain: float, winding: Winding) -> None:
     """Put one DC motor at a joint in place of its makers' actuators, whose controls it takes.
 

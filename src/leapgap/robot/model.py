@@ -12,11 +12,11 @@ from leapgap.errors import InputError
 from leapgap.robot.actuators import check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
 from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import compile_spec, gravity_of, read_spec
+from leapgap.robot.model_file import compile_spec, gravity_of, keep_inertia_changeable, read_spec
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of
-from leapgap.robot.terrain import Box
+from leapgap.robot.terrain import Box, ground_geoms
 from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 from leapgap.robot.urdf import is_urdf
 
@@ -109,7 +109,9 @@ class Robot:
     @cached_property
     def model(self) -> mujoco.MjModel:
         """The compiled model, with one actuator at each joint. Shared: copy it before changing anything."""
-        return compile_spec(self.spec(), self.path)
+        spec = self.spec()
+        keep_inertia_changeable(spec)
+        return compile_spec(spec, self.path)
 
     def published_spec(self) -> mujoco.MjSpec:
         """Specification of the model file with the actuators of its makers; a fresh one at each call."""
@@ -148,6 +150,13 @@ class Robot:
         return notes
 
     @cached_property
+    def step_and_integrator(self) -> str:
+        """How the model file has itself simulated, as a sentence: MuJoCo's default where it states nothing."""
+        option = self.model.opt
+        integrator = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_")
+        return f"simulated in steps of {1e3 * option.timestep:g} ms with the integrator {integrator}, by the model file"
+
+    @cached_property
     def _reading(self) -> tuple[tuple[JointActuator, ...], tuple[str, ...], bool]:
         spec, notes = read_spec(self.path, self.fix_base)
         stated = len(spec.actuators) > 0 or not is_urdf(self.path.read_text(encoding="utf-8", errors="replace"))
@@ -157,15 +166,16 @@ class Robot:
 
     @property
     def _has_ground(self) -> bool:
-        of_world = self.model.geom_bodyid == 0
-        return bool((self.model.geom_contype[of_world] | self.model.geom_conaffinity[of_world]).any())
+        ground = ground_geoms(self.model)
+        return bool((self.model.geom_contype[ground] | self.model.geom_conaffinity[ground]).any())
 
     @cached_property
     def ground_height(self) -> float:
         """Height of the level floor, m: the highest horizontal plane that feet may touch, 0 without one."""
         model, data = self.model, mujoco.MjData(self.model)
         mujoco.mj_kinematics(model, data)
-        planes = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)) & (model.geom_bodyid == 0)
+        planes = model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
+        planes &= np.isin(np.arange(model.ngeom), ground_geoms(model))
         level = planes & (model.geom_contype | model.geom_conaffinity).astype(bool) & (data.geom_xmat[:, 8] > LEVEL)
         return float(data.geom_xpos[level, 2].max()) if level.any() else 0.0
 
@@ -200,6 +210,11 @@ class Robot:
     def joints(self) -> tuple[str, ...]:
         """Names of the hinge and slide joints, driven and passive, in the order of the model."""
         return tuple(self.model.joint(j).name for j in self._joint_ids)
+
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """Whether each joint turns, in rad; the others slide, in m. Bool, (joints,)."""
+        return self.model.jnt_type[self._joint_ids] == int(mujoco.mjtJoint.mjJNT_HINGE)
 
     @cached_property
     def joint_qpos(self) -> np.ndarray:
@@ -336,6 +351,7 @@ class Robot:
         terrains have equal sizes and can be rolled out in one batch.
         """
         spec = self.spec()
+        keep_inertia_changeable(spec)
         slots = len(boxes) if slots is None else slots
         contype, conaffinity = collision_bits(spec)
         for i in range(slots):

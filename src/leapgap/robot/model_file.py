@@ -57,6 +57,16 @@ def compile_spec(spec: mujoco.MjSpec, where: object) -> mujoco.MjModel:
     return model
 
 
+def keep_inertia_changeable(spec: mujoco.MjSpec) -> None:
+    """Compile bodies so that their masses, centres and inertias may be changed in the compiled model.
+
+    MuJoCo drops the off-diagonal inertia of a body whose centre lies on the axis of its only joint, and refuses to let
+    the centre of such a *simple* body move.
+    """
+    for body in spec.bodies[1:]:  # the first is the world
+        body.simple = False
+
+
 def check_physics(model: mujoco.MjModel, where: object) -> None:
     """Raise ``InputError`` for a compiled model with numbers that no robot can have; MuJoCo lets NaN pass."""
     arrays = {name: np.asarray(getattr(model, name)) for name in FINITE}

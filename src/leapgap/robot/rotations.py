@@ -73,3 +73,11 @@ def turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     )
     real = (first * second).sum(axis=1)
     return 2 * imaginary * np.sign(real)[:, None]
+
+
+def continuous(quaternion: np.ndarray) -> np.ndarray:
+    """The same attitudes (rows, 4) with signs that never flip: q and −q are the same turn."""
+    products = (quaternion[1:] * quaternion[:-1]).sum(axis=1)
+    if not (products < 0).any():
+        return quaternion
+    return quaternion * np.concatenate([[1.0], np.cumprod(np.where(products < 0, -1.0, 1.0))])[:, None]

@@ -22,5 +22,5 @@ def servo_gains(robot: Robot) -> dict[str, tuple[float, float]] | None:
         )
         if not is_servo or joint in found:
             return None
-        found[joint] = (float(gain), float(-kd))
+        found[joint] = (float(gain), abs(float(kd)))
     return found if found and set(found) == set(robot.driven_joints) else None

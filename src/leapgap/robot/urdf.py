@@ -11,7 +11,7 @@ PACKAGE, WORLD = "package://", "world"
 def is_urdf(text: str) -> bool:
     """Whether a model file is a URDF: its top element is ``robot``."""
     try:
-        return ElementTree.fromstring(text).tag == "robot"
+        return ElementTree.fromstring(text).tag.rpartition("}")[2] == "robot"  # some generators add a namespace
     except ElementTree.ParseError:
         return False
 
@@ -23,6 +23,8 @@ def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
     are left out. A parent link ``world`` that is not declared is added.
     """
     root = ElementTree.fromstring(text)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
     links = {link.get("name") for link in root.iter("link")}
     if WORLD not in links and any(parent.get("link") == WORLD for parent in root.iterfind("joint/parent")):
         root.insert(0, ElementTree.Element("link", {"name": WORLD}))

@@ -34,7 +34,7 @@ ROUNDING = 1e-6
 ROOM = 8
 """Space for commands that were sent, in histories."""
 MEMORY_S = 0.063
-"""Length of the history that effects with a memory (delay, latency) see, s; longer than the largest delay."""
+"""Least length of the history that effects with a memory (delay, latency) see, s; see ``Effect.memory_s``."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Plant:
         self.foot_of_geom = np.full(self.model.ngeom, -1)
         geoms = [self.model.geom(name).id for name in self.robot.foot_geom_names]
         self.foot_of_geom[geoms] = np.arange(len(geoms))
-        start = replayer.whole_state(self.trial, self.model, ready.start, None)
+        (start,) = replayer.whole_states(self.trial, self.model, ready.start[None], None)
         self.data.qpos[:], self.data.qvel[:] = np.split(start, [self.model.nq])
         mujoco.mj_forward(self.model, self.data)  # contacts of the first tick
         self.gains: tuple[bytes, bytes] | None = None
@@ -89,8 +89,9 @@ class Plant:
         """Torques, positions and velocities that were sent, the first of all held before them, (ticks, joints) each."""
         self.kept_ticks = 0
         """Rows of them that are filled."""
-        self.memory = 1 + math.ceil(MEMORY_S / self.period_s - ROUNDING)
-        """Ticks from one as old as ``MEMORY_S`` to the newest."""
+        memory_s = max([MEMORY_S, *(effect.memory_s for effect in overriding(effects, "memory_s"))])
+        self.memory = 1 + math.ceil(memory_s / self.period_s - ROUNDING)
+        """Ticks from the oldest one that still counts to the newest."""
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -135,8 +136,8 @@ class Plant:
         """Apply a command for one control period."""
         self.sent.append(command)
         self._set_gains(command)
-        commands = self._arriving()
-        control = commands.torque[-1] + command.kp * commands.position[-1] + command.kd * commands.velocity[-1]
+        commands, (kp, kd) = self._arriving(), self.drive.gains(command.kp, command.kd)
+        control = commands.torque[-1] + kp * commands.position[-1] + kd * commands.velocity[-1]
         for effect in self.effects_by_velocity:
             added = effect.torque_by_velocity(self.data.qvel[None, self.robot.joint_dofs], self.robot)
             control = control if added is None else control + added[0]
@@ -153,8 +154,8 @@ class Plant:
     def _load(self, control: np.ndarray, command: Command) -> Load:
         """What the joints carry now, under a control (joints,) and the gains of a command."""
         position, velocity = self.data.qpos[self.robot.joint_qpos], self.data.qvel[self.robot.joint_dofs]
-        limits = self.robot.torque_limits
-        torque = np.clip(control - command.kp * position - command.kd * velocity, -limits, limits) * self.drive.gain
+        limits, (kp, kd) = self.drive.torque_limits(self.robot), self.drive.gains(command.kp, command.kd)
+        torque = np.clip(control - kp * position - kd * velocity, -limits, limits) * self.drive.gain
         return Load(torque[None], velocity[None], float(self.model.opt.timestep))
 
     def _start_motors(self) -> None:

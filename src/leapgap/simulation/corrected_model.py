@@ -5,7 +5,7 @@ the model, on measurements or on the clock cannot be: of those effects it is sai
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -15,6 +15,7 @@ from leapgap.effects.drive import COOLING_S, Drive
 from leapgap.robot import dc_motors, makers_actuators
 from leapgap.robot.feet import name_contacts
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import keep_inertia_changeable
 
 OUTSIDE = {
     **dict.fromkeys(("change_period", "change_rows", "change_step"), "it is of the clock, not of the robot"),
@@ -69,7 +70,7 @@ def placement(effect: Effect, robot: Robot, refused: str) -> Placement:
     """Where an effect is, by why a model cannot hold what it changes there; empty where it can."""
     inside = changes_model(effect) and not overrides(type(effect), "put_controls") and not refused
     motors = effect.change_drive(Drive.ideal(len(robot.joints)), robot)
-    motors_change = bool((motors.electric | (motors.gain != 1)).any())
+    motors_change = bool((motors.electric | (motors.gain != 1) | (motors.limit_scale != 1)).any())
     return Placement(effect, not effect.in_controller and (inside or motors_change), refused or outside(effect))
 
 
@@ -96,7 +97,11 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
     for effect in inside:
         if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
             effect.change_spec(changed, robot)
+    own = [body.simple for body in changed.bodies]
+    keep_inertia_changeable(changed)
     model = changed.compile()
+    for body, simple in zip(changed.bodies, own, strict=True):
+        body.simple = simple
     if any(effect.structure is not None for effect in inside) and model.nq != spec.copy().compile().nq:
         return "it needs a joint that the model of the makers does not have"
     makers = [getattr(model, name).copy() for name in ACTUATORS]
@@ -109,7 +114,9 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
         changed.copy().compile()
     except ValueError as error:
         return f"MuJoCo does not compile a model with it: {' '.join(str(error).split())}"
-    for geom in changed.geoms:  # MuJoCo does not write these back
+    for body in changed.bodies:  # MuJoCo does not write these back
+        body.gravcomp = float(model.body_gravcomp[body.id])
+    for geom in changed.geoms:
         geom.priority, geom.condim = int(model.geom_priority[geom.id]), int(model.geom_condim[geom.id])
         if geom.fluid_ellipsoid:
             geom.fluid_coefs = model.geom_fluid[geom.id, 1:6]
@@ -126,6 +133,9 @@ def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
         gain = float(drive.gain[i])
         if gain != 1:
             makers_actuators.scale_joint(spec, motor.joint, gain)
+        if (limit := float(drive.limit_scale[i])) != 1:
+            makers_actuators.scale_limit(spec, motor.joint, limit)
+            motor = replace(motor, limit=(limit * motor.limit[0], limit * motor.limit[1]))
         if drive.electric[i]:
             electric = (resistance[i], voltage[i], drive.lag_s[i], drive.heating[i], COOLING_S)
             winding = dc_motors.Winding(*(float(number) for number in electric))

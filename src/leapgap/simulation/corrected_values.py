@@ -50,7 +50,7 @@ def effect_entry(placed: Placement, robot: Robot) -> dict[str, Any]:
     }
     at = {"joints": robot.topology.joints_at, "feet": robot.topology.feet_at}.get(effect.places)
     return {
-        "name": effect.name,
+        "name": effect.called(robot),
         "what": describe(type(effect)),
         "location": effect.location,
         "at": list(at(effect.location)) if at else [],
@@ -84,8 +84,10 @@ def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjMo
         "damping": model.dof_damping[dofs],
         "friction": model.dof_frictionloss[dofs],
         "armature": model.dof_armature[dofs],
-        "torque_limit": robot.torque_limits * drive.gain,
+        "torque_limit": robot.torque_limits * drive.limit_scale * drive.gain,
         "torque_gain": drive.gain,
+        "position_gain": drive.kp_scale,
+        "velocity_gain": drive.kd_scale,
         "motor_lag_s": drive.lag_s,
         "motor_voltage_v": drive.voltage_v,
         "motor_heating_per_n2m2s": drive.heating,

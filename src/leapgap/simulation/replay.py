@@ -7,9 +7,9 @@ out without a Python loop, many at once on all cores, bit-identical at any numbe
 import copy
 import itertools
 import os
-import threading
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import mujoco
 import mujoco.rollout
@@ -23,17 +23,42 @@ from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.rollout import Rollout, Starts, joint_gains
 from leapgap.simulation.rollout_models import RolloutModels
 from leapgap.simulation.trial_log import without_warnings
+from leapgap.simulation.working_models import WorkingModel
 
 FINER = 0.255
 """Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
-MOST_BATCH_BYTES = 256 * 2**20
-"""Memory of trials that are replayed at once: a maker's model with meshes is 8 MB and more, and a minute as much."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces of one trial, ready to be simulated."""
+
+    trial: Rollout
+    states: np.ndarray
+    """(pieces, nq + nv): true first states."""
+    controls: np.ndarray
+    """(pieces, steps, actuators); pieces of fewer steps than the longest hold their last."""
+    steps: np.ndarray
+    """Steps of the simulation in each row, (pieces, rows − 1)."""
+    warmth: np.ndarray | None
+    """Warmth of the motors at the start, (pieces, joints); None where no motor heats."""
+
+    def chosen(self, which: Sequence[int]) -> "Pieces":
+        """Some of the pieces, in the order of ``which``."""
+        if len(which) == len(self.states):
+            return self
+        at = list(which)
+        warmth = None if self.warmth is None else self.warmth[at]
+        return Pieces(self.trial, self.states[at], self.controls[at], self.steps[at], warmth)
 
 
 def batch_controls(controls: Sequence[np.ndarray]) -> np.ndarray:
-    """Controls of trials, (steps, actuators) each, as (trials, steps, actuators); short trials hold their last."""
-    longest = max(len(control) for control in controls)
-    return np.stack([c if len(c) == longest else np.pad(c, ((0, longest - len(c)), (0, 0)), "edge") for c in controls])
+    """Controls (pieces, steps, actuators) of several trials in one array; shorter ones hold their last."""
+    longest = max(of.shape[1] for of in controls)
+    missing = [longest - of.shape[1] for of in controls]
+    return np.concatenate(
+        [np.pad(of, ((0, 0), (0, n), (0, 0)), "edge") if n else of for of, n in zip(controls, missing, strict=True)]
+    )
 
 
 class Replayer(RolloutModels):
@@ -54,14 +79,12 @@ class Replayer(RolloutModels):
         super().__init__(robot, terrain_slots, largest_step_s, sensors)
         self.finer: Replayer | None = None
         self.threads = threads or os.cpu_count() or 1
-        self.data: dict[tuple[Hashable, ...], list[mujoco.MjData]] = {}
-        self.own = threading.local()
 
     def with_steps(self, largest_step_s: float) -> "Replayer":
         """A replayer of the same class with another largest step; both share compiled models."""
         other = copy.copy(self)
         other.largest_step_s = largest_step_s
-        other.data, other.own, other.finer = {}, threading.local(), None
+        other.finer = None
         return other
 
     def with_robot(self, robot: Robot) -> "Replayer":
@@ -95,16 +118,22 @@ class Replayer(RolloutModels):
             motions |= zip(chosen, self._same_kind([trials[i] for i in chosen], *kind[:2]), strict=True)
         return [motions[i] for i in range(len(trials))]
 
-    def replay_pieces(self, trials: Sequence[Rollout], starts: Sequence[Starts], rows: int) -> list[list[Motion]]:
-        """Replay pieces of ``rows`` rows, each from a state of its own, in the calling thread: one motion a start.
+    def replay_pieces(
+        self, trials: Sequence[Rollout], starts: Sequence[Starts], rows: int | Sequence[int]
+    ) -> list[list[Motion]]:
+        """Replay pieces, each from a state of its own, in the calling thread: one motion a start.
 
-        Commands are those of the whole log, so that what was sent before a piece still arrives in it; each piece keeps
-        the joint gains of its first row. Motions are as a log reports them.
+        They have ``rows`` rows, the same in all trials or one number a trial. Commands are those of the whole log, so
+        that what was sent before a piece still arrives in it; each piece keeps the joint gains of its first row.
+        Motions are as a log reports them.
         """
-        pieces = self._pieces_by_own_steps(trials, starts, rows)
+        lengths = [rows] * len(trials) if isinstance(rows, int) else rows
+        pieces = self._pieces_by_own_steps(trials, starts, lengths)
         chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
         if chosen:
-            finer = self._finer()._pieces_by_own_steps([trials[i] for i in chosen], [starts[i] for i in chosen], rows)
+            finer = self._finer()._pieces_by_own_steps(
+                [trials[i] for i in chosen], [starts[i] for i in chosen], [lengths[i] for i in chosen]
+            )
             for i, fine in zip(chosen, finer, strict=True):
                 own = zip(pieces[i], fine, strict=True)
                 pieces[i] = [self._by_step_ratio(trials[i], *of_piece) for of_piece in own]
@@ -136,137 +165,107 @@ class Replayer(RolloutModels):
         return Motion(qpos, between(own.qvel, fine.qvel), sensors)
 
     def _pieces_by_own_steps(
-        self, trials: Sequence[Rollout], starts: Sequence[Starts], rows: int
+        self, trials: Sequence[Rollout], starts: Sequence[Starts], rows: Sequence[int]
     ) -> list[list[Motion]]:
-        prepared = [self._restarts(trial, of, rows) for trial, of in zip(trials, starts, strict=True)]
-        kinds = [(self.substeps(trial.log), trial.structure) for trial in trials]
-        found: dict[int, list[Motion]] = {}
-        for kind in dict.fromkeys(kinds):
-            chosen = [i for i, own in enumerate(kinds) if own == kind]
-            models, states, controls, counts = (
-                list(itertools.chain.from_iterable(prepared[i][k] for i in chosen)) for k in range(4)
-            )
-            if not states:
-                found |= {i: [] for i in chosen}
-                continue
-            data = self._own_data(trials[chosen[0]])
-            with without_warnings():
-                out, read = mujoco.rollout.rollout(models, data, np.stack(states), batch_controls(controls))
-            readings = [self._readings(*one) for one in zip(models, read, counts, strict=True)]
-            pieces = zip(states, counts, out, readings, strict=True)
-            for i in chosen:
-                found[i] = [self._motion(trials[i], *next(pieces)) for _ in starts[i].rows]
-        return [found[i] for i in range(len(trials))]
+        motions: list[dict[int, Motion]] = [{} for _ in trials]
+        alike: dict[Hashable, list[tuple[int, list[int]]]] = {}
+        """By what pieces of equal models have in common: the trial, and which of its pieces."""
+        for i, (trial, of, length) in enumerate(zip(trials, starts, rows, strict=True)):
+            self.check_joints(trial.log)
+            which: dict[Hashable, list[int]] = {}
+            for k, key in enumerate(self.alike(trial, of.rows)):
+                which.setdefault((key, length), []).append(k)
+            for key, own in which.items():
+                alike.setdefault(key, []).append((i, own))
+        cut = [self._cut(*of) for of in zip(trials, starts, rows, strict=True)]
+        for members in alike.values():
+            i, own = members[0]
+            with self.working_model(trials[i], starts[i].rows[own[0]]) as working:
+                found = self._roll_out(working, [cut[i].chosen(own) for i, own in members])
+            for (i, own), of_trial in zip(members, found, strict=True):
+                motions[i] |= zip(own, of_trial, strict=True)
+        return [[of[k] for k in range(len(of))] for of in motions]
 
-    def _restarts(
-        self, trial: Rollout, starts: Starts, rows: int
-    ) -> tuple[list[mujoco.MjModel], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-        """Model, full first state, controls in every step and steps of the rows of each piece of one trial."""
-        self.check_joints(trial.log)
-        if not len(starts.rows):
-            return [], [], [], []
-        steps = self.row_steps(trial)[: starts.rows[-1] + rows - 1]
-        control, step = self._step_controls(trial, steps), np.concatenate([[0], np.cumsum(steps)])
-        gains = joint_gains(trial.log, self.robot)
-        of_gains: dict[bytes, mujoco.MjModel] = {}
-        models, states, controls, counts = [], [], [], []
-        warmth = self._warmth(trial, starts.rows, steps)
+    def _cut(self, trial: Rollout, starts: Starts, rows: int) -> Pieces:
+        """The pieces of ``rows`` rows of one trial."""
+        first, last = np.array(starts.rows, int), max(starts.rows, default=0) + rows - 1
+        steps = self.row_steps(trial)[:last]
+        before = np.concatenate([[0], np.cumsum(steps)])
+        begin, end = before[first][:, None], before[first + rows - 1][:, None]
+        at = np.minimum(begin + np.arange((end - begin).max(initial=1)), end - 1)
         late_s = trial.reported_late_s
         later = starts.later(late_s / trial.period_s) if late_s else None
-        for i, (row, state, warm) in enumerate(zip(starts.rows, starts.states, warmth, strict=True)):
-            key = gains[row].tobytes()
-            if key not in of_gains:
-                of_gains[key] = self.model(trial, row=row)
-            own = control[step[row] : step[row + rows - 1]]
-            true = self.true_state(trial.effects, state, None if later is None else later[i], late_s)
-            models.append(of_gains[key])
-            states.append(self.full_state(replace(trial, first_state=true), of_gains[key], own, warm))
-            controls.append(own)
-            counts.append(steps[row : row + rows - 1])
-        return models, states, controls, counts
+        states = self.true_states(trial.effects, starts.states, later, late_s)
+        of_rows = steps[first[:, None] + np.arange(rows - 1)]
+        controls, warmth = self.step_controls(trial, steps, at), self._warmth(trial, starts.rows, steps)
+        return Pieces(trial, states, controls, of_rows, warmth)
 
-    def _motion(
-        self, trial: Rollout, state: np.ndarray, counts: np.ndarray, out: np.ndarray, readings: np.ndarray | None
-    ) -> Motion:
-        """A piece, of its full first state and those after every step, as the trial's robot would log it."""
-        piece = np.concatenate([state[None], out[np.cumsum(counts) - 1]])
-        return self.measure(trial, self._of_robot(trial, piece, readings), counts)
+    def _roll_out(self, working: WorkingModel, pieces: Sequence[Pieces]) -> list[list[Motion]]:
+        """Motions of pieces of several trials, whose models are all equal to one, as their robots would log them."""
+        model = working.model
+        states = [self.full_states(of.trial, model, of.states, of.controls, of.warmth) for of in pieces]
+        controls = batch_controls([of.controls for of in pieces])
+        with without_warnings():
+            out, read = mujoco.rollout.rollout(model, working.data, np.concatenate(states), controls)
+        found, last = [], 0
+        for of, state in zip(pieces, states, strict=True):
+            first, last = last, last + len(state)
+            whole, sensors = self._in_rows(model, state, out[first:last], read[first:last], of.steps)
+            found.append(
+                [
+                    self.measure(of.trial, self._of_robot(model, *of_piece), steps)
+                    for *of_piece, steps in zip(whole, sensors, of.steps, strict=True)
+                ]
+            )
+        return found
 
-    def _of_robot(self, trial: Rollout, states: np.ndarray, readings: np.ndarray | None) -> Motion:
-        """The robot's own positions and velocities in full states (rows, …); what effects have added stands behind."""
-        first = 1 + self._compiled(trial).nq
-        return Motion(states[:, 1 : 1 + self.bare.nq], states[:, first : first + self.bare.nv], readings)
+    def _in_rows(
+        self, model: mujoco.MjModel, first: np.ndarray, out: np.ndarray, read: np.ndarray, steps: np.ndarray
+    ) -> tuple[np.ndarray, Sequence[np.ndarray | None]]:
+        """Full states and sensors of pieces in their rows, from those in every step of the simulation.
 
-    def _readings(self, model: mujoco.MjModel, read: np.ndarray, counts: np.ndarray) -> np.ndarray | None:
-        """Sensors in the last step before each row, (rows + 1, sensors), in the first step for the first row.
-
-        ``read`` are MuJoCo's readings in every step, (steps, values).
+        (pieces, rows, values) each; sensors are those of the last step before each row, and of the first step for the
+        first row. ``first`` (pieces, values) are the first states, ``steps`` those of each row, (pieces, rows − 1).
         """
+        ends, piece = np.cumsum(steps, axis=1) - 1, np.arange(len(first))[:, None]
+        whole = np.concatenate([first[:, None], out[piece, ends]], axis=1)
         if not self.sensors:
-            return None
-        at = np.concatenate([[0], np.cumsum(counts) - 1])
-        return np.asarray(read[at][:, sensor_addresses(model, self.sensors)])
+            return whole, [None] * len(first)
+        at = np.concatenate([np.zeros_like(piece), ends], axis=1)
+        return whole, read[piece, at][:, :, sensor_addresses(model, self.sensors)]
+
+    def _of_robot(self, model: mujoco.MjModel, states: np.ndarray, sensors: np.ndarray | None) -> Motion:
+        """The robot's own positions and velocities in full states (rows, …); what effects have added stands behind."""
+        first = 1 + model.nq
+        return Motion(states[:, 1 : 1 + self.bare.nq], states[:, first : first + self.bare.nv], sensors)
 
     def _same_kind(self, trials: Sequence[Rollout], rows: int, substeps: float) -> list[Motion]:
-        """Replay trials of one structure, equally many rows and steps a row, batch by batch."""
+        """Replay trials of one structure, equally many rows and steps a row, each in one of the threads."""
         gains = [joint_gains(t.log, self.robot)[:rows] for t in trials]
         # Rows 0 … rows−2 are each held for one period; the last row's command is not needed.
         switches = sorted(
             {0, rows - 1}.union(*(set((np.flatnonzero((g[1:-1] != g[:-2]).any(axis=1)) + 1).tolist()) for g in gains))
         )
-        most = max(self.threads, MOST_BATCH_BYTES // self._bytes_of(trials[0], rows * substeps))
-        batches = [trials[first : first + most] for first in range(0, len(trials), most)]
-        return [motion for batch in batches for motion in self._batch(batch, rows, switches)]
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(lambda trial: self._whole(trial, rows, switches), trials))
 
-    def _bytes_of(self, trial: Rollout, steps: float) -> int:
-        """Memory that a trial of some steps takes while it is replayed: its model, and values of every step."""
-        model = self._compiled(trial)
-        state = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        # Controls are held as they are made, and side by side with those of other trials.
-        values = state + model.nsensordata + 2 * model.nu
-        return mujoco.mj_sizeModel(model) + int(steps * values * np.dtype(float).itemsize)
-
-    def _batch(self, trials: Sequence[Rollout], rows: int, switches: Sequence[int]) -> list[Motion]:
-        """Replay trials at once, each with a model of its own, between rows at which gains of some trial change."""
-        data = self._data(trials[0])
-        counts = [self.row_steps(trial)[: rows - 1] for trial in trials]
-        controls = [self._step_controls(trial, steps) for trial, steps in zip(trials, counts, strict=True)]
-        steps_before = [np.concatenate([[0], np.cumsum(steps)]) for steps in counts]
-        history: list[list[np.ndarray]] = []
-        readings: list[list[np.ndarray]] = [[] for _ in trials]
+    def _whole(self, trial: Rollout, rows: int, switches: Sequence[int]) -> Motion:
+        """Replay a trial between rows at which the gains of some trial change."""
+        steps = self.row_steps(trial)[: rows - 1]
+        controls = self.step_controls(trial, steps, slice(None))[None]
+        before = np.concatenate([[0], np.cumsum(steps)])
+        states: list[np.ndarray] = []
+        sensors: list[np.ndarray] = []
         for start, end in itertools.pairwise(switches):
-            models = [self.model(trial, row=start) for trial in trials]
-            if not history:
-                history = [
-                    [self.full_state(*of_trial)[None]] for of_trial in zip(trials, models, controls, strict=True)
-                ]
-            control = batch_controls(
-                [c[step[start] : step[end]] for c, step in zip(controls, steps_before, strict=True)]
-            )
-            first = np.stack([h[-1][-1] for h in history])
-            with without_warnings():
-                out, read = mujoco.rollout.rollout(models, data, first, control, persistent_pool=True)
-            for i, of_trial in enumerate(out):
-                history[i].append(of_trial[np.cumsum(counts[i][start:end]) - 1])
-                own = self._readings(models[i], read[i], counts[i][start:end])
-                readings[i] += [] if own is None else [own[1 if readings[i] else 0 :]]
-        wholes = [np.concatenate(h) for h in history]
-        measured = [np.concatenate(r) if r else None for r in readings]
-        return [self._of_robot(*of_trial) for of_trial in zip(trials, wholes, measured, strict=True)]
-
-    def _data(self, trial: Rollout) -> list[mujoco.MjData]:
-        """Working memory of each thread, for the trial's structure."""
-        if trial.structure not in self.data:
-            model = self._compiled(trial)
-            self.data[trial.structure] = [mujoco.MjData(model) for _ in range(self.threads)]
-        return self.data[trial.structure]
-
-    def _own_data(self, trial: Rollout) -> mujoco.MjData:
-        """Working memory of the calling thread, for the trial's structure."""
-        memory: dict[tuple[Hashable, ...], mujoco.MjData] = self.own.__dict__  # type: ignore[assignment]
-        if trial.structure not in memory:
-            memory[trial.structure] = mujoco.MjData(self._compiled(trial))
-        return memory[trial.structure]
+            with self.working_model(trial, start) as working, without_warnings():
+                model = working.model
+                first = states[-1][-1:] if states else self.full_state(trial, model, controls[0])[None]
+                control = controls[:, before[start] : before[end]]
+                out, read = mujoco.rollout.rollout(model, working.data, first, control)
+            whole, own = self._in_rows(model, first, out, read, steps[None, start:end])
+            states.append(whole[0, min(start, 1) :])
+            sensors += [one[min(start, 1) :] for one in own if one is not None]
+        return self._of_robot(model, np.concatenate(states), np.concatenate(sensors) if sensors else None)
 
     def as_log(self, motion: Motion, log: Log) -> Log:
         """The motion as a log: measured columns from the simulation, commands from the replayed log."""

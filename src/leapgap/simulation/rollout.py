@@ -60,7 +60,9 @@ def joint_gains(log: Log, robot: Robot) -> np.ndarray:
 
 def joint_commands(log: Log, robot: Robot, quantity: str) -> np.ndarray:
     """A commanded quantity of every joint, (rows, joints); zero for joints that the log does not command."""
-    commanded = [f"cmd_tau/{joint}" in log for joint in robot.joints]
+    if log.joints == robot.joints:
+        return log.per_joint(quantity)
+    commanded = [joint in log.joints for joint in robot.joints]
     if all(commanded):
         return log.per_joint(quantity, robot.joints)
     values = np.zeros((len(log), len(robot.joints)))

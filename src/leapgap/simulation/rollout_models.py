@@ -2,13 +2,14 @@
 
 import copy
 import threading
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, Load, constants_at_end, overriding
+from leapgap.effects.base import Commands, Effect, Load, constants_at_end, overrides, overriding
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
@@ -18,8 +19,10 @@ from leapgap.robot.model import Robot
 from leapgap.robot.model_sensors import add_sensors
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotors import carried_torque, rest_rotors
-from leapgap.simulation.known_loads import put_loads
+from leapgap.robot.terrain import Box
+from leapgap.simulation.known_loads import LOAD, put_loads
 from leapgap.simulation.rollout import Rollout, joint_commands, torques_by_velocity
+from leapgap.simulation.working_models import WorkingModel, WorkingModels
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -27,8 +30,8 @@ ROUNDING = 1.1
 """A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
 UNEVEN_FINER = 4
 """Rows of uneven length last a whole number of steps, which are so many times finer."""
-MODELS_KEPT = 256
-"""Number of compiled models that are kept, one for each terrain and structure."""
+OF_MODELS = ("structure", "change_spec", "change_drive", "change_model")
+"""Members of an effect by which it changes the model."""
 
 
 class RolloutModels:
@@ -47,7 +50,8 @@ class RolloutModels:
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
         self.compiling = threading.Lock()
-        self.compiled: dict[tuple[Hashable, ...], mujoco.MjModel] = {}
+        self.specs: dict[tuple[Box, ...], mujoco.MjSpec] = {}
+        self.working = WorkingModels()
 
     def substeps(self, log: Log) -> float:
         """Simulation steps of one control period of the log, a whole number unless rows last uneven whole ticks.
@@ -62,8 +66,10 @@ class RolloutModels:
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""
-        lengths = trial.log.row_lengths
-        for effect in overriding(trial.effects, "change_rows"):
+        lengths, acting = trial.log.row_lengths, overriding(trial.effects, "change_rows")
+        if trial.log.is_even and not acting:
+            return np.full(len(lengths), int(self.substeps(trial.log)))
+        for effect in acting:
             lengths = effect.change_rows(lengths)
         ends = np.round(np.cumsum(lengths) * self.substeps(trial.log)).astype(int)
         return np.maximum(np.diff(ends, prepend=0), 1)
@@ -74,6 +80,8 @@ class RolloutModels:
         Only a robot whose model file says nothing of motors may have joints that the log does not command.
         """
         driven = self.robot.driven_joints
+        if log.joints == driven:
+            return
         missing, foreign = set(driven) - set(log.joints), set(log.joints) - set(driven)
         if not foreign and not self.robot.states_actuators:
             return
@@ -95,20 +103,43 @@ class RolloutModels:
 
     def model(self, trial: Rollout, row: int = 0) -> mujoco.MjModel:
         """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
-        log = trial.log
-        model = copy.copy(self._compiled(trial))
-        kp, kd = (joint_commands(log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
-        actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
-        model.opt.timestep = trial.period_s / self.substeps(log)
-        self.drive(trial).put_into(model, self.robot)
-        with constants_at_end(model):
-            for effect in overriding(trial.effects, "change_model"):
-                effect.change_model(model, self.robot)
-            put_loads(model, log, self.robot)
-        return model
+        with self.working_model(trial, row) as working:
+            return copy.copy(working.model)
 
-    def _compiled(self, trial: Rollout) -> mujoco.MjModel:
-        """The bare robot on the log's terrain with the parts its effects need, compiled once and then shared."""
+    @contextmanager
+    def working_model(self, trial: Rollout, row: int = 0) -> Iterator[WorkingModel]:
+        """The same, with memory to simulate it, for the time of the block."""
+        log = trial.log
+        with self._lent(trial) as working:
+            working.reset()
+            model = working.model
+            kp, kd = (joint_commands(log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+            model.opt.timestep = trial.period_s / self.substeps(log)
+            if overriding(trial.effects, "change_drive"):
+                self.drive(trial).put_into(model, self.robot, kp, kd)
+            else:
+                actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
+            with constants_at_end(model, working.data):
+                for effect in overriding(trial.effects, "change_model"):
+                    effect.change_model(model, self.robot)
+                put_loads(model, log, self.robot)
+            yield working
+
+    def alike(self, trial: Rollout, rows: Sequence[int]) -> list[Hashable]:
+        """A key for each of some rows of a trial's log: models of equal keys are equal."""
+        log = trial.log
+        gains = [joint_commands(log, self.robot, gain)[rows] for gain in ("cmd_kp", "cmd_kd")]
+        acting = tuple(e for e in trial.effects if any(overrides(type(e), method) for method in OF_MODELS))
+        load = tuple(log.info.extra.get(LOAD, {}).items())
+        of_trial = (log.info.terrain, trial.structure, trial.period_s / self.substeps(log), acting, load)
+        return [(*of_trial, kp.tobytes(), kd.tobytes()) for kp, kd in zip(*gains, strict=True)]
+
+    def _lent(self, trial: Rollout) -> AbstractContextManager[WorkingModel]:
+        """A working model of the trial's terrain and structure, as another trial left it."""
+        return self.working.lend((trial.log.info.terrain, trial.structure), lambda: self._compile(trial))
+
+    def _compile(self, trial: Rollout) -> mujoco.MjModel:
+        """The bare robot on the log's terrain with the parts its effects need."""
         terrain = trial.log.info.terrain
         if len(terrain) > self.slots:
             raise InputError(
@@ -117,21 +148,19 @@ class RolloutModels:
                 f"at most {self.slots}",
                 "make the replayer with more terrain slots",
             )
-        key = (terrain, trial.structure)
         with self.compiling:
-            if key not in self.compiled:
-                spec = self.robot.spec_on_terrain(terrain, slots=self.slots)
-                if self.sensors:
-                    add_sensors(spec, self.robot, self.sensors)
-                for effect in trial.effects:
-                    if effect.structure is not None:
-                        effect.change_spec(spec, self.robot)
-                while len(self.compiled) >= MODELS_KEPT:
-                    self.compiled.pop(next(iter(self.compiled)))
-                self.compiled[key] = spec.compile()
-                # The same dynamics a sixth faster: with so few joints MuJoCo would take dense matrices.
-                self.compiled[key].opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-            return self.compiled[key]
+            if terrain not in self.specs:
+                self.specs[terrain] = self.robot.spec_on_terrain(terrain, slots=self.slots)
+            spec = self.specs[terrain].copy()
+        if self.sensors:
+            add_sensors(spec, self.robot, self.sensors)
+        for effect in trial.effects:
+            if effect.structure is not None:
+                effect.change_spec(spec, self.robot)
+        model = spec.compile()
+        # The same dynamics a sixth faster: with so few joints MuJoCo would take dense matrices.
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+        return model
 
     def drive(self, trial: Rollout) -> Drive:
         """Motors of the robot with the trial's effects."""
@@ -144,47 +173,61 @@ class RolloutModels:
         """Controls of the affine actuators in the first rows of an even log, (rows, actuators)."""
         return self.row_controls(trial, np.arange(rows), trial.period_s)
 
-    def _step_controls(self, trial: Rollout, steps: np.ndarray) -> np.ndarray:
-        """Controls in every step of the first rows, which last ``steps`` (rows,) each.
+    def step_controls(self, trial: Rollout, steps: np.ndarray, at: np.ndarray | slice) -> np.ndarray:
+        """Controls in some steps of the first rows, which last ``steps`` (rows,) each.
 
-        (steps, actuators). Commands reach the joints by rows of one length: those of the log where it is even, else
-        the steps of the simulation.
+        (…, actuators), in the shape of ``at``. Commands reach the joints by rows of one length: those of the log where
+        it is even, else the steps of the simulation.
         """
-        if trial.log.is_even:
-            return np.repeat(self._controls(trial, len(steps)), steps, axis=0)
         row = np.repeat(np.arange(len(steps)), steps)
-        return self.row_controls(trial, row, trial.period_s / self.substeps(trial.log))
+        if trial.log.is_even:
+            return self.row_controls(trial, np.arange(len(steps)), trial.period_s, row[at])
+        return self.row_controls(trial, row, trial.period_s / self.substeps(trial.log), at)
 
-    def row_controls(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
-        """Controls τ + kp q* + kd q̇* in periods of equal length, (periods, actuators), by the gains of each row.
+    def row_controls(
+        self, trial: Rollout, row: np.ndarray, period_s: float, at: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """Controls τ + kp q* + kd q̇* in some periods of equal length, (…, actuators), by the gains of each row.
 
-        ``row`` (periods,) is the row of the log whose command was sent in each.
+        ``row`` (periods,) is the row of the log whose command was sent in each; ``at`` chooses among them.
         """
-        model, asked = self._compiled(trial), self._asked(trial, row, period_s)
-        control = np.zeros((len(row), model.nu))
-        control[:, model.actuator_ctrladr[self.robot.joint_actuators]] = asked * self.drive(trial).control_gain
         by_load = overriding(trial.effects, "put_controls")
-        if by_load:
+        asked = self._asked(trial, row, period_s, slice(None) if by_load else at)
+        gain = self.drive(trial).control_gain if overriding(trial.effects, "change_drive") else 1.0
+        with self._lent(trial) as working:
+            model = working.model
+            control = np.zeros((*asked.shape[:-1], model.nu))
+            control[..., model.actuator_ctrladr[self.robot.joint_actuators]] = asked * gain
+            if not by_load:
+                return control
+            working.reset()
             load = self._load(trial, asked, row)
             for effect in by_load:
                 effect.put_controls(control, load, model, self.robot)
-        return control
+            return control[at]
 
-    def _asked(self, trial: Rollout, row: np.ndarray, period_s: float) -> np.ndarray:
-        """Torque τ + kp q* + kd q̇* that is asked of the joints in periods of equal length, (periods, joints)."""
+    def _asked(
+        self, trial: Rollout, row: np.ndarray, period_s: float, at: np.ndarray | slice = slice(None)
+    ) -> np.ndarray:
+        """Torque τ + kp q* + kd q̇* that is asked of the joints in some periods of equal length, (…, joints)."""
         log, robot = trial.log, self.robot
-        torque, position, velocity = (joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel"))
+        acting, adding = overriding(trial.effects, "change_commands"), torques_by_velocity(trial, robot)
+        if not (acting or adding):
+            row, at = row[at], slice(None)
+        torque, position, velocity, kp, kd = (
+            joint_commands(log, robot, c)[row] for c in ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+        )
         commands = Commands(torque, position, velocity, row)
-        acting = overriding(trial.effects, "change_commands")
         if not log.is_even:  # commands that are shifted in time no longer tell what each row sent
             acting.sort(key=lambda effect: effect.command_stage)
         for effect in acting:
             commands = replace(effect.change_commands(commands, period_s, robot), row=row)
-        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        if overriding(trial.effects, "change_drive"):
+            kp, kd = self.drive(trial).gains(kp, kd)
         asked = commands.torque + kp * commands.position + kd * commands.velocity
-        for added in torques_by_velocity(trial, robot):
+        for added in adding:
             asked = asked + added[row]
-        return np.asarray(asked)
+        return np.asarray(asked[at])
 
     def _load(self, trial: Rollout, asked: np.ndarray, row: np.ndarray, limited: bool = True) -> Load:
         """What the joints carry in periods of equal length, by the motion that the log reports.
@@ -197,12 +240,15 @@ class RolloutModels:
         misread = (self.measure(trial, measured).qpos - measured.qpos)[:, robot.joint_qpos]  # biases of encoders
         position = (measured.qpos[:, robot.joint_qpos] - misread)[row]
         velocity = measured.qvel[row][:, robot.joint_dofs]
-        kp, kd = (joint_commands(log, robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        drive, (kp, kd) = self.drive(trial), self._gains(trial, row)
         torque = asked - kp * position - kd * velocity
-        limits = robot.torque_limits if limited else np.inf
-        return Load(
-            np.clip(torque, -limits, limits) * self.drive(trial).gain, velocity, trial.period_s / self.substeps(log)
-        )
+        limits = drive.torque_limits(robot) if limited else np.inf
+        return Load(np.clip(torque, -limits, limits) * drive.gain, velocity, trial.period_s / self.substeps(log))
+
+    def _gains(self, trial: Rollout, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains kp and kd of the joint PD that act in periods, (periods, joints), by the log's ``row`` in each."""
+        sent = (joint_commands(trial.log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        return self.drive(trial).gains(*sent)
 
     def measure(self, trial: Rollout, motion: Motion, steps: np.ndarray | None = None) -> Motion:
         """A true motion as the sensors of the trial's robot report it.
@@ -231,80 +277,108 @@ class RolloutModels:
         What was not logged is fitted or estimated (``motion_of``); a floating robot needs its attitude.
         """
         measured = motion_of(trial.log, self.robot, slice(1)) if trial.measured is None else trial.measured
-        return self.true_state(trial.effects, measured.first_state)
+        return self.true_states(trial.effects, measured.first_state[None])[0]
 
-    def true_state(
-        self, effects: Sequence[Effect], state: np.ndarray, later: np.ndarray | None = None, later_s: float = 0.0
+    def true_states(
+        self, effects: Sequence[Effect], states: np.ndarray, later: np.ndarray | None = None, later_s: float = 0.0
     ) -> np.ndarray:
-        """The true state (nq + nv,) behind one that was reported, and behind what was reported ``later_s`` after it."""
-        nq = self.bare.nq
-        states = np.stack([state] if later is None else [state, later])
+        """True states behind those that were reported (starts, nq + nv), and behind those of ``later_s`` after them."""
+        acting = overriding(effects, "true_start")
+        if not acting:
+            return states
+        nq, found = self.bare.nq, []
         time = None if later is None else np.array([0.0, later_s])
-        start = Motion(states[:, :nq].copy(), states[:, nq:].copy(), time=time)
-        for effect in reversed(overriding(effects, "true_start")):
-            start = effect.true_start(start, self.robot)
-        return start.first_state
+        for both in states[:, None] if later is None else np.stack([states, later], axis=1):
+            start = Motion(both[:, :nq].copy(), both[:, nq:].copy(), time=time)
+            for effect in reversed(acting):
+                start = effect.true_start(start, self.robot)
+            found.append(start.first_state)
+        return np.array(found).reshape(states.shape)
 
-    def full_state(
-        self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray, warmth: np.ndarray | None = None
-    ) -> np.ndarray:
-        """MuJoCo's full state: time, positions, velocities, and the states of motors that have one.
-
-        The torque of a motor is the one that the first command asks for; friction with a memory is that of the motion.
-        ``warmth`` is by how much the resistance of each joint's motor has risen, (joints,); None: not at all.
-        """
+    def full_state(self, trial: Rollout, model: mujoco.MjModel, control: np.ndarray) -> np.ndarray:
+        """MuJoCo's full state at the trial's first row, as ``full_states`` has it, under controls (rows, actuators)."""
         state = self.first_state(trial) if trial.first_state is None else trial.first_state
-        if not model.na:
-            return np.concatenate([[0.0], self.whole_state(trial, model, state, control)])
-        activation = np.zeros(model.na)
-        motors = [
-            *enumerate(self.robot.joint_actuators.tolist()),
-            *dc_motors.filtered_dampers(model, self.robot.joints),
-        ]
-        for joint, actuator in motors:
-            warm = 0.0 if warmth is None or not dc_motors.has_temperature(model, actuator) else float(warmth[joint])
-            if warm:
-                activation[dc_motors.state_of_temperature(model, actuator)] = warm
-            if dc_motors.has_current(model, actuator):
-                kp, kd = (float(gain) for gain in dc_motors.dc_joint_pd(model, np.array(actuator)))
-                q, v = state[self.robot.joint_qpos[joint]], state[self.bare.nq + self.robot.joint_dofs[joint]]
-                asked = control[0, model.actuator_ctrladr[actuator]] - kp * q - kd * v
-                limits = (
-                    model.actuator_forcerange[actuator] if model.actuator_forcelimited[actuator] else (asked, asked)
-                )
-                activation[dc_motors.state_of_current(model, actuator)] = np.clip(asked / (1 + warm), *limits)
-        bristles, deflection = dc_motors.bristles_in_motion(model, state[self.bare.nq :])
-        activation[bristles] = deflection
-        return np.concatenate([[0.0], self.whole_state(trial, model, state, control), activation])
+        return self.full_states(trial, model, state[None], control[None])[0]
 
-    def _warmth(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> Sequence[np.ndarray | None]:
-        """Warmth of the motors, (joints,), at some rows of a trial's log, in which each row lasts so many steps."""
-        drive = self.drive(trial)
-        if not drive.heating.any():
-            return [None] * len(rows)
+    def full_states(
+        self,
+        trial: Rollout,
+        model: mujoco.MjModel,
+        states: np.ndarray,
+        controls: np.ndarray,
+        warmth: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """MuJoCo's full states: time, positions, velocities, and the states of motors that have one, (starts, values).
+
+        Of true states (starts, nq + nv), under controls (starts, rows, actuators). The torque of a motor is the one
+        that the first command asks for; friction with a memory is that of the motion. ``warmth`` is by how much the
+        resistance of each joint's motor has risen, (starts, joints); None: not at all.
+        """
+        whole = self.whole_states(trial, model, states, controls)
+        parts = [np.zeros((len(states), 1)), whole]
+        if model.na:
+            parts.append(self._activations(model, states, controls[:, 0], warmth))
+        return np.concatenate(parts, axis=1)
+
+    def _activations(
+        self, model: mujoco.MjModel, states: np.ndarray, control: np.ndarray, warmth: np.ndarray | None
+    ) -> np.ndarray:
+        """States of the motors, (starts, activations), under the first controls (starts, actuators)."""
+        found = np.zeros((len(states), model.na))
+        late = dc_motors.filtered_dampers(model, self.robot.joints)
+        joints = np.array([*range(len(self.robot.joints)), *(joint for joint, _ in late)])
+        motors = np.array([*self.robot.joint_actuators, *(actuator for _, actuator in late)])
+        warm = np.zeros((len(states), len(motors)))
+        heated = dc_motors.has_temperature(model, motors)
+        if warmth is not None:
+            warm[:, heated] = warmth[:, joints[heated]]
+        found[:, dc_motors.state_of_temperature(model, motors[heated])] = warm[:, heated]
+        kp, kd = dc_motors.dc_joint_pd(model, motors)
+        position = states[:, self.robot.joint_qpos[joints]]
+        velocity = states[:, self.bare.nq + self.robot.joint_dofs[joints]]
+        asked = control[:, model.actuator_ctrladr[motors]] - kp * position - kd * velocity
+        limits = (
+            np.where(model.actuator_forcelimited[motors], end, asked) for end in model.actuator_forcerange[motors].T
+        )
+        torque, lagging = np.clip(asked / (1 + warm), *limits), dc_motors.has_current(model, motors)
+        found[:, dc_motors.state_of_current(model, motors[lagging])] = torque[:, lagging]
+        bristles, deflection = dc_motors.bristles_in_motion(model, states[:, self.bare.nq :])
+        found[:, bristles] = deflection
+        return found
+
+    def _warmth(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> np.ndarray | None:
+        """Warmth of the motors at some rows of a trial's log, in which each row lasts so many steps.
+
+        (chosen rows, joints); None where no motor heats.
+        """
+        drive = self.drive(trial) if overriding(trial.effects, "change_drive") else None
+        if drive is None or not drive.heating.any():
+            return None
         row_s = steps * trial.period_s / self.substeps(trial.log)
         row = np.arange(len(steps))
         load = self._load(trial, self._asked(trial, row, trial.period_s), row, limited=False)
-        return list(drive.warmth(load.torque, row_s, rows))
+        return drive.warmth(load.torque, row_s, rows)
 
-    def whole_state(
-        self, trial: Rollout, model: mujoco.MjModel, state: np.ndarray, control: np.ndarray | None
+    def whole_states(
+        self, trial: Rollout, model: mujoco.MjModel, states: np.ndarray, controls: np.ndarray | None
     ) -> np.ndarray:
-        """Positions and velocities of a model with what effects have added, from those of the robot (nq + nv,).
+        """Positions and velocities of a model with what effects have added, from those of the robot (starts, nq + nv).
 
-        Rotors are where they carry the torque of the first rows of controls (rows, actuators), as stiff joints would;
-        None: where their joints are.
+        Rotors are where they carry the torque of the first rows of controls (starts, rows, actuators), as stiff joints
+        would; None: where their joints are.
         """
         if model.nq == self.bare.nq:
-            return state
+            return states
         kp, kd = dc_motors.gains_of(model, self.robot.joint_actuators)
-        carried = np.zeros((2, len(self.robot.joints)))
-        if control is not None and any(effect.has_rotors for effect in trial.effects):
+        carried = np.zeros((len(states), 2, len(self.robot.joints)))
+        if controls is not None and any(effect.has_rotors for effect in trial.effects):
             stiff = self.model(replace(trial, effects=tuple(e for e in trial.effects if not e.has_rotors)))
             dc_motors.set_gains(stiff, self.robot.joint_actuators, kp, kd)
             steps = max(1, round(trial.period_s / stiff.opt.timestep))
-            carried = carried_torque(stiff, self.robot, state, control, steps)
-        return np.concatenate(rest_rotors(model, self.robot, state, carried, kp))
+            for k, of_start in enumerate(zip(states, controls, strict=True)):
+                carried[k] = carried_torque(stiff, self.robot, *of_start, steps)
+        each = zip(states, carried, strict=True)
+        return np.array([np.concatenate(rest_rotors(model, self.robot, *of_start, kp)) for of_start in each])
 
     def foot_depths(self, trial: Rollout) -> np.ndarray:
         """Penetration of each foot into the ground at the start, m, (feet,); 0 above it."""

@@ -118,13 +118,13 @@ def follow(
     """Make the experiment that a diagnosis proposes, and diagnose again."""
     report = found.report
     proposal = report.next_experiment
-    settings = proposal and proposal.get("settings")
+    settings, truth = proposal and proposal.get("settings"), case.effect.called(case.robot)
     if proposal is None or settings is None or settings["kind"] in UNMADE:
-        return Resolution(case.effect.name, report.answer, dict(proposal or {}), report.verdict, report.answer)
+        return Resolution(truth, report.answer, dict(proposal or {}), report.verdict, report.answer)
     given = Given(tuple(found.logs), case.robot)
     further = case.make(plans_of(settings, given), stream=3)
     again = diagnose_again([*logs, *further], case.robot).report
-    return Resolution(case.effect.name, report.answer, dict(proposal), again.verdict, again.answer)
+    return Resolution(truth, report.answer, dict(proposal), again.verdict, again.answer)
 
 
 def proposed_logs(

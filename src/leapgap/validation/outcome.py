@@ -154,11 +154,12 @@ def outcome(
     sides: Mapping[str, str] | None = None,
 ) -> CaseOutcome:
     """Compare a truth with a report; ``sides`` are those of the robot's topology."""
-    answer = tuple(tuple(names) for names in report["answer"])
+    answer = tuple(tuple(map(effects.first_name, names)) for names in report["answer"])
     claims = report["verdict"] in CLAIMS and bool(report["causes"])
     true = tuple(effect["name"] for effect in truth["effects"])
     in_answer = {name for names in answer for name in names}
-    causes = {c["effect"]: c for c in reversed(report["causes"])}  # the most probable one of each name
+    # the most probable one of each name
+    causes = {effects.first_name(c["effect"]): c for c in reversed(report["causes"])}
     floor = truth.get("noise_floor") or 1.0
     true_map, said_map = comparable_maps(truth["where"], report["where"])
     return CaseOutcome(
@@ -172,7 +173,7 @@ def outcome(
         each_detectable=bool(truth.get("changes")) and min(truth["changes"]) >= DETECTABLE_FLOORS * floor,
         verdict=report["verdict"],
         answer=answer,
-        first=report["causes"][0]["effect"] if claims else None,
+        first=effects.first_name(report["causes"][0]["effect"]) if claims else None,
         probability=report["causes"][0]["probability"] if claims else None,
         # A rival that a cause cannot be told apart from is in the answer, and not always among the causes.
         locations=tuple(
@@ -284,7 +285,7 @@ def compare(
     logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
     for name, about in known.items():
         for cause in report["causes"]:
-            if cause["effect"] == effect["name"] and name in cause["parameters"]:
+            if effects.first_name(cause["effect"]) == effect["name"] and name in cause["parameters"]:
                 estimate = cause["parameters"][name]
                 true = float(np.median([of_log[index][name] for of_log in logs]))
                 low, high = estimate["ci95"]

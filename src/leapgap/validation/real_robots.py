@@ -170,7 +170,7 @@ def named_causes(report: ReportContent) -> list[Cause]:
 
 def is_expected(cause: Cause, expected: Expected) -> bool:
     """Whether a cause is listed, with each of its values in the range."""
-    ranges = expected.get(cause.effect)
+    ranges = expected.get(effects.first_name(cause.effect))
     return ranges is not None and all(
         name in ranges and ranges[name][0] <= one.value <= ranges[name][1] for name, one in cause.parameters.items()
     )

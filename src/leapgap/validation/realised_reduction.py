@@ -45,7 +45,7 @@ def effect_on_log(effect: Effect, jump: Log, judged: JudgedLogs, robot: Robot, r
     """
     if not effect.differs_per_log:
         return effect
-    cause = next((c for c in report["causes"] if c["effect"] == effect.name), None)
+    cause = next((c for c in report["causes"] if c["effect"] == effect.called(robot)), None)
     clocks = next((c["per_log"] for c in report["checks"] if c["name"] == CLOCK and c.get("per_log")), None)
     check = JointClock().run([jump], robot, threshold=0.0)
     if not (cause and cause.get("per_log") and clocks and check):

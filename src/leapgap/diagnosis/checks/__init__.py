@@ -8,8 +8,10 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
+from leapgap.diagnosis.checks.velocity_channel import columns_of
 from leapgap.logs.log import Log
 from leapgap.logs.row_clock import RowClock
+from leapgap.logs.velocity_channel import in_time
 from leapgap.registry import classes_by_name
 from leapgap.robot.model import Robot
 
@@ -32,11 +34,23 @@ def run_checks(
     ``whole`` are the same logs with all their rows, where ``logs`` are cut. Without a robot only those that need none.
     """
     usable = [kind() for kind in known() if robot is not None or not kind.needs_robot]
-    results = [
-        check.run(whole if check.needs_all_rows and whole else logs, robot, thresholds.get(check.name, check.threshold))
-        for check in usable
-    ]
+    timed = {log.name: in_time(log, columns_of(log, robot)) for log in whole or logs}
+    results = []
+    for check in usable:
+        asked = whole if check.needs_all_rows and whole else logs
+        if check.velocities_in_time:
+            asked = [timed[log.name].first_rows(len(log)) for log in asked]
+        results.append(check.run(asked, robot, thresholds.get(check.name, check.threshold)))
     return [result for result in results if result is not None]
+
+
+def as_read(logs: Sequence[Log], results: Sequence[CheckResult]) -> list[Log]:
+    """The logs as checks say that they are to be read; the same logs where all stand as they are."""
+    found = list(logs)
+    for result in results:
+        if result.reads is not None:
+            found = [result.reads(log) for log in found]
+    return found
 
 
 def row_clocks_of(results: Sequence[CheckResult]) -> Mapping[str, RowClock] | None:

@@ -1,7 +1,7 @@
 """What a consistency check is: a question to logs that needs no fit, answered over all of them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
@@ -26,10 +26,12 @@ class CheckResult:
 
     row_clocks: Mapping[str, RowClock] | None = field(default=None, repr=False)
     """When each row of each log was written, where the check finds that rows are uneven."""
+    reads: Callable[[Log], Log] | None = field(default=None, repr=False)
+    """How a log is to be read by what the check found, where that is not as it stands."""
 
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""
-        told = (entry for entry in fields(self) if entry.name not in ("clocks", "row_clocks"))
+        told = (entry for entry in fields(self) if entry.name not in ("clocks", "row_clocks", "reads"))
         return {entry.name: getattr(self, entry.name) for entry in told}
 
 
@@ -45,6 +47,8 @@ class Check(ABC):
     """Whether the logs alone do not suffice."""
     needs_all_rows: ClassVar[bool] = False
     """Whether the rows that are not judged tell something too."""
+    velocities_in_time: ClassVar[bool] = False
+    """Whether it judges something else than the velocity columns, which are then moved by the lag that they have."""
 
     @abstractmethod
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:

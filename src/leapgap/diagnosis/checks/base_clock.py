@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
-from leapgap.diagnosis.checks.clocks import clock_scale, judge_clocks, longest_period
+from leapgap.diagnosis.checks.clocks import Clock, judge_clocks
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -25,13 +25,7 @@ class BaseClock(Check):
         floats = robot is None or robot.has_free_base
         if not floats or any(name not in log for log in logs for pair in PAIRS for name in pair):
             return None
-        scales = {
-            log.name: clock_scale(
-                log.stack([p for p, _ in PAIRS]),
-                log.stack([v for _, v in PAIRS]),
-                log.info.sample_period_s,
-                log.row_lengths,
-            )
-            for log in logs
+        clocks = {
+            log.name: Clock.of(log, *(log.stack(columns) for columns in zip(*PAIRS, strict=True))) for log in logs
         }
-        return judge_clocks(self.name, "the base", scales, threshold, longest_period(logs))
+        return judge_clocks(self.name, "the base", clocks, threshold)

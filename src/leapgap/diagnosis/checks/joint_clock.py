@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
-import numpy as np
-
-from leapgap.diagnosis.checks.base import Check, CheckResult
-from leapgap.diagnosis.checks.clocks import CLAIMED, clock_scale, judge_clocks, longest_period, of_joints
+from leapgap.diagnosis.checks.base import Check, CheckResult, joints_of
+from leapgap.diagnosis.checks.clocks import CLAIMED, Clock, judge_clocks, of_joints, ripple_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -19,16 +17,15 @@ class JointClock(Check):
     threshold = 0.02
     place: ClassVar[int] = 1
     needs_robot = False
+    velocities_in_time = True
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
         """Compare position increments with summed velocities, over all joints of each log."""
-
-        def scale(log: Log, position: np.ndarray, velocity: np.ndarray) -> float | None:
-            return clock_scale(position, velocity, log.info.sample_period_s, log.row_lengths)
-
-        scales = of_joints(scale, logs, robot)
-        if scales is None:
+        clocks = of_joints(Clock.of, logs, robot)
+        if clocks is None:
             return None
-        result = judge_clocks(self.name, "the joints", scales, threshold, longest_period(logs))
-        clocks = {name: CLAIMED if own is None else (own,) for name, own in scales.items()}
-        return result and replace(result, clocks=clocks)
+        named = joints_of(logs, robot)
+        clocks = {log.name: replace(clocks[log.name], ripple=ripple_of(log, named)) for log in logs}
+        result = judge_clocks(self.name, "the joints", clocks, threshold)
+        scales = {name: CLAIMED if own.scale is None else (own.scale,) for name, own in clocks.items()}
+        return result and replace(result, clocks=scales)

@@ -22,6 +22,7 @@ class EvenRows(Check):
     threshold = UNEVEN
     place: ClassVar[int] = 0
     needs_robot = False
+    velocities_in_time = True
     needs_all_rows = True
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:

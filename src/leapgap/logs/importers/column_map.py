@@ -40,13 +40,13 @@ class ColumnMap:
     joint_names: dict[str, str] = field(default_factory=dict)
     """Theirs → the robot's names of joints; a joint not named here has the same name there."""
     joint_order: list[str] = field(default_factory=list)
-    """The robot's joints in the order of their columns 0, 1, …, where they number them; lists follow this order."""
+    """The robot's joints in the order of their columns, where they number them from 0 or from 1; lists follow it."""
 
 
 def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[str, np.ndarray]:
     """Columns of a log, as the map has them: time from 0, all else in SI. ``where`` names the map in messages."""
     ties = tied(table, options, robot, where)
-    expand = Expansion(options, robot, where, frozenset(ties))
+    expand = Expansion(options, robot, where, frozenset(ties), first_number(table, options, robot, where))
     constants = expand.numbers("constants", options.constants)
     check_ours([*expand.columns(), *constants], robot, where)
     theirs = {ours: one for ours, one in expand.columns().items() if ours not in constants}
@@ -72,7 +72,7 @@ def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[s
 
 def tied(table: Table, options: ColumnMap, robot: Robot, where: str) -> Mapping[str, Tie]:
     """Joints that the table has no position of and that the model ties to one that it has."""
-    every = Expansion(options, robot, where).columns()
+    every = Expansion(options, robot, where, first=first_number(table, options, robot, where)).columns()
     lacking = [
         joint
         for joint in robot.joints
@@ -81,6 +81,16 @@ def tied(table: Table, options: ColumnMap, robot: Robot, where: str) -> Mapping[
         and not all(column in table for column in every.get(f"joint_pos/{joint}", {"": 1.0}))
     ]
     return tied_joints(robot, lacking)
+
+
+def first_number(table: Table, options: ColumnMap, robot: Robot, where: str) -> int:
+    """Whether their numbers of joints begin at 0 or at 1: 1 where only so each numbered column is there."""
+
+    def lacking(first: int) -> int:
+        columns = Expansion(options, robot, where, first=first).columns()
+        return sum(column not in table for terms in columns.values() for column in terms)
+
+    return 1 if options.joint_order and lacking(1) < lacking(0) else 0
 
 
 def with_tied(columns: dict[str, np.ndarray], ties: Mapping[str, Tie]) -> dict[str, np.ndarray]:
@@ -135,6 +145,8 @@ class Expansion:
     where: str
     without: frozenset[str] = frozenset()
     """Joints that ``*`` does not stand for: they are not in the table."""
+    first: int = 0
+    """The number of the first joint of ``joint_order``."""
 
     def __post_init__(self) -> None:
         unknown = {*self.options.joint_names.values(), *self.options.joint_order} - set(self.robot.joints)
@@ -157,7 +169,7 @@ class Expansion:
         for theirs, ours in self.options.joint_names.items():
             if ours == joint:
                 return theirs
-        return str(self.order.index(joint)) if joint in self.options.joint_order else joint
+        return str(self.first + self.order.index(joint)) if joint in self.options.joint_order else joint
 
     def of_joints(self, mapping: Mapping[str, Any]) -> dict[str, Any]:
         """The mapping with each key of ``*`` written out; a list gives each joint its own item.

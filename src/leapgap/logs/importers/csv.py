@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
@@ -37,23 +38,47 @@ class Csv(TableFormat):
 
     def read_table(self, path: Path, options: CsvOptions, wanted: Wanted) -> Arrays:
         """The columns of a CSV; those that are not wanted may hold any text."""
-        check_lines(path, options)
-        read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
-        try:
-            parse = pa.csv.ParseOptions(delimiter=options.delimiter)
-            table = pa.csv.read_csv(path, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
-        except (pa.ArrowException, OSError) as error:
-            raise InputError(
-                path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew"
-            ) from None
-        names = [name.strip() for name in table.column_names]
-        if not options.header:
-            names = [str(at) for at in range(table.num_columns)]
-        number = Counter(names)
-        twice = next((name for name in names if number[name] > 1 and wanted(name)), None)
-        if twice is not None:
-            raise InputError(path, f"{number[twice]} columns {twice}", "one of each name", "rename them")
-        return {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True) if wanted(name)}
+        return text_columns(path, options, wanted)
+
+
+def text_columns(path: Path, options: CsvOptions, wanted: Wanted) -> dict[str, np.ndarray]:
+    """Columns of a text table, (rows,), or (rows, n) where each cell is a list of n numbers, as in ``[0.1, 0.2]``."""
+    check_lines(path, options)
+    read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
+    try:
+        parse = pa.csv.ParseOptions(delimiter=options.delimiter)
+        table = pa.csv.read_csv(path, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew") from None
+    names = [name.strip() for name in table.column_names]
+    if not options.header:
+        names = [str(at) for at in range(table.num_columns)]
+    number = Counter(names)
+    twice = next((name for name in names if number[name] > 1 and wanted(name)), None)
+    if twice is not None:
+        raise InputError(path, f"{number[twice]} columns {twice}", "one of each name", "rename them")
+    columns = {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True) if wanted(name)}
+    return {name: with_lists(values, f"{path}, column {name}") for name, values in columns.items()}
+
+
+def with_lists(values: np.ndarray, where: str) -> np.ndarray:
+    """A column whose cells are lists of numbers as (rows, n); any other as it is."""
+    if values.dtype.kind != "O" or not len(values) or not all(map(is_list, values)):
+        return values
+    try:
+        rows = [np.array(cell.strip()[1:-1].replace(",", " ").split(), dtype=np.float64) for cell in values]
+    except ValueError:
+        return values
+    lengths = [len(row) for row in rows]
+    if len(set(lengths)) > 1:
+        row = next(at for at, length in enumerate(lengths) if length != lengths[0])
+        raise InputError(f"{where}, row {row}", f"{lengths[row]} items", f"{lengths[0]}, as in row 0", "repair it")
+    return np.stack(rows)
+
+
+def is_list(cell: object) -> bool:
+    """Whether a cell is a text in brackets."""
+    return isinstance(cell, str) and cell.strip().startswith("[") and cell.strip().endswith("]")
 
 
 def check_lines(path: Path, options: CsvOptions) -> None:

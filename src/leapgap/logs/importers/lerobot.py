@@ -1,6 +1,12 @@
-"""Importer of LeRobot datasets, version 3, by pyarrow alone: one log an episode."""
+"""Importer of LeRobot datasets, versions 2 and 3, by pyarrow alone: one log an episode.
+
+A dataset does not say whether its positions are degrees or a share of each joint's calibrated range, −100 to 100, of
+grippers 0 to 100, which most followers record. With the robot's calibration they become degrees here.
+"""
 
 import json
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +21,14 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 INFO, EPISODE, TIME = "meta/info.json", "episode_index", "timestamp"
+VERSIONS = ("v2", "v3")
+POSITION, GRIPPER = ".pos", "gripper"
+"""End of the names of positions, and of the joint whose range goes from 0 to 100."""
+TICKS = 4095
+"""What LeRobot divides a turn into where it turns ticks of a motor into degrees."""
+NORMALISED = re.compile(r"so_?10[01]|koch|lekiwi|omx|hope_?jr")
+"""Types of robots that LeRobot records as shares of their range unless told otherwise."""
+LONGEST_FILE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -23,6 +37,9 @@ class LeRobotOptions(TableOptions):
 
     cut_by: str | None = EPISODE
     """The column that cuts the dataset into logs."""
+    calibration: str | None = None
+    """LeRobot's calibration file of the robot, JSON, where positions are shares of each joint's range: they then come
+    in degrees from the middle of that range, those of a gripper from its closed end."""
 
 
 class LeRobot(TableFormat):
@@ -68,21 +85,80 @@ class LeRobot(TableFormat):
         for name in [name for name in arrays if name in features]:
             named = {f"{name}.{part}": arrays[name][:, i] for i, part in enumerate(features[name])}
             arrays |= {key: values for key, values in named.items() if wanted(key)}
+        if options is not None and options.calibration is not None:
+            ranges = calibration_of(Path(options.calibration))
+            arrays |= {name: in_degrees(name, values, ranges) for name, values in arrays.items() if is_position(name)}
         return arrays
+
+    def stated(self, path: Path, options: LeRobotOptions) -> Mapping[str, Any]:
+        """The rate of the rows, and whether positions may be shares of a range."""
+        info = info_of(path)
+        of_joints = any(map(is_position, (name for names in features_of(path).values() for name in names)))
+        fps, shares = info.get("fps"), of_joints and NORMALISED.search(str(info.get("robot_type")).lower())
+        found: dict[str, Any] = {"period_s": 1 / fps} if isinstance(fps, int | float) and 0 < fps < 1e5 else {}
+        return found | {"unit": "deg" if options.calibration else "normalised" if shares else None}
 
 
 def features_of(path: Path) -> dict[str, list[str]]:
     """Names of the components of each vector, from ``meta/info.json``."""
+    info = info_of(path)
     try:
-        info = json.loads((path / INFO).read_text(encoding="utf-8"))
-        version = str(info["codebase_version"])
         features = {name: component_names(one.get("names")) for name, one in info["features"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise InputError(path / INFO, f"no readable info ({error!r})", "that of a dataset", "copy it whole") from None
-    if not version.startswith("v3"):
-        do = "convert it with LeRobot's own converter"
-        raise InputError(path / INFO, f"version {version}", "version 3 of the format", do)
     return {name: names for name, names in features.items() if names}
+
+
+def info_of(path: Path) -> Mapping[str, Any]:
+    """``meta/info.json`` of a dataset; ``InputError`` for other versions."""
+    try:
+        info = read_object(path / INFO)
+        version = str(info["codebase_version"])
+    except (OSError, ValueError, KeyError, RecursionError) as error:
+        raise InputError(path / INFO, f"no readable info ({error!r})", "that of a dataset", "copy it whole") from None
+    if not version.startswith(VERSIONS):
+        do = "convert it with LeRobot's own converter"
+        raise InputError(path / INFO, f"version {version}", "version 2 or 3 of the format", do)
+    return info
+
+
+def read_object(path: Path) -> Mapping[str, Any]:
+    """A small JSON object; ``ValueError`` for anything else."""
+    if path.stat().st_size > LONGEST_FILE:
+        raise ValueError(f"more than {LONGEST_FILE} bytes")
+    found = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(found, Mapping):
+        raise ValueError("no object")
+    return found
+
+
+def calibration_of(path: Path) -> Mapping[str, tuple[float, bool]]:
+    """Joint → its range, degrees, and whether the drive counts backwards, from LeRobot's calibration file."""
+    try:
+        stated = read_object(path)
+        return {
+            str(joint): ((one["range_max"] - one["range_min"]) * 360 / TICKS, bool(one.get("drive_mode")))
+            for joint, one in stated.items()
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        expected = "LeRobot's calibration: range_min and range_max of each joint"
+        raise InputError(path, f"no readable calibration ({error!r})", expected, "name that file") from None
+
+
+def is_position(name: str) -> bool:
+    """Whether a column is the position of one joint, measured or set."""
+    return name.endswith(POSITION)
+
+
+def in_degrees(name: str, values: np.ndarray, ranges: Mapping[str, tuple[float, bool]]) -> np.ndarray:
+    """Shares of a joint's range as degrees from its middle; of a gripper, 0 to 100, from its closed end."""
+    joint = name.removesuffix(POSITION).rpartition(".")[2]
+    if joint not in ranges:
+        raise InputError(name, f"no calibration of {joint}", ", ".join(ranges), "name the calibration of this robot")
+    width, backwards = ranges[joint]
+    if joint.endswith(GRIPPER):
+        return width * (100 - values if backwards else values) / 100
+    return width * (-values if backwards else values) / 200
 
 
 def component_names(names: Any) -> list[str]:

@@ -6,7 +6,7 @@ gets what was known then: commands are held, measurements are interpolated.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ TIME = "time"
 NAME_FIELDS = ("name", "names", "joint_names")
 """Fields with the names of joints: arrays of the same length beside them are addressed by these names."""
 METADATA = "metadata.yaml"
+FEWEST = 10
+"""Messages of a topic below which it is no stream."""
 LONGEST = 1000
 """Items of an array in a message that can be addressed: motors and feet, no pixels."""
 
@@ -156,19 +158,19 @@ def types_of(options: RosOptions) -> Any:
 def leaves(message: Any, topic: str) -> Iterator[tuple[str, Getter]]:
     """Every number of a message: its name, and how it is reached."""
 
-    def below(value: Any, name: str, at: Getter) -> Iterator[tuple[str, Getter]]:
+    def below(value: Any, name: str, at: Getter, names: Sequence[str] = ()) -> Iterator[tuple[str, Getter]]:
         if isinstance(value, bool | int | float | np.number):
             yield name, at
         elif isinstance(value, list | tuple | np.ndarray):
             for i, item in enumerate(value[:LONGEST]):
-                yield from below(item, f"{name}[{i}]", (*at, i))
+                yield from below(item, f"{name}[{i}]", (*at, i), names)
         elif hasattr(value, "__msgtype__"):
             fields = [one for one in vars(value) if not one.startswith("_")]
-            names = next((list(getattr(value, one)) for one in fields if one in NAME_FIELDS), [])
+            names = next((list(getattr(value, one)) for one in fields if one in NAME_FIELDS), names)
             for one in fields:
                 inner = getattr(value, one)
                 path = f"{name}.{one}" if at else f"{name}/{one}"
-                yield from below(inner, path, (*at, one))
+                yield from below(inner, path, (*at, one), names)
                 if names and isinstance(inner, np.ndarray) and len(inner) == len(names):
                     yield from ((f"{path}[{joint}]", (*at, one, str(joint))) for joint in names)
 
@@ -195,10 +197,12 @@ def values_of(message: Any, getters: dict[str, Getter], where: str) -> list[floa
 
 
 def index_of(message: Any, parent: Getter, joint: str) -> int:
-    """Where a joint stands in this message, by the names beside its values."""
-    for step in parent:
-        message = message[step] if isinstance(step, int) else getattr(message, step)
-    names = next(getattr(message, one) for one in NAME_FIELDS if hasattr(message, one))
+    """Where a joint stands in this message, by the names beside its values, or beside what they are part of."""
+    names: Sequence[str] = ()
+    for step in (None, *parent):
+        if step is not None:
+            message = message[step] if isinstance(step, int) else getattr(message, step)
+        names = next((getattr(message, one) for one in NAME_FIELDS if hasattr(message, one)), names)
     return list(names).index(joint)
 
 
@@ -234,8 +238,12 @@ def clock_of(topics: dict[str, Topic], options: RosOptions) -> str:
 def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) -> dict[str, np.ndarray]:
     """All fields at the times of the clock's messages, from when every topic has been heard to when one ends.
 
-    A command stays until the next, also after the last one.
+    A command stays until the next, also after the last one. Where nothing is mapped, topics that were sent now and then
+    keep the rows that they have: they are no part of the log.
     """
+    whole = topics
+    if options.columns.keys() <= {TIME}:
+        topics = {topic: one for topic, one in topics.items() if topic == clock or is_stream(one, topics[clock])}
     commands = patterns(options, HELD)
     held = {name for one in topics.values() for name in one.fields if any(p.fullmatch(name) for p in commands)}
     begin = max(one.time[0] for one in topics.values())
@@ -250,4 +258,10 @@ def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) 
         for name, values in one.fields.items():
             at = held_at if name in held else interpolated_at
             arrays[name] = values[rows] if topic == clock else at(instants, one.time[kept], values[kept])
-    return arrays
+    return arrays | {name: at for topic in whole.keys() - topics.keys() for name, at in whole[topic].fields.items()}
+
+
+def is_stream(topic: Topic, clock: Topic) -> bool:
+    """Whether messages come all along the clock's: more than a few, from its first half to its second."""
+    middle = 0.5 * (clock.time[0] + clock.time[-1])
+    return len(topic.time) >= FEWEST and bool(topic.time[0] < middle < topic.time[-1])

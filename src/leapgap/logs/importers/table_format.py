@@ -20,9 +20,14 @@ from leapgap.logs.missing_velocities import add_velocities
 from leapgap.logs.resampling import on_even_clock
 from leapgap.logs.segments import PHASE_LENGTHS, Segment
 from leapgap.robot.model import Robot
+from leapgap.robot.stated_servos import servo_gains
 
 REFUSE, DROP = "refuse", "drop"
 LEAVE_OUT, FIT = "leave_out", "fit"
+LOGGED, UNKNOWN = "logged", "unknown"
+GAINS = ("cmd_kp", "cmd_kd")
+SLOWEST_S = 0.5
+"""Steps of a log that are longer on average, s, are no loop of a robot: the unit of the time is another."""
 LONGEST_NAME = 100
 """Bytes of the name of a piece, which becomes part of the name of a file."""
 
@@ -38,6 +43,12 @@ class TableOptions(ColumnMap):
     """``refuse`` time stamps that do not increase, or ``drop`` these rows and say so in the log."""
     resample_s: float | None = None
     """Period of an even clock that the log is brought to; none: its own instants, even or not."""
+    steps: str | None = None
+    """Where there is no time: a column of theirs with the length of each row's step, whose sum it is; its unit is that
+    of ``units.time``."""
+    gains: str = LOGGED
+    """``logged``, or ``unknown``: not in the file, or in the drive's own units. The log then has those that are mapped,
+    else those of the model's position servos, as a start, and says that they are unknown."""
     velocities: str = LEAVE_OUT
     """Velocities that are not in the file: ``leave_out``, or ``fit`` polynomials through the positions."""
     velocity_window_s: float = 0.03
@@ -48,10 +59,10 @@ class TableOptions(ColumnMap):
     """Logs of this length out of each file, or out of each run of ``cut_by``; a shorter rest is left out."""
     cut_by: str | None = None
     """A column of theirs that cuts the file: each run of equal values is a log."""
-    cut_values: list[float] = field(default_factory=list)
-    """The values of that column that are kept; none: all."""
-    drop_rows: dict[str, list[float]] = field(default_factory=dict)
-    """A column of theirs → values with which a row is left out."""
+    cut_values: list[Any] = field(default_factory=list)
+    """The values of that column that are kept, numbers or texts; none: all."""
+    drop_rows: dict[str, list[Any]] = field(default_factory=dict)
+    """A column of theirs → values, numbers or texts, with which a row is left out."""
     least_rows: int = 10
     """Runs and pieces with fewer rows are left out."""
     most_rows: int | None = None
@@ -97,7 +108,11 @@ class TableFormat(LogFormat):
         where = f"import_logs.{self.name}"
         check_options(options, where)
         table = self.table(path, options, needed(options, robot, where))
+        if options.steps is not None:
+            table = with_summed_steps(table, options.steps, f"{where}.steps")
         columns = mapped(table, options, robot, where)
+        if options.gains == UNKNOWN:
+            columns |= starting_gains(columns, robot, where)
         follows = {joint: tie.of for joint, tie in tied(table, options, robot, where).items()}
         rows = len(next(iter(columns.values()), ()))
         if "time" not in columns:
@@ -119,6 +134,10 @@ class TableFormat(LogFormat):
             raise InputError(path, "no rows that are kept", f"{options.least_rows} or more", "correct how it is cut")
         return logs
 
+    def stated(self, path: Path, options: Any) -> Mapping[str, Any]:
+        """What the files say of themselves, for a proposed map: ``period_s`` of the rows, ``unit`` of positions."""
+        return {}
+
     def first_log(self, table: Table) -> Table:
         """The rows of a table that are one run, to propose a map from; a format whose files hold several cuts them."""
         return table
@@ -132,9 +151,27 @@ class TableFormat(LogFormat):
         return table
 
 
+def starting_gains(columns: Arrays, robot: Robot, where: str) -> Arrays:
+    """Gains, (rows,) each, that the table lacks: those of the model's position servos, from which a fit starts."""
+    rows = len(next(iter(columns.values()), ()))
+    sent = [joint for joint in robot.joints if {f"cmd_pos/{joint}", f"cmd_tau/{joint}"} & columns.keys()]
+    lacking = [name for name in GAINS if not all(f"{name}/{joint}" in columns for joint in sent)]
+    servos = servo_gains(robot)
+    if lacking and servos is None:
+        do = f"state constants of {' and '.join(f'{name}/*' for name in lacking)} as a start"
+        raise InputError(f"{where}.gains", "unknown, of a model without position servos", "gains to start from", do)
+    return {
+        f"{name}/{joint}": np.full(rows, (servos or {}).get(joint, (0.0, 0.0))[GAINS.index(name)])
+        for name in lacking
+        for joint in sent
+        if f"{name}/{joint}" not in columns
+    }
+
+
 def check_options(options: TableOptions, where: str) -> None:
     """Refuse choices that are none, and ways to cut that exclude each other."""
-    for name, known in (("repeated_times", (REFUSE, DROP)), ("velocities", (LEAVE_OUT, FIT))):
+    known_of = {"repeated_times": (REFUSE, DROP), "velocities": (LEAVE_OUT, FIT), "gains": (LOGGED, UNKNOWN)}
+    for name, known in known_of.items():
         if getattr(options, name) not in known:
             raise InputError(f"{where}.{name}", getattr(options, name), f"one of {', '.join(known)}", "choose one")
     for name in ("period_s", "resample_s", "piece_s", "velocity_window_s"):
@@ -181,8 +218,9 @@ def is_file_name(name: str) -> bool:
 
 def needed(options: TableOptions, robot: Robot, where: str) -> Wanted:
     """Which arrays of a file are read: those that are mapped, those that cut it, and those with our own names."""
-    mapped_columns = {column for terms in Expansion(options, robot, where).columns().values() for column in terms}
-    names = mapped_columns | set(options.drop_rows) | ({options.cut_by} if options.cut_by else set())
+    maps = [Expansion(options, robot, where, first=first).columns() for first in (0, 1)]
+    mapped_columns = {column for one in maps for terms in one.values() for column in terms}
+    names = mapped_columns | set(options.drop_rows) | {name for name in (options.cut_by, options.steps) if name}
     names |= {name.rpartition("[")[0] for name in names if name.endswith("]")}
     return lambda name: name in names or is_ours(name, robot)
 
@@ -194,7 +232,7 @@ def cuts(
     rows = len(time)
     kept = np.ones(rows, dtype=bool)
     for column, values in options.drop_rows.items():
-        kept &= ~np.isin(flag(table, column, rows, f"{where}.drop_rows"), values)
+        kept &= ~has_value(flag(table, column, rows, f"{where}.drop_rows"), values)
     runs = [(name, np.flatnonzero(kept))]
     if options.cut_by is not None:
         state = flag(table, options.cut_by, rows, f"{where}.cut_by")
@@ -210,16 +248,30 @@ def cuts(
 
 
 def flag(table: Table, column: str, rows: int, where: str) -> np.ndarray:
-    """A column that decides about rows."""
+    """A column that decides about rows: numbers, or texts."""
     if column not in table:
         raise InputError(table.path, f"no column {column}", f"the column that {where} names", f"correct {where}")
-    return table.numbers(column, rows)
+    values = table.values(column, rows)
+    return values.astype(str) if values.dtype.kind in "OU" else table.numbers(column, rows)
+
+
+def has_value(flags: np.ndarray, values: Sequence[Any]) -> np.ndarray:
+    """Whether each row has one of some values; numbers are compared as numbers, texts as texts."""
+    return np.isin(flags, [str(one) for one in values] if flags.dtype.kind == "U" else values)
+
+
+def with_summed_steps(table: Table, column: str, where: str) -> Table:
+    """The table with a time that a column of steps adds up to, each the length until the next row."""
+    steps = flag(table, column, table.rows(), where)
+    if steps.dtype.kind == "U" or not (steps > 0).all():
+        raise InputError(f"{table.path}, column {column}", "steps that are not all positive", "lengths", "map a time")
+    return Table(table.path, {**table.arrays, "time": np.concatenate([[0.0], np.cumsum(steps[:-1])])})
 
 
 def equal_runs(state: np.ndarray, kept: np.ndarray, options: TableOptions) -> list[np.ndarray]:
     """Rows of each stretch in which a flag keeps one value, of those values that are wanted."""
-    bounds = [0, *(np.flatnonzero(np.diff(state) != 0) + 1).tolist(), len(state)]
-    wanted = np.isin(state, options.cut_values) if options.cut_values else np.ones(len(state), dtype=bool)
+    bounds = [0, *(np.flatnonzero(state[1:] != state[:-1]) + 1).tolist(), len(state)]
+    wanted = has_value(state, options.cut_values) if options.cut_values else np.ones(len(state), dtype=bool)
     runs = [begin + np.flatnonzero(kept[begin:end]) for begin, end in pairwise(bounds) if end > begin and wanted[begin]]
     return [run for run in runs if len(run) >= options.least_rows]  # before they are numbered
 
@@ -263,6 +315,12 @@ def finished_log(
         tuple(options.segments),
         of_jump(options, f"import_logs.{kind}"),
     )
+    if info.sample_period_s > SLOWEST_S:
+        found = (
+            f"{len(columns['time'])} rows of {1e3 * info.sample_period_s:.4g} ms, {columns['time'][-1]:.4g} s in all"
+        )
+        do = f"state the unit of the time: import_logs.{kind}.units.time (ms, us, ns), or period_s of the rows"
+        raise InputError(f"{path}, {name}", found, f"rows of a loop, {1e3 * SLOWEST_S:g} ms at most", do)
     log = Log(name, columns, info)
     if options.period_s is not None:
         check_period(f"{path}, {name}", log.time, options.period_s)
@@ -274,6 +332,8 @@ def finished_log(
         derived["all"] = f"resampled to {options.resample_s:g} s: commands held, measurements interpolated"
     ordered = {key: log.columns[key] for key in sorted(log.columns, key=column_order(robot))}
     extra = {**log.info.extra, **({"derived": derived} if derived else {})}
+    if options.gains == UNKNOWN:
+        extra["gains"] = {"known": False}
     return Log(name, ordered, replace(log.info, extra=extra))
 
 

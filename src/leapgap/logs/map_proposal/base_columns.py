@@ -1,4 +1,4 @@
-"""Columns of the base of a robot: attitude, gyro, accelerometer, position, by name and by how they go together."""
+"""Columns of the base of a robot, by name: attitude, gyro, accelerometer, velocity, position."""
 
 import re
 from collections import defaultdict
@@ -6,27 +6,34 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from leapgap.logs.derivatives import velocity_fit
-from leapgap.logs.importers.tables import Table
-from leapgap.logs.importers.units import UNITS
+from leapgap.logs.importers.units import GRAVITY
+from leapgap.logs.map_proposal.attitude import Attitude, agreement, attitude_by_physics, own_rate, together, turned
+from leapgap.logs.map_proposal.matching import CLEAR
 from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import CLEAR, correlations, named_factor
-from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
-from leapgap.logs.missing_velocities import angular_velocity, continuous
+from leapgap.logs.map_proposal.physics import mean_rates, mean_values, rows_meant
+from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, SURE, Evidence, Proposal
+from leapgap.logs.map_proposal.unit_readings import nearest
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
 
+GRAVITY_OF_BASE = "gravity"
+"""Direction of gravity in base axes, of length 1: no quantity of a log, but it tells the attitude."""
 WORDS = {
     "base_quat": {"quat", "quaternion", "orientation"},
     "base_angvel": {"gyro", "gyroscope", "angvel", "angular"},
     "imu_acc": {"acc", "accel", "accelerometer", "acceleration"},
     "base_linvel": {"linvel", "linear"},
+    GRAVITY_OF_BASE: {"projected"},
     "base_pos": {"position", "pos"},
 }
 """Words that name a quantity of the base, looked for in this order."""
 LETTERS = {"q": "base_quat", "g": "base_angvel", "w": "base_angvel", "a": "imu_acc"}
 """Letters that stand for a quantity where a name has nothing else but a word for the body: ``imu_qx``, ``gx``."""
+PAIRS = {("ang", "vel"): "base_angvel", ("lin", "vel"): "base_linvel", ("lin", "acc"): "imu_acc"}
+"""Words that name a quantity of the base together."""
 BODIES = {"base", "trunk", "body", "pelvis", "root", "torso", "odom", "imu", "pose"}
 """Words one of which must stand beside a position or a velocity, for joints have those too."""
+FAST = 15.0
+"""Rates of a base, rad/s, above which they are rather in degrees."""
 LAST = re.compile(r"^(.*?)(?:\[(\d)\]|[._/]?([wxyzWXYZ]|\d))$")
 COLUMNS = {
     "base_quat": BASE_QUATERNION,
@@ -58,82 +65,106 @@ def base_columns(columns: Sequence[str]) -> dict[str, list[str]]:
 def quantity_of_base(name: str) -> str | None:
     """The quantity of the base that the words of a name speak of."""
     said = set(words(name))
-    found = next((quantity for quantity, known in WORDS.items() if said & known), None)
+    found = next((quantity for pair, quantity in PAIRS.items() if set(pair) <= said), None)
+    found = found or next((quantity for quantity, known in WORDS.items() if said & known), None)
     if found is None and len(said - BODIES) == 1:
         found = LETTERS.get(*(said - BODIES))
     return None if found in ("base_linvel", "base_pos") and not said & BODIES else found
 
 
-def turn_and_rate(
-    table: Table, attitude: Sequence[str], gyro: Sequence[str], time: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rates of the turning quaternion ``attitude`` (rows, 3), rad/s, w first, and what the gyro says (rows, 3)."""
-    turn = np.stack([table.numbers(column) for column in attitude], axis=1)
-    rate = np.stack([table.numbers(column) for column in gyro], axis=1)
-    rows = np.flatnonzero(np.isfinite(np.concatenate([turn, rate], axis=1)).all(axis=1))
-    rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0])]
-    quaternion = continuous(turn[rows])
-    slope = velocity_fit(time[rows], quaternion, 10 * float(np.median(np.diff(time[rows])))).velocity
-    return angular_velocity(quaternion, slope), rate[rows]
-
-
-def together(turn: np.ndarray, rate: np.ndarray) -> float:
-    """Mean correlation of two rates, (rows, 3), over the axes that move."""
-    found = np.diag(correlations(turn, rate))
-    return float(np.nanmean(found)) if np.isfinite(found).any() else 0.0
-
-
-def real_part_last(table: Table, attitude: Sequence[str], gyro: Sequence[str], time: np.ndarray) -> bool | None:
-    """Whether a quaternion is x y z w, by which order turns as the gyro says; None where neither does clearly."""
-    orders = (attitude, real_part_first(attitude))
-    scores = [together(*turn_and_rate(table, order, gyro, time)) for order in orders]
-    if max(scores) < CLEAR or abs(scores[0] - scores[1]) < 0.1:
-        return None
-    return scores[1] > scores[0]
-
-
-def real_part_first(attitude: Sequence[str]) -> list[str]:
-    """The columns of a quaternion x y z w as w x y z."""
-    return [*attitude[3:], *attitude[:3]]
-
-
-def judge_gyro(found: dict[str, list[str]], evidence: Evidence, proposal: Proposal) -> None:
-    """The unit of the gyro, by the rate of the quaternion."""
-    if evidence.time is None or not {"base_quat", "base_angvel"} <= found.keys():
-        proposal.say(GUESSED, "the gyro is in rad/s: no turning quaternion decides it")
-        return
-    turn, rate = turn_and_rate(evidence.table, found["base_quat"], found["base_angvel"], evidence.time)
-    unit = None
-    if together(turn, rate) > CLEAR:
-        unit = named_factor(float((turn * rate).sum() / max(float((rate**2).sum()), 1e-300)), "rad/s")
-    if unit is None or unit[1] < 0:
-        proposal.say(
-            GUESSED, "the gyro is in rad/s: the quaternion does not turn as it says, so that nothing decides it"
-        )
-        return
-    if UNITS["rad/s"][unit[0]] != 1:
-        for column in BASE_ANGULAR_VELOCITY:
-            proposal.put("units", column, unit[0])
-    proposal.say(SURE, f"the gyro is in {unit[0]}: the quaternion turns so")
-
-
-def find_base(columns: list[str], evidence: Evidence, proposal: Proposal) -> None:
-    """Attitude, gyro and what else is known of the base; the gyro says in which order a quaternion is."""
+def find_base(columns: Sequence[str], evidence: Evidence, proposal: Proposal) -> None:
+    """Attitude, gyro and what else is known of the base; how they go together says what their names do not."""
     found = base_columns(columns)
-    if "base_quat" in found and not {"w", "x"} <= {column[-1].lower() for column in found["base_quat"]}:
-        last = None
-        if "base_angvel" in found and evidence.time is not None:
-            last = real_part_last(evidence.table, found["base_quat"], found["base_angvel"], evidence.time)
-        if last:
-            found["base_quat"] = real_part_first(found["base_quat"])
-        kind, how = (GUESSED, "no gyro decides it") if last is None else (SURE, "so it turns as the gyro says")
-        proposal.say(kind, f"the quaternion of the base is {'x y z w' if last else 'w x y z'}: {how}")
-    if "base_angvel" in found:
-        judge_gyro(found, evidence, proposal)
-    for quantity, theirs in found.items():
-        for ours, column in zip(COLUMNS[quantity], theirs, strict=True):
-            proposal.put("columns", ours, column)
-        proposal.say(GUESSED, f"{quantity} is {', '.join(theirs)}, by the names")
+    attitude = None
+    if "base_quat" in found:
+        named = {"w", "x"} <= {column[-1].lower() for column in found["base_quat"]}
+        attitude = attitude_by_physics(found, GRAVITY_OF_BASE, evidence, named)
+        if not named or not attitude.is_straight:
+            known = SURE if attitude.known == SURE and evidence.time_known == SURE else GUESSED
+            proposal.say(known, f"the quaternion of the base is {attitude.words}: {attitude.why}")
+        found["base_quat"] = [attitude.columns[i] for i in attitude.order]
+        if attitude.inverse:
+            for column in BASE_QUATERNION[1:]:
+                proposal.put("factors", column, -1.0)
+    judge_gyro(found, attitude, evidence, proposal)
+    judge_accelerometer(found, evidence, proposal)
+    judge_velocity(found, attitude, evidence, proposal)
+    for quantity, ours in COLUMNS.items():
+        for own, column in zip(ours, found.get(quantity, ()), strict=False):
+            proposal.put("columns", own, column)
+        if quantity in found:
+            proposal.say(GUESSED, f"{quantity} is {', '.join(found[quantity])}, by the names")
     lacking = ", ".join(name for name in COLUMNS if name not in found)
     if lacking:
-        proposal.say(MISSING, f"{lacking} of the base: left out, as not measured")
+        proposal.say(ABSENT, f"{lacking} of the base: left out, as not measured")
+
+
+def judge_gyro(found: dict[str, list[str]], attitude: Attitude | None, evidence: Evidence, proposal: Proposal) -> None:
+    """The unit and the axes of the gyro, by the rate of the quaternion."""
+    if "base_angvel" not in found:
+        return
+    theirs = {**found, "base_quat": attitude.columns} if attitude else found
+    fits, of_base, factor = own_rate(attitude, theirs, evidence) if attitude else (False, True, 1.0)
+    stated_world = "w" in words(LAST.sub(r"\1", found["base_angvel"][0]))
+    if (fits and not of_base) or (not fits and stated_world):
+        proposal.say(
+            ABSENT, f"{found.pop('base_angvel')[0]} …: left out, it turns in axes of the world, not of the base"
+        )
+        return
+    unit = nearest(factor, "rad/s") if fits and factor > 0 else None
+    if unit is None:
+        why = "the quaternion does not turn as it says, so that nothing decides it" if attitude else "no quaternion"
+        size = np.linalg.norm(together(found["base_angvel"], evidence)[1], axis=1)
+        unit = "deg/s" if np.quantile(size, 0.9) > FAST else "rad/s"
+        proposal.say(GUESSED, f"the gyro is in {unit}, by its size: {why}")
+        put_unit_of_gyro(unit, proposal)
+        return
+    put_unit_of_gyro(unit, proposal)
+    known = SURE if evidence.time_known == SURE and not (attitude and attitude.inverse) else GUESSED
+    proposal.say(known, f"the gyro is in {unit}: the quaternion turns so")
+
+
+def put_unit_of_gyro(unit: str, proposal: Proposal) -> None:
+    """Put the unit of a gyro into the map."""
+    if unit != "rad/s":
+        for column in BASE_ANGULAR_VELOCITY:
+            proposal.put("units", column, unit)
+
+
+def judge_accelerometer(found: dict[str, list[str]], evidence: Evidence, proposal: Proposal) -> None:
+    """The unit of accelerations: they are mostly as long as gravity; what lacks gravity is left out."""
+    if "imu_acc" not in found:
+        return
+    length = float(np.median(np.linalg.norm(together(found["imu_acc"], evidence)[1], axis=1)))
+    unit = nearest(GRAVITY / max(length, 1e-9), "m/s²", within=0.3)
+    if unit is None:
+        says = f"it is mostly {length:.3g} long, which is gravity in no unit"
+        proposal.say(ABSENT, f"{found.pop('imu_acc')[0]} …: left out as accelerometer, {says}")
+        return
+    if unit != "m/s²":
+        for column in COLUMNS["imu_acc"]:
+            proposal.put("units", column, unit)
+    proposal.say(GUESSED, f"the accelerometer is in {unit}: it is mostly as long as gravity")
+
+
+def judge_velocity(
+    found: dict[str, list[str]], attitude: Attitude | None, evidence: Evidence, proposal: Proposal
+) -> None:
+    """Whether the velocity of the base is in axes of the world, as a log has it, by the position and by its name."""
+    if "base_linvel" not in found:
+        return
+    said = words(LAST.sub(r"\1", found["base_linvel"][0]))
+    in_base = "b" in said or "body" in said
+    if attitude is not None and "base_pos" in found and evidence.time is not None:
+        time, both = together([*found["base_pos"], *found["base_linvel"], *attitude.columns], evidence)
+        velocities = (both[:, 3:6], turned(attitude.of(both[:, 6:]), both[:, 3:6]))
+        rows = rows_meant(float(np.median(np.diff(time))))
+        speed = mean_rates(time, both[:, :3], rows)
+        world, base = (agreement(speed, mean_values(time, one, rows)) for one in velocities)
+        in_base = base > world + 0.1 if max(world, base) > CLEAR else in_base
+    if in_base:
+        proposal.say(
+            ABSENT, f"{found.pop('base_linvel')[0]} …: left out, a velocity in axes of the base, not of the world"
+        )
+    else:
+        proposal.say(GUESSED, "the velocity of the base is in axes of the world, of the origin of the base")

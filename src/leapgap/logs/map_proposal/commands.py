@@ -4,24 +4,30 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from leapgap.logs.importers.table_format import UNKNOWN
 from leapgap.logs.map_proposal.joint_units import some_rows
-from leapgap.logs.map_proposal.physics import CLEAR, Gains, correlations, fit_gains
-from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
+from leapgap.logs.map_proposal.matching import CLEAR, correlations
+from leapgap.logs.map_proposal.physics import Gains, factors, fit_gains
+from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.robot.model import Robot
 from leapgap.robot.stated_servos import servo_gains
 
 SAME_TORQUE = 0.3
 """Measured over sent torque may depart from 1 by this much: motors are weak, currents are poor torque sensors."""
+TOO_STRONG = 5.0
+"""Torques that are most of the time so many times those that a motor of the model can give are of another unit."""
 
 
 def judge_torques(evidence: Evidence, proposal: Proposal) -> None:
     """Whether the measured torque is the one sent, or that of a joint PD, whose gains are then estimated."""
+    judge_size("tau", evidence, proposal)
+    judge_size("cmd_tau", evidence, proposal)
     measured, have = "tau" in evidence.values, evidence.values.keys()
     if not measured or evidence.time is None:
         return
     if "cmd_tau" in have:
         _, sent, torque = some_rows(evidence, "cmd_tau", "tau")
-        slope = (sent * torque).sum(axis=0) / np.maximum((sent**2).sum(axis=0), 1e-300)
+        slope = factors(torque, sent)
         found = np.nan_to_num(np.diag(correlations(sent, torque)))
         clear = np.abs(found) > CLEAR
         if clear.any():
@@ -35,6 +41,25 @@ def judge_torques(evidence: Evidence, proposal: Proposal) -> None:
                 return
     if {"cmd_pos", "joint_pos", "joint_vel"} <= have and not {"cmd_kp", "cmd_kd"} <= have:
         estimate_gains(evidence, proposal)
+
+
+def judge_size(quantity: str, evidence: Evidence, proposal: Proposal) -> None:
+    """Whether motors of the model can give such torques; else measured ones are left out, sent ones asked about."""
+    if quantity not in evidence.values:
+        return
+    limit, usual = evidence.robot.torque_limits, np.nanmedian(np.abs(evidence.values[quantity]), axis=0)
+    times = float(np.max(np.where(np.isfinite(limit) & (limit > 0), usual / np.maximum(limit, 1e-9), 0.0)))
+    if times < TOO_STRONG:
+        return
+    says = f"{quantity} is mostly {times:.3g} times what the motors of the model can give"
+    if quantity == "tau":
+        proposal.drop("tau")
+        proposal.say(ABSENT, f"measured torques: left out, {says}; state units.tau/* (mNm, Ncm, …) or factors")
+    else:
+        proposal.put("units", "cmd_tau/*", ASKED)
+        proposal.say(MISSING, f"the unit of the torques that were sent: {says}; state units.cmd_tau/* or factors")
+    del evidence.values[quantity]
+    evidence.unplaced.add(quantity)
 
 
 def estimate_gains(evidence: Evidence, proposal: Proposal) -> None:
@@ -108,14 +133,16 @@ def fill_commands(evidence: Evidence, proposal: Proposal) -> None:
 
 
 def take_gains_of_servos(robot: Robot, proposal: Proposal) -> bool:
-    """Take the gains of the model file's position servos, if it has such; a person has to know that they are true."""
-    gains = servo_gains(robot)
-    if gains is None:
+    """Take the gains of the model file's position servos as a start, if it has such, and say that they are unknown."""
+    if servo_gains(robot) is None:
         return False
-    for number, name in enumerate(("cmd_kp", "cmd_kd")):
-        proposal.put("constants", f"{name}/*", [gains.get(joint, (0.0, 0.0))[number] for joint in robot.joints])
+    proposal.options["gains"] = UNKNOWN
     proposal.notes = [one for one in proposal.notes if not (one[0] == MISSING and "gains" in one[1])]
-    proposal.say(GUESSED, "gains of the joint PD: those of the servos in the model file; the robot's may be others")
+    proposal.say(
+        GUESSED,
+        "gains of the joint PD are unknown; those of the servos in the model file are a start. If known, state "
+        "constants.cmd_kp/* and cmd_kd/* (N·m/rad, N·m·s/rad) in place of gains: unknown",
+    )
     return True
 
 

@@ -4,6 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 
+from leapgap.logs.map_proposal.joint_orders import MODEL, fitting_order
 from leapgap.logs.map_proposal.names import Family
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, Evidence, Proposal
 from leapgap.logs.schema import COMMANDS
@@ -20,10 +21,11 @@ def choose(found: list[Family], robot: Robot) -> dict[str, Family]:
     return chosen
 
 
-def fit_of(one: Family, robot: Robot) -> int:
+def fit_of(one: Family, robot: Robot) -> float:
     """How well the members of a family go with the joints."""
     if one.joints:
-        return 3 if set(one.joints.values()) >= set(robot.joints) else 0
+        named = len(set(one.joints.values()) & set(robot.joints)) / len(robot.joints)
+        return 3 if named == 1 else 1.5 if named > 0.5 else 0
     return 2 if len(one.members) == len(robot.joints) else 1
 
 
@@ -60,10 +62,36 @@ def keys_of(one: Family, evidence: Evidence) -> list[str] | None:
         return [by_joint[joint] for joint in joints]
     if evidence.their_joints and set(evidence.their_joints) <= set(one.members):
         return evidence.their_joints
+    keys = keys_in_order(one, evidence)
+    if len(keys) != len(joints):
+        return None
+    return [keys[evidence.order.index(joint)] for joint in joints]
+
+
+def keys_in_order(one: Family, evidence: Evidence) -> list[str]:
+    """What stands for ``*`` in a family that names no joints, by number; motors that the robot lacks left out."""
     keys = sorted(one.members, key=int) if one.numbered else list(one.members)
-    if len(keys) > len(joints):  # motors that the robot does not have read zero
+    if len(keys) > len(evidence.robot.joints):  # motors that the robot does not have read zero
         keys = [key for key in keys if np.ptp(evidence.table.numbers(one.members[key])) > 0]
-    return keys if len(keys) == len(joints) else None
+    return keys
+
+
+def find_order(chosen: dict[str, Family], evidence: Evidence, proposal: Proposal) -> None:
+    """The order of columns that name no joints: the first known one in which positions lie within their limits."""
+    evidence.order, evidence.order_words = evidence.robot.joints, MODEL
+    one = chosen.get("joint_pos")
+    if one is None or one.joints:
+        return
+    keys = keys_in_order(one, evidence)
+    if len(keys) != len(evidence.robot.joints):
+        return
+    position = np.stack([evidence.table.numbers(one.members[key]) for key in keys], axis=1)
+    if not np.isfinite(position).any(axis=0).all():
+        return
+    evidence.order_words, evidence.order, others = fitting_order(position, evidence.robot)
+    if evidence.order_words != MODEL:
+        also = f"; so they would {' and '.join(others)}" if others else ""
+        proposal.say(GUESSED, f"joints {evidence.order_words}: so positions lie within the joints' limits{also}")
 
 
 def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal) -> bool:
@@ -89,6 +117,7 @@ def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal)
 def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, proposal: Proposal) -> None:
     """Add the entries of one family, by ``*`` where the names of joints go with those of the others."""
     joints, known = evidence.robot.joints, evidence.their_joints == keys
+    evidence.named |= {quantity} if one.joints else set()
     if evidence.their_joints is None:
         evidence.their_joints = keys
         renamed = {key: joint for key, joint in zip(keys, joints, strict=True) if key != joint}
@@ -105,7 +134,8 @@ def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, 
     elif known:
         how = "its joints are called the same"
     else:
-        order = ", ".join(f"{key} = {joint}" for key, joint in zip(keys, joints, strict=True) if key != joint)
+        pairs = sorted(zip(keys, joints, strict=True), key=lambda pair: evidence.order.index(pair[1]))
+        order = ", ".join(f"{key} = {joint}" for key, joint in pairs if key != joint)
         other = " (Unitree's begin with FR)" if evidence.robot.has_free_base else ""
-        how = f"joints in the order of the model, where makers may have another{other}: {order}"
+        how = f"joints {evidence.order_words}, where makers may have another{other}: {order}"
     proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; {how}")

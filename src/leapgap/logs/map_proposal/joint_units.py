@@ -1,124 +1,288 @@
 """Units, signs and order of the joints' columns, by physics."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.physics import (
-    CLEAR,
-    MOST_ROWS,
-    NEAR,
-    correlations,
-    named_factor,
-    order_of,
-    rates,
-    unit_of_positions,
+from leapgap.logs.map_proposal.joint_limits import inside, real_limits
+from leapgap.logs.map_proposal.matching import Match, match, shifted
+from leapgap.logs.map_proposal.names import words
+from leapgap.logs.map_proposal.physics import MOST_ROWS, factors, mean_rates, mean_values, rows_meant
+from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
+from leapgap.logs.map_proposal.unit_readings import (
+    CLOSE,
+    DISTINCT,
+    LIKELY,
+    NORMALISED,
+    PERCENT,
+    TICKS,
+    Numbers,
+    Reading,
+    Scale,
+    nearest,
+    readings,
 )
-from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
-from leapgap.robot.model import Robot
+
+GRIPPER = "gripper"
+LATE_VELOCITY_S, LATE_ROBOT_S = 0.15, 0.3
+"""How late velocities may come after the motion, and a robot after its set points."""
+EXACT = 0.95
+"""Correlation of velocities with rates of positions from which on a factor between them is believed."""
+NEAR = 1.0
+"""A factor this near to that of a unit, relatively, is nearer to it than to another."""
+FAR_RAD = 0.35
+"""Set points that the joints follow from further away, rad, and by more than they move, count from another zero."""
+UNIT_WORDS = {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}
+UNIT_WORDS |= {"mrad": "mrad", "rev": "rev", "turns": "rev", "tick": TICKS, "ticks": TICKS}
 
 
 def some_rows(evidence: Evidence, *quantities: str) -> tuple[np.ndarray, ...]:
-    """Time and quantities in the rows that are looked at: those whose numbers are whole and whose time increases."""
-    assert evidence.time is not None
+    """Clock and quantities in the rows that are looked at: those whose numbers are whole and whose time increases.
+
+    The clock is in s where its unit is known, else in its own.
+    """
+    clock = evidence.time if evidence.time is not None else evidence.instants
+    assert clock is not None
     values = [evidence.values[name] for name in quantities]
-    good = np.isfinite(np.concatenate([evidence.time[:, None], *values], axis=1)).all(axis=1)
-    later = np.concatenate([[True], evidence.time[1:] > np.maximum.accumulate(evidence.time)[:-1]])
+    good = np.isfinite(np.concatenate([clock[:, None], *values], axis=1)).all(axis=1)
+    later = np.concatenate([[True], clock[1:] > np.maximum.accumulate(clock)[:-1]])
     rows = np.flatnonzero(good & later)[:MOST_ROWS]
-    return evidence.time[rows], *(one[rows] for one in values)
+    return clock[rows], *(one[rows] for one in values)
 
 
-def judge_positions(evidence: Evidence, proposal: Proposal) -> None:
-    """Unit and sign of positions by the limits of the joints."""
-    joints = evidence.robot.joints
+def rows_in(clock: np.ndarray, seconds: float, unit: str = "s") -> int:
+    """Rows that last so long, at most a quarter of all."""
+    step = float(np.median(np.diff(clock))) * UNITS["s"][unit]
+    return int(min(seconds / step, len(clock) // 4))
+
+
+def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
+    """The units of clock, positions and velocities that go together; None without positions."""
     if "joint_pos" not in evidence.values:
         if "joint_pos" not in evidence.unplaced:
             proposal.say(MISSING, "measured positions of the joints: map columns.joint_pos/*")
-        return
-    position = evidence.values["joint_pos"]
-    rows = np.isfinite(position).all(axis=1)
-    unit, signs, decided = unit_of_positions(position[rows], limits_of(evidence.robot))
-    scale("joint_pos", unit, signs, evidence, proposal)
-    evidence.position_unit, evidence.certainty = unit, SURE if decided else GUESSED
-    flipped = [joint for joint, sign in zip(joints, signs, strict=True) if sign < 0]
-    if decided:
-        proposal.say(SURE, f"positions are in {unit}: in that unit they lie within the joints' limits")
+        return None
+    order_velocities(evidence, proposal)
+    found = readings(
+        numbers_of(evidence),
+        evidence.robot,
+        evidence.time_units,
+        units_in_names(evidence, proposal),
+        "joint_pos" not in evidence.named,
+    )
+    if not found:
+        proposal.say(
+            MISSING, "units of clock and positions: the joints would be too fast, or leave their limits, in all"
+        )
+        return None
+    best, names = found[0], list(dict.fromkeys(one.position.name for one in found))
+    evidence.time_known = SURE if len({one.time for one in found}) == 1 else GUESSED
+    asked = evidence.stated.get("unit") == "normalised" and {NORMALISED, PERCENT} & set(names)
+    if asked:
+        ask_for_calibration(evidence, proposal)
+        return best
+    turn_round(best, evidence, proposal)
+    scale("joint_pos", best.position, evidence, proposal)
+    evidence.position_unit, evidence.certainty = (
+        best.position.name,
+        SURE if len(names) == 1 and best.position.name in DISTINCT else GUESSED,
+    )
+    rivals = ", ".join(sorted(names[1:], key=LIKELY.__getitem__))
+    if evidence.certainty == SURE:
+        proposal.say(SURE, f"positions are in {best.position.name}: limits and rates of the joints rule out all others")
     else:
-        proposal.say(GUESSED, f"positions are in {unit}: the limits of the joints do not decide it")
-        check_limits(evidence, proposal)
-    if flipped:
-        proposal.say(GUESSED, f"sign of {', '.join(flipped)} turned round: only so they lie within their limits")
+        also = f"{rivals} {'fits' if len(names) == 2 else 'fit'} as well" if rivals else "no other unit known here fits"
+        proposal.say(GUESSED, f"positions are in {best.position.name}: {also}; if another, state units.joint_pos/*")
+    if evidence.stated.get("unit") == best.position.name:
+        open_grippers(evidence, proposal)
+    if best.position.name in (NORMALISED, PERCENT):
+        proposal.say(GUESSED, "range of each joint: that of the model; the robot's own calibration may have another")
+    return best
 
 
-def limits_of(robot: Robot) -> np.ndarray:
-    """Limits of each joint, rad, (joints, 2); infinite where the model has none."""
-    found = np.full((len(robot.joints), 2), [-np.inf, np.inf])
-    for i, name in enumerate(robot.joints):
-        joint = robot.model.joint(name)
-        if joint.limited[0]:
-            found[i] = joint.range
-    return found
-
-
-def check_limits(evidence: Evidence, proposal: Proposal) -> None:
-    """Name the joints whose positions leave their limits: an order, a unit or an offset is wrong."""
-    limits, position = limits_of(evidence.robot), evidence.values["joint_pos"]
+def open_grippers(evidence: Evidence, proposal: Proposal) -> None:
+    """Let grippers, which a calibration counts from their closed end, begin at the lower limit of the model."""
+    limits, real = real_limits(evidence.robot)
     for i, joint in enumerate(evidence.robot.joints):
-        low, high = np.nanmin(position[:, i]), np.nanmax(position[:, i])
-        if low < limits[i, 0] - 0.1 or high > limits[i, 1] + 0.1:
-            bounds = f"its limits are {limits[i, 0]:.3g} to {limits[i, 1]:.3g}"
-            says = f"{joint} moves from {low:.3g} to {high:.3g} rad, {bounds}"
-            proposal.say(MISSING, f"{says}: check the order of joints, units and offsets")
+        if real[i] and GRIPPER in their_column("joint_pos", joint, proposal):
+            for quantity in ("joint_pos", "cmd_pos"):
+                if quantity in evidence.values:
+                    proposal.put("offsets", f"{quantity}/{joint}", float(f"{limits[i, 0]:.6g}"))
+            evidence.values["joint_pos"][:, i] += limits[i, 0]
+            proposal.say(GUESSED, f"{joint} is closed at the lower limit of the model, {limits[i, 0]:.3g} rad")
 
 
-def scale(quantity: str, unit: str, signs: np.ndarray, evidence: Evidence, proposal: Proposal) -> None:
-    """Put unit and signs of a quantity into the map, and its values into SI."""
-    dimension = {"joint_pos": "rad", "cmd_pos": "rad", "joint_vel": "rad/s", "cmd_vel": "rad/s"}.get(quantity, "N·m")
-    if UNITS[dimension][unit] != 1:
-        proposal.put("units", f"{quantity}/*", unit)
-    if (signs < 0).any():
-        same = (signs < 0).all()
-        proposal.put("factors", f"{quantity}/*", -1.0 if same else signs.tolist())
-    evidence.values[quantity] = evidence.values[quantity] * UNITS[dimension][unit] * signs
+def ask_for_calibration(evidence: Evidence, proposal: Proposal) -> None:
+    """Leave the unit open where shares of each joint's range are what such a robot records."""
+    proposal.say(
+        MISSING,
+        "the unit of positions: −100…100 of each joint's range, as this kind of robot records by default, or degrees, "
+        "unclear. If shares, state calibration: <LeRobot's calibration file of this robot>; then, or if degrees, "
+        "units: {joint_pos/*: deg, cmd_pos/*: deg}. A gripper is 0…100 either way",
+    )
+    open_grippers(evidence, proposal)
+    for quantity in ("joint_pos", "cmd_pos"):
+        if quantity in evidence.values:
+            proposal.put("units", f"{quantity}/*", ASKED)
+    evidence.position_unit = ASKED
 
 
-def judge_velocities(evidence: Evidence, proposal: Proposal) -> None:
-    """Unit, sign and order of velocities by the rates of positions."""
+def units_in_names(evidence: Evidence, proposal: Proposal) -> Sequence[str]:
+    """Units that the names of the columns of positions speak of."""
+    said = {word for joint in evidence.robot.joints for word in words(their_column("joint_pos", joint, proposal))}
+    stated = {str(evidence.stated.get("unit"))} & set(UNIT_WORDS.values())
+    return sorted({UNIT_WORDS[word] for word in said & UNIT_WORDS.keys()} | stated)
+
+
+def order_velocities(evidence: Evidence, proposal: Proposal) -> None:
+    """Give each joint the velocity that is the rate of its position, turned round where it counts against it."""
+    found = rates_beside(evidence)
+    if found is None:
+        return
+    if found[0].moved:
+        reorder("joint_vel", found[0].of, evidence, proposal, "each follows the rate of that joint's position")
+    mirror("joint_vel", found[0], evidence, proposal, "their positions")
+
+
+def rates_beside(evidence: Evidence) -> tuple[Match, np.ndarray, np.ndarray] | None:
+    """How velocities go with rates of positions, and the means of both, (rows, joints), units of the file; or None."""
+    if "joint_vel" not in evidence.values or evidence.instants is None:
+        return None
+    clock, position, velocity = some_rows(evidence, "joint_pos", "joint_vel")
+    if len(clock) < LEAST_ROWS:
+        return None
+    rows = rows_meant(rows_step(clock, evidence))
+    named = {"joint_pos", "joint_vel"} <= evidence.named
+    rate, mean = mean_rates(clock, position, rows), mean_values(clock, velocity, rows)
+    return match(rate, mean, rows_in(clock, LATE_VELOCITY_S, evidence.time_units[0]), named), rate, mean
+
+
+def rows_step(clock: np.ndarray, evidence: Evidence) -> float:
+    """The usual step of a clock whose unit is likely, s."""
+    return float(np.median(np.diff(clock))) * UNITS["s"][evidence.time_units[0]]
+
+
+LEAST_ROWS = 40
+"""Rows below which no rates are looked at."""
+
+
+def numbers_of(evidence: Evidence) -> Numbers:
+    """What the units are judged by, with velocities in the order of the positions."""
+    position = evidence.values["joint_pos"]
+    whole = bool((position == np.round(position)).all())
+    speed = rate = None
+    exact = False
+    if evidence.instants is not None:
+        clock, at = some_rows(evidence, "joint_pos")
+        if len(clock) >= LEAST_ROWS:
+            speed = np.quantile(np.abs(mean_rates(clock, at, rows_meant(rows_step(clock, evidence)))), 0.9, axis=0)
+    beside = rates_beside(evidence)
+    if beside is not None:
+        found, slope, velocity = beside
+        size = np.concatenate(
+            [factors(*shifted(slope[:, [i]], velocity[:, [i]], int(lag))) for i, lag in enumerate(found.lag)]
+        )
+        good = found.clear & (found.of == np.arange(len(size))) & (size > 0)
+        rate = np.where(good, size, np.nan)
+        exact = bool(good.any() and (found.correlation[good] > EXACT).all())
+    low, high = np.nanquantile(position, [0.001, 0.999], axis=0)
+    return Numbers(low, high, whole, speed, rate, exact)
+
+
+def turn_round(reading: Reading, evidence: Evidence, proposal: Proposal) -> None:
+    """Turn joints round that lie within their limits only so; name those that lie outside either way."""
+    limits, real = real_limits(evidence.robot)
+    low, high = np.nanmin(evidence.values["joint_pos"], axis=0), np.nanmax(evidence.values["joint_pos"], axis=0)
+    low, high = (end * reading.position.factor + reading.position.offset for end in (low, high))
+    outside = real & ~inside(low, high, limits)
+    flipped = outside & inside(-high, -low, limits) & (reading.position.offset == 0)
+    if flipped.any():
+        signs = np.where(flipped, -1.0, 1.0)
+        for quantity in ("joint_pos", "joint_vel"):
+            if quantity in evidence.values:
+                turn(quantity, signs, evidence, proposal)
+        which = names_of(flipped, evidence)
+        proposal.say(
+            GUESSED, f"sign of {which} turned round: only so they lie within their limits, or zero is elsewhere"
+        )
+    for i in np.flatnonzero(outside & ~flipped):
+        bounds = f"its limits are {limits[i, 0]:.3g} to {limits[i, 1]:.3g}"
+        says = f"{evidence.robot.joints[i]} moves from {low[i]:.3g} to {high[i]:.3g} rad, {bounds}"
+        far = np.median(np.abs(evidence.values["joint_pos"][:, i])) > 0 and not reading.is_inside
+        kind = MISSING if far and beyond(low[i], high[i], limits[i]) else GUESSED
+        proposal.say(kind, f"{says}: check the order of joints, units and offsets")
+
+
+def beyond(low: float, high: float, limits: np.ndarray) -> bool:
+    """Whether positions lie outside the limits for good, not at times by a little."""
+    middle, width = 0.5 * (low + high), float(np.ptp(limits))
+    return not limits[0] - 0.1 * width < middle < limits[1] + 0.1 * width
+
+
+def names_of(which: np.ndarray, evidence: Evidence) -> str:
+    """Names of some joints."""
+    return ", ".join(joint for joint, one in zip(evidence.robot.joints, which, strict=True) if one)
+
+
+def turn(quantity: str, signs: np.ndarray, evidence: Evidence, proposal: Proposal) -> None:
+    """Multiply a quantity of each joint by a sign, in the map and in the values."""
+    former = proposal.options.get("factors", {}).pop(f"{quantity}/*", 1.0)
+    found = signs * former
+    if (found < 0).any():
+        proposal.put("factors", f"{quantity}/*", -1.0 if (found < 0).all() else found.tolist())
+    evidence.values[quantity] = evidence.values[quantity] * signs
+
+
+def scale(quantity: str, unit: Scale, evidence: Evidence, proposal: Proposal) -> None:
+    """Put a unit of positions into the map, and the values into SI."""
+    every, offset = f"{quantity}/*", unit.offset * signs_of(quantity, proposal)
+    if unit.name in UNITS["rad"]:
+        put_unit(quantity, unit.name, evidence, proposal)
+    else:
+        factor = unit.factor * signs_of(quantity, proposal)
+        proposal.put("factors", every, [float(f"{one:.9g}") for one in factor])
+    if offset.any():
+        proposal.put("offsets", every, [float(f"{one:.9g}") for one in offset])
+    evidence.values[quantity] = evidence.values[quantity] * unit.factor + offset
+
+
+def signs_of(quantity: str, proposal: Proposal) -> np.ndarray | float:
+    """The signs that the map has for a quantity so far, 1 or one a joint."""
+    return np.sign(proposal.options.get("factors", {}).get(f"{quantity}/*", 1.0))
+
+
+def put_unit(quantity: str, unit: str, evidence: Evidence, proposal: Proposal) -> None:
+    """Put a unit of angles into the map, of the joints that turn."""
+    dimension = next(of for of in ("rad", "rad/s", "N·m") if unit in UNITS[of])
+    turns = evidence.robot.turning
+    if UNITS[dimension][unit] == 1:
+        return
+    for ours in ["*"] if turns.all() else [j for j, one in zip(evidence.robot.joints, turns, strict=True) if one]:
+        proposal.put("units", f"{quantity}/{ours}", unit)
+
+
+def judge_velocities(reading: Reading | None, evidence: Evidence, proposal: Proposal) -> None:
+    """Unit of velocities by the rates of positions; they are left out where it does not show."""
     if "joint_vel" in evidence.unplaced:
         return
     if "joint_vel" not in evidence.values:
-        proposal.say(
-            MISSING, "measured velocities: they are left out; velocities: fit would add slopes of the positions"
-        )
+        proposal.say(ABSENT, "measured velocities: left out; velocities: fit would add slopes of the positions")
         return
-    if evidence.time is None or "joint_pos" not in evidence.values:
-        lacking = "a time" if evidence.time is None else "positions"
-        proposal.say(MISSING, f"the unit of velocities: it shows beside {lacking}, else state units.joint_vel/*")
+    if reading is None or reading.velocity is None or evidence.position_unit == ASKED:
+        why = "a time" if evidence.instants is None else "positions whose unit is known, and whose rates they are"
+        proposal.drop("joint_vel")
+        del evidence.values["joint_vel"]
+        proposal.say(ABSENT, f"measured velocities: left out, their unit shows beside {why}; state units.joint_vel/*")
         return
-    joints = evidence.robot.joints
-    found = rates(*some_rows(evidence, "joint_pos", "joint_vel"))
-    clear = np.abs(np.nan_to_num(found.correlation)) > CLEAR
-    if not clear.any():
-        proposal.say(
-            MISSING, "velocities that follow from the positions: no column does; check time, order and columns"
-        )
-        return
-    if clear.all() and (found.of != np.arange(len(joints))).any():
-        reorder("joint_vel", found.of, evidence, proposal, "each follows the rate of that joint's position")
-    unit = named_factor(float(np.median(np.abs(found.factor[clear]))), "rad/s")
-    if unit is None:
-        size = float(np.median(found.factor[clear]))
-        proposal.say(
-            MISSING, f"the unit of velocities: rates of positions are {size:.3g} times as large, which is no unit"
-        )
-        return
-    signs = np.where(clear & (found.factor < 0), -1.0, 1.0)
-    scale("joint_vel", unit[0], signs, evidence, proposal)
-    which = "all joints" if clear.all() else ", ".join(j for j, one in zip(joints, clear, strict=True) if one)
-    rests = f"they are the rates of positions in {evidence.position_unit} ({which})"
-    proposal.say(evidence.certainty, f"velocities are in {unit[0]}: {rests}")
-    if (signs < 0).any():
-        turned = ", ".join(joint for joint, sign in zip(joints, signs, strict=True) if sign < 0)
-        proposal.say(SURE, f"velocities of {turned} have the opposite sign of their positions; they are turned round")
+    put_unit("joint_vel", reading.velocity, evidence, proposal)
+    evidence.values["joint_vel"] = evidence.values["joint_vel"] * np.where(
+        evidence.robot.turning, UNITS["rad/s"][reading.velocity], 1.0
+    )
+    rests = f"they are the rates of positions in {evidence.position_unit}"
+    is_exact = reading.velocity in DISTINCT and reading.velocity_error < CLOSE
+    known = evidence.no_surer(evidence.time_known) if is_exact else GUESSED
+    proposal.say(known, f"velocities are in {reading.velocity}: {rests}")
 
 
 def reorder(quantity: str, of: np.ndarray, evidence: Evidence, proposal: Proposal, why: str) -> None:
@@ -131,7 +295,20 @@ def reorder(quantity: str, of: np.ndarray, evidence: Evidence, proposal: Proposa
         entries[f"{quantity}/{joint}"] = theirs[at]
     evidence.values[quantity] = evidence.values[quantity][:, of]
     order = ", ".join(f"{theirs[at]} = {joint}" for joint, at in zip(joints, of, strict=True))
-    proposal.say(SURE, f"{quantity} comes in another order than the positions ({why}): {order}")
+    proposal.say(GUESSED, f"{quantity} comes in another order than the positions ({why}): {order}")
+
+
+def mirror(quantity: str, found: Match, evidence: Evidence, proposal: Proposal, whom: str) -> None:
+    """Turn mirror images round: columns that count against those that they go with."""
+    turned = found.clear & (found.sign < 0)
+    if not turned.any():
+        return
+    turn(quantity, np.where(turned, -1.0, 1.0), evidence, proposal)
+    what = {"joint_vel": "velocities", "cmd_pos": "set points", "cmd_vel": "set points of velocities"}[quantity]
+    which = names_of(turned, evidence)
+    proposal.say(
+        GUESSED, f"{what} of {which} are mirror images of {whom}; they are turned round, if not {whom} are to be"
+    )
 
 
 def their_column(quantity: str, joint: str, proposal: Proposal) -> str:
@@ -143,29 +320,96 @@ def their_column(quantity: str, joint: str, proposal: Proposal) -> str:
     return str(entries[f"{quantity}/*"]).replace("*", names.get(joint, joint))
 
 
-def judge_set_points(evidence: Evidence, proposal: Proposal) -> None:
-    """Unit and order of set points: a robot follows them."""
+def judge_set_points(reading: Reading | None, evidence: Evidence, proposal: Proposal) -> None:
+    """Order, sign and unit of set points: a robot follows them, later."""
     for quantity, measured in (("cmd_pos", "joint_pos"), ("cmd_vel", "joint_vel")):
-        if quantity not in evidence.values or measured not in evidence.values or evidence.time is None:
+        if quantity not in evidence.values or evidence.time is None or evidence.position_unit == ASKED:
             continue
-        _, actual, wanted = some_rows(evidence, measured, quantity)
-        order = order_of(actual, wanted)
-        if order is not None:
-            reorder(quantity, order, evidence, proposal, "the measured ones follow it so")
-            wanted = wanted[:, order]
-        follows = np.abs(np.nan_to_num(np.diag(correlations(actual, wanted)))) > CLEAR
-        if not follows.any():
-            proposal.say(GUESSED, f"{quantity} is in SI: nothing measured follows it closely enough to tell")
+        unit = reading.position if reading and quantity == "cmd_pos" else None
+        if measured not in evidence.values:
+            if quantity == "cmd_vel":
+                leave_out_rates(evidence, proposal)
             continue
-        size = float(np.median(np.std(actual[:, follows], axis=0) / np.std(wanted[:, follows], axis=0)))
+        if reading is not None:
+            judge_set_point(quantity, measured, unit, reading, evidence, proposal)
+
+
+def leave_out_rates(evidence: Evidence, proposal: Proposal) -> None:
+    """Set points of velocities whose unit nothing tells are left out."""
+    proposal.drop("cmd_vel")
+    del evidence.values["cmd_vel"]
+    proposal.say(ABSENT, "set points of velocities: left out, their unit shows beside measured velocities")
+
+
+def judge_set_point(
+    quantity: str, measured: str, unit: Scale | None, reading: Reading | None, evidence: Evidence, proposal: Proposal
+) -> None:
+    """Order, sign and unit of one kind of set points."""
+    _, actual, wanted = (clock, *_) = some_rows(evidence, measured, quantity)
+    found = match(actual, wanted, -rows_in(clock, LATE_ROBOT_S), {measured, quantity} <= evidence.named)
+    if found.moved:
+        reorder(quantity, found.of, evidence, proposal, "the measured ones follow it so")
+    mirror(quantity, found, evidence, proposal, "the measured ones")
+    _, actual, wanted = some_rows(evidence, measured, quantity)
+    offset = unit.offset * signs_of(quantity, proposal) if unit else 0.0
+    in_unit = wanted * (unit.factor if unit else measured_factor(reading)) + offset
+    clear = found.clear
+    name = unit.name if unit else (reading.velocity if reading and reading.velocity else "rad/s")
+    if clear.any():
+        size = float(np.median(np.std(actual[:, clear], axis=0) / np.std(in_unit[:, clear], axis=0)))
+    else:
+        size = 1.0
+    if abs(np.log(size)) < np.log1p(NEAR):  # the unit of the measured ones, which nothing is nearer to
+        known = evidence.no_surer(evidence.time_known if quantity == "cmd_vel" else SURE)
+    else:
+        known = GUESSED
         dimension = "rad" if quantity == "cmd_pos" else "rad/s"
-        unit, roughly = named_factor(size, dimension), named_factor(size, dimension, NEAR)
-        if roughly is None:
-            proposal.say(GUESSED, f"{quantity} is in SI, though what is measured is {size:.3g} times as large")
-            continue
-        scale(quantity, roughly[0], np.ones(len(evidence.robot.joints)), evidence, proposal)
-        if unit is None:
-            moves = f"what is measured moves {size / UNITS[dimension][roughly[0]]:.3g} times as far"
-            proposal.say(GUESSED, f"{quantity} is in {roughly[0]}, the nearest unit: {moves}")
-        else:
-            proposal.say(evidence.certainty, f"{quantity} is in {unit[0]}: what is measured follows it")
+        other = nearest(
+            float(np.median(np.std(actual[:, clear], axis=0) / np.std(wanted[:, clear], axis=0))), dimension
+        )
+        if other is None:
+            ask_for_scale(quantity, size, evidence, proposal)
+            return
+        name, unit = other, None
+        in_unit = wanted * UNITS[dimension][other]
+    if quantity == "cmd_pos" and clear.any() and from_another_zero(actual[:, clear], in_unit[:, clear]):
+        ask_for_scale(quantity, size, evidence, proposal)
+        return
+    if unit is not None:
+        scale(quantity, unit, evidence, proposal)
+    else:
+        put_unit(quantity, name, evidence, proposal)
+        factor = UNITS["rad" if quantity == "cmd_pos" else "rad/s"][name]
+        evidence.values[quantity] = evidence.values[quantity] * np.where(evidence.robot.turning, factor, 1.0)
+    if not clear.all():
+        which = "nothing measured follows" if not clear.any() else f"{names_of(~clear, evidence)} hardly follow"
+        proposal.say(GUESSED, f"{quantity} is in {name}, as what is measured: {which} it closely enough to tell")
+    elif not abs(np.log(size)) < np.log1p(0.15):
+        proposal.say(
+            GUESSED, f"{quantity} is in {name}, the nearest unit: what is measured moves {size:.3g} times as far"
+        )
+    else:
+        proposal.say(known, f"{quantity} is in {name}: what is measured follows it")
+
+
+def measured_factor(reading: Reading | None) -> float:
+    """What measured velocities are multiplied by to be in rad/s."""
+    return UNITS["rad/s"][reading.velocity] if reading and reading.velocity else 1.0
+
+
+def from_another_zero(actual: np.ndarray, wanted: np.ndarray) -> bool:
+    """Whether set points are followed from far away: offsets from a pose, as a policy's actions are."""
+    apart = np.abs(np.median(actual - wanted, axis=0))
+    return bool((apart > np.maximum(FAR_RAD, np.ptp(actual, axis=0))).any())
+
+
+def ask_for_scale(quantity: str, size: float, evidence: Evidence, proposal: Proposal) -> None:
+    """Leave open what set points are that are followed, but in no unit or from another zero."""
+    proposal.put("units", f"{quantity}/*", ASKED)
+    proposal.say(
+        MISSING,
+        f"the scale of {quantity}: the joints follow it, {size:.3g} times as far or from another zero, as those of a "
+        f"policy's actions do; state factors and offsets of {quantity}/*, and its unit",
+    )
+    evidence.values.pop(quantity)
+    evidence.unplaced.add(quantity)

@@ -12,10 +12,12 @@ TORQUE = {"tau", "torque", "torques", "trq", "effort", "u", "moment"}
 ANGLE_UNITS, TORQUE_UNITS = {"deg", "degree", "degrees", "rad", "radian", "radians"}, {"nm"}
 PER_SECOND, SPEED_UNITS = {"s", "sec", "second", "per"}, {"dps", "rpm", "degs", "rads"}
 STIFFNESS, DAMPING = {"kp", "stiffness", "pgain"}, {"kd", "damping", "dgain"}
-TIME = {"time", "t", "stamp", "timestamp", "clock", "ts", "times"}
+TIME = {"time", "t", "stamp", "timestamp", "timestamps", "clock", "ts", "times", "elapsed"}
+COUNTERS = {"tick", "ticks"}
 COMMAND = {
     "cmd",
     "command",
+    "commands",
     "commanded",
     "des",
     "desired",
@@ -27,8 +29,21 @@ COMMAND = {
     "goal",
     "con",
 }
-COMMAND |= {"sent", "action", "sp", "lowcmd", "clipped", "ctrl", "d"}
-MEASURED = {"meas", "measured", "act", "actual", "state", "fb", "feedback", "lowstate", "joint"}
+COMMAND |= {"sent", "action", "actions", "sp", "lowcmd", "clipped", "ctrl", "control", "d"}
+MEASURED = {
+    "meas",
+    "present",
+    "observation",
+    "obs",
+    "measured",
+    "act",
+    "actual",
+    "state",
+    "fb",
+    "feedback",
+    "lowstate",
+    "joint",
+}
 SECONDHAND = {"filt", "filtered", "est", "estimated", "smooth", "lpf"}
 OTHER = {
     "acc",
@@ -44,10 +59,11 @@ OTHER = {
     "temp",
     "temperature",
 }
+OTHER |= {"root", "projected", "gravity", "odom", "load", "index", "frame", "episode", "voltage"}
 OTHER |= {"max", "min", "limit", "limits", "mode", "current", "imu", "foot", "base", "gyro", "quat", "quaternion"}
 WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 NUMBER = re.compile(r"\d+")
-CHUNK = re.compile(r"[A-Za-z0-9]+")
+CHUNK, PART = re.compile(r"[A-Za-z0-9]+"), re.compile(r"[^./\[\]]+")
 ANY = "*"
 
 
@@ -139,17 +155,23 @@ def families(columns: Sequence[str], joints: Sequence[str], motors: int | None =
         if place is not None:
             begin, end, joint = place
             named[f"{column[:begin]}{ANY}{column[end:]}"][column[begin:end]] = (column, joint)
+    whole = {column for members in named.values() if len(members) >= fewest for column, _ in members.values()}
+    for column in columns:
+        if column in whole:
             continue
         for number in NUMBER.finditer(column):
             numbered[f"{column[: number.start()]}{ANY}{column[number.end() :]}"][number.group()] = column
-        for chunk in CHUNK.finditer(column):
+        chunks = [*CHUNK.finditer(column), *(part for part in PART.finditer(column) if "_" in part.group())]
+        for chunk in chunks:
             worded[f"{column[: chunk.start()]}{ANY}{column[chunk.end() :]}"][chunk.group()] = column
     found = [
         family(template, {k: c for k, (c, _) in members.items()}, {k: j for k, (_, j) in members.items()})
         for template, members in named.items()
     ]
     found += [family(template, members, {}) for template, members in numbered.items() if len(members) >= fewest]
-    taken = {column for one in found if one is not None for column in one.members.values()}
+    if len(joints) == 1:  # nothing has to tell its columns apart
+        found += [family(column, {joints[0]: column}, {joints[0]: joints[0]}) for column in columns]
+    taken = whole | {column for one in found if one and not one.joints for column in one.members.values()}
     for template, members in worded.items():
         left = {key: column for key, column in members.items() if column not in taken}
         if len(left) > 1 and not any(quantity_by_words(words(key)) for key in left):
@@ -164,6 +186,7 @@ def family(template: str, members: dict[str, str], joints: dict[str, str]) -> Fa
 
 
 def time_columns(columns: Sequence[str]) -> list[str]:
-    """Columns that may be the time by their names, the plainest first."""
-    found = [column for column in columns if set(words(column)) & TIME and not set(words(column)) & OTHER]
-    return sorted(found, key=lambda column: (len(words(column)), columns.index(column)))
+    """Columns that may be the time by their names, the plainest first, counters of ticks last."""
+    said = {column: set(words(column)) for column in columns}
+    found = [column for column in columns if said[column] & (TIME | COUNTERS) and not said[column] & OTHER]
+    return sorted(found, key=lambda column: (not said[column] & TIME, len(words(column)), columns.index(column)))

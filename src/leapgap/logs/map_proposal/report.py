@@ -1,15 +1,16 @@
 """A proposal as the text that is printed: YAML that an import takes, with what is known of it as comments."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from leapgap.errors import InputError
-from leapgap.logs.files import check_tree, decoding
+from leapgap.logs.files import check_file, check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Table
-from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, UNUSED, Proposal
+from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, MISSING, SURE, UNUSED, Proposal
 from leapgap.logs.map_proposal.table_map import propose
 from leapgap.robot.model import Robot
 
@@ -17,58 +18,138 @@ HEADINGS = (
     (SURE, "Sure:"),
     (GUESSED, "Guessed, check it:"),
     (MISSING, "Missing, nothing is assumed:"),
+    (ABSENT, "Not in the logs, or left out:"),
     (UNUSED, "Columns that the map does not use:"),
 )
-PARTS = ("delimiter", "joint_names", "columns", "units", "factors", "constants", "repeated_times", "cut_by")
+PARTS = (
+    *("delimiter", "header", "joint_names", "columns", "units", "factors", "offsets", "constants", "gains"),
+    *("period_s", "steps", "repeated_times", "cut_by"),
+)
 MOST_COLUMNS = 10_000
 """Columns from which a map is proposed."""
 DELIMITERS = (";", "\t", " ")
+MOST_FILES = 5
+"""Files that a question names."""
+LONGEST_LINE = 1_000_000
+"""Bytes of a first line that are looked at."""
 
 
-def propose_map(source: Path, robot: Robot, format: str | None = None) -> str:
-    """The proposal for the first log below a folder, or for a file, as YAML; nothing is imported."""
+@dataclass(frozen=True)
+class ProposedMap:
+    """A proposal for the logs of one format, and the file that it was made from."""
+
+    proposal: Proposal
+    format: str
+    path: Path
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of an import, in the order in which they are printed."""
+        return {part: self.proposal.options[part] for part in PARTS if part in self.proposal.options}
+
+    @property
+    def guesses(self) -> list[str]:
+        """What an import goes on without knowing."""
+        return [*self.proposal.notes_of(GUESSED), *self.proposal.notes_of(ABSENT)]
+
+    def text(self, robot: Robot) -> str:
+        """The proposal as YAML with comments; what is missing is never filled in."""
+        lines = [
+            f"# Map proposed for {self.path.name}, robot {robot.name}. Nothing is imported. Check it, save it, then",
+            "#   leapgap import <logs> <robot> --options <this file> --out <folder>",
+        ]
+        for kind, heading in HEADINGS:
+            sentences = self.proposal.notes_of(kind)
+            if sentences:
+                lines += [f"# {heading}", *(f"#   {sentence}" for sentence in sentences)]
+        held = {"format": self.format, self.format: self.options}
+        return "\n".join([*lines, "", yaml.safe_dump(held, sort_keys=False, allow_unicode=True, width=110)])
+
+    def answered(self, source: Path, robot: Path) -> dict[str, Any]:
+        """The options, where nothing is missing; ``InputError`` names the questions and the command that asks them."""
+        missing = self.proposal.notes_of(MISSING)
+        if missing:
+            questions = "".join(f"\n  {sentence}" for sentence in missing)
+            do = (
+                f"leapgap import --guess {source} {robot} > map.yaml; answer there, then import with --options map.yaml"
+            )
+            raise InputError(self.path, f"questions that the logs do not answer:{questions}\n ", "a whole map", do)
+        return self.options
+
+
+def propose_map(source: Path, robot: Robot, format: str | None = None) -> ProposedMap:
+    """The proposal for the first log below a folder, or for a file; nothing is imported."""
     layout, path = first_file(source, format)
     check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
     with decoding(path, layout.name, "export it anew"):
-        table = layout.table(path, layout.Options())
-        delimiter = None
-        if layout.name == "csv" and len(table.columns) == 1:
-            delimiter = next((one for one in DELIMITERS if one in table.columns[0]), None)
-            table = layout.table(path, layout.Options(**({"delimiter": delimiter} if delimiter else {})))
-        first = layout.first_log(table)
+        written = as_written(layout, path)
+        options = layout.Options(**written)
+        first = layout.first_log(layout.table(path, options))
+        stated = layout.stated(path, options)
     if len(first.columns) > MOST_COLUMNS:
         raise InputError(path, f"{len(first.columns)} columns", f"at most {MOST_COLUMNS}", "write the map by hand")
-    proposal = propose(first, robot)
-    if delimiter:
-        proposal.options["delimiter"] = delimiter
-    return as_text(proposal, table, layout.name, robot)
+    proposal = propose(first, robot, stated)
+    if written.get("header") is False:
+        proposal.say(MISSING, f"names of the columns: {path.name} has no header; its columns are called 0, 1, 2, …")
+    if layout.name == "csv" and source.is_dir() and proposal.notes_of(MISSING):
+        others = [one.name for one in layout.find(source).values() if first_line(one) != first_line(path)]
+        if others:
+            beside = ", ".join(sorted(others)[:MOST_FILES])
+            proposal.say(MISSING, f"other columns in {beside}: if they are of the same run, join them on one clock")
+    proposal.options |= written
+    return ProposedMap(proposal, layout.name, path)
+
+
+def as_written(layout: TableFormat, path: Path) -> dict[str, Any]:
+    """How a text table is written, as options: its delimiter, and whether its first row names the columns."""
+    if layout.name != "csv":
+        return {}
+    first = first_line(path)
+    found: dict[str, Any] = {}
+    if "," not in first and (delimiter := next((one for one in DELIMITERS if one in first), None)):
+        found["delimiter"] = delimiter
+    cells = first.split(found.get("delimiter", ","))
+    return found | ({"header": False} if all(map(is_number, cells)) else {})
+
+
+def first_line(path: Path) -> str:
+    """The first line of a text."""
+    check_file(path, "a text table", "copy the file itself")
+    with path.open("rb") as file:
+        return file.readline(LONGEST_LINE).decode("utf-8", errors="replace").strip()
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
-    """The format of a source, and its first file; the formats are tried if none is stated."""
+    """The format of a source, and its first file; the formats are tried if none is stated.
+
+    Layouts of folders come before formats of files, and JSON last: settings are often written in it.
+    """
     if not source.exists():
         raise InputError(source, "no such file or folder", "logs", "name the folder of the logs, or one of them")
+    found = []
     for name in [format] if format else formats():
         layout = log_format(name)
         if not isinstance(layout, TableFormat):
             continue
         paths = list(layout.find(source).values())
         if paths and (format or source.is_dir() or source.suffix in layout.suffixes):
-            return layout, paths[0]
+            found.append((paths[0].is_file(), name == "json", layout, paths[0]))
+    if found:
+        _, _, layout, path = min(found, key=lambda one: one[:2])
+        return layout, path
+    endings = {end for kind in formats().values() if issubclass(kind, TableFormat) for end in kind.suffixes}
+    below = next((one for one in sorted(source.glob("*/*")) if one.suffix in endings), None)
+    if below is not None:
+        do = f"name {below.parent}; where a run is several files, join them into one on one clock, or use SAGE's layout"
+        raise InputError(source, f"files in folders, such as {below.name}", "logs beside each other", do)
     known = ", ".join(name for name, kind in formats().items() if issubclass(kind, TableFormat))
     raise InputError(source, "no file of a known format", f"one of {known}", "state --format, or export the logs")
-
-
-def as_text(proposal: Proposal, table: Table, format: str, robot: Robot) -> str:
-    """The proposal as YAML with comments; what is missing is never filled in."""
-    lines = [
-        f"# Map proposed for {table.path.name}, robot {robot.name}. Nothing is imported. Check it, save it, then",
-        "#   leapgap import <logs> <robot> --options <this file> --out <folder>",
-    ]
-    for kind, heading in HEADINGS:
-        sentences = proposal.notes_of(kind)
-        if sentences:
-            lines += [f"# {heading}", *(f"#   {sentence}" for sentence in sentences)]
-    options = {part: proposal.options[part] for part in PARTS if part in proposal.options}
-    lines += ["", yaml.safe_dump({"format": format, format: options}, sort_keys=False, allow_unicode=True, width=110)]
-    return "\n".join(lines)

@@ -1,21 +1,18 @@
 """A column map proposed from a table and a robot."""
 
 import re
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.map_proposal.base_columns import find_base
 from leapgap.logs.map_proposal.commands import fill_commands, judge_torques
-from leapgap.logs.map_proposal.joint_columns import choose, read_families
-from leapgap.logs.map_proposal.joint_units import (
-    judge_positions,
-    judge_set_points,
-    judge_velocities,
-    their_column,
-)
+from leapgap.logs.map_proposal.joint_columns import choose, find_order, read_families
+from leapgap.logs.map_proposal.joint_units import judge_set_points, judge_units, judge_velocities, their_column
 from leapgap.logs.map_proposal.names import families
-from leapgap.logs.map_proposal.proposal import UNUSED, Evidence, Proposal
+from leapgap.logs.map_proposal.proposal import GUESSED, UNUSED, Evidence, Proposal
 from leapgap.logs.map_proposal.tied_columns import with_tied
-from leapgap.logs.map_proposal.time_column import find_time
+from leapgap.logs.map_proposal.time_column import find_time, judge_time
 from leapgap.robot.model import Robot
 
 NUMBER = re.compile(r"\d+")
@@ -23,42 +20,57 @@ MOST_NAMED = 20
 """Unused columns that are named."""
 
 
-def propose(table: Table, robot: Robot) -> Proposal:
-    """The map of a table to the columns of a log of this robot."""
-    proposal, evidence = Proposal(), Evidence(table, robot)
+def propose(table: Table, robot: Robot, stated: Mapping[str, Any]) -> Proposal:
+    """The map of a table to the columns of a log of this robot; ``stated`` is what the files say of themselves."""
+    proposal, evidence = Proposal(), Evidence(table, robot, stated)
     columns = [column for column in table.columns if is_numeric(table, column)]
+    if {"time", *(f"joint_pos/{joint}" for joint in robot.joints)} <= set(columns):
+        proposal.say(GUESSED, "columns that have the names of leapgap are taken as they are, in SI units")
+        return proposal
     find_time(columns, evidence, proposal)
     found = families(columns, robot.joints, motors=len(robot.driven_joints))
     chosen = choose(with_tied(found, evidence, proposal), robot)
+    find_order(chosen, evidence, proposal)
     read_families(chosen, evidence, proposal)
-    judge_positions(evidence, proposal)
-    judge_velocities(evidence, proposal)
-    judge_set_points(evidence, proposal)
+    reading = judge_units(evidence, proposal)
+    judge_time(columns, reading, evidence, proposal)
+    judge_velocities(reading, evidence, proposal)
+    judge_set_points(reading, evidence, proposal)
     judge_torques(evidence, proposal)
     fill_commands(evidence, proposal)
     if robot.has_free_base:
         find_base(columns, evidence, proposal)
-    tell_unused(columns, robot, proposal)
+    tell_unused(columns, table, robot, proposal)
     return proposal
 
 
-def tell_unused(columns: list[str], robot: Robot, proposal: Proposal) -> None:
-    """Name the columns of numbers that the map does not use, those that numbers tell apart as one."""
+def tell_unused(columns: Sequence[str], table: Table, robot: Robot, proposal: Proposal) -> None:
+    """Name the columns that the map does not use: of numbers, of text, and those that are no columns of the log."""
     used = used_columns(robot, proposal)
+    if names := in_groups([column for column in columns if column not in used]):
+        proposal.say(UNUSED, names)
+    others = {name: array for name, array in table.arrays.items() if not array.ndim or table.rows() not in array.shape}
+    if names := in_groups(list(others)):
+        proposal.say(UNUSED, f"no part of the log, with other numbers of rows: {names}")
+    texts = [name for name in table.columns if name in table.arrays and table.arrays[name].dtype.kind in "OSU"]
+    if names := in_groups([name for name in texts if name not in others]):
+        proposal.say(UNUSED, f"texts, which can cut the log or drop rows (cut_by, drop_rows): {names}")
+
+
+def in_groups(columns: Sequence[str]) -> str:
+    """Names of columns, those that numbers tell apart as one."""
     groups: dict[str, list[str]] = {}
     for column in columns:
-        if column not in used:
-            groups.setdefault(NUMBER.sub("#", column), []).append(column)
+        groups.setdefault(NUMBER.sub("#", column), []).append(column)
     names = [of[0] if len(of) == 1 else f"{of[0]} to {of[-1]}" for of in groups.values()]
     if len(names) > MOST_NAMED:
         names = [*names[:MOST_NAMED], f"{len(names) - MOST_NAMED} more"]
-    if names:
-        proposal.say(UNUSED, ", ".join(names))
+    return ", ".join(names)
 
 
 def used_columns(robot: Robot, proposal: Proposal) -> set[str]:
     """The columns of a table that the map names, with ``*`` for what each joint is called in it."""
-    used = {str(proposal.options.get("cut_by", ""))}
+    used = {str(proposal.options.get(part, "")) for part in ("cut_by", "steps")}
     for ours, theirs in proposal.options.get("columns", {}).items():
         quantity, _, place = ours.partition("/")
         used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else {str(theirs)}

@@ -1,0 +1,389 @@
+"""Logs cut into short intervals, each replayed from the state that the log has at its beginning.
+
+A replay that starts anew every few milliseconds stays at the log's own contacts, and what it misses by the end of an
+interval is what the model lacks there. Effects change that by amounts that are linear in nearly all of their numbers.
+All states are as the log reports them: what acts in the sensors alone is a change of the reported state.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+
+from leapgap.diagnosis.channels import displaced, tangent_difference
+from leapgap.diagnosis.short_rollouts import StateChannels, smooth_starts
+from leapgap.effects.base import Effect, overriding
+from leapgap.logs.state import States
+from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
+from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout, joint_gains
+from leapgap.simulation.trial_log import without_warnings
+
+Effects = tuple[Effect, ...]
+T = TypeVar("T")
+
+WITH_FORCE = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+DIVERGED = 1e4
+"""A replay with a larger state than this has left the world of numbers; it counts as one that stays where it began."""
+SEGMENT = 64
+"""Largest number of intervals of a segment."""
+MOST_INTERVALS = 2500
+"""About how many intervals are kept of all logs."""
+MEMORY = 4
+"""Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Some segments of one log, cut into intervals, with the states from which these are replayed.
+
+    Instants are the ends of all intervals and the begin of each segment, segment by segment.
+    """
+
+    states: States
+    every: int
+    """Rows of an interval."""
+    segments: tuple[int, ...]
+    """Number of intervals of each segment."""
+    rows: np.ndarray
+    """Rows of the instants, (instants,)."""
+    reference: Motion
+    """States at the instants, as reported."""
+    noise: np.ndarray
+    """Standard deviation of the sensor noise of each channel, (channels,)."""
+
+    @staticmethod
+    def of(states: States, every: int, segments: Sequence[np.ndarray], channels: StateChannels) -> "Course":
+        """Segments, arrays of consecutive intervals of ``every`` rows each; references are smoothed states."""
+        rows = np.concatenate([every * np.append(own, own[-1] + 1) for own in segments])
+        starts, _ = smooth_starts(states.motion, rows.tolist(), states.log, channels.robot)
+        reference = Motion(*np.split(starts.states, [channels.robot.model.nq], axis=1))
+        noise = channels.noise(states.motion, states.log)
+        return Course(states, every, tuple(map(len, segments)), rows, reference, noise)
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals."""
+        return sum(self.segments)
+
+    @cached_property
+    def begins(self) -> np.ndarray:
+        """Instant at which each interval begins; it ends at the next one, (intervals,)."""
+        lengths = np.array(self.segments)
+        return np.arange(self.intervals) + np.repeat(np.arange(len(lengths)), lengths)
+
+    @cached_property
+    def segment_ends(self) -> np.ndarray:
+        """Last instant of the segment of each interval, (intervals,)."""
+        lengths = np.array(self.segments)
+        return np.repeat(np.cumsum(lengths + 1) - 1, lengths)
+
+    @cached_property
+    def measured(self) -> Motion:
+        """What the log reports at the instants."""
+        return self.states.motion[self.rows]
+
+    @cached_property
+    def start_states(self) -> np.ndarray:
+        """Reference at the beginning of each interval, (intervals, nq + nv)."""
+        return np.concatenate([self.reference.qpos, self.reference.qvel], axis=1)[self.begins]
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """The intervals of all logs, by a robot with some effects."""
+
+    channels: StateChannels
+    replayer: Replayer
+    courses: tuple[Course, ...]
+    acting: tuple[Effects, ...]
+    """Effects of the robot on each log."""
+
+    @staticmethod
+    def of(states: Sequence[States], replayer: Replayer, interval_s: float, most: int = MOST_INTERVALS) -> "Intervals":
+        """Logs cut into intervals of a length, or of one row where that is longer, by the nominal robot.
+
+        Of long logs segments are kept that are spread evenly, about ``most`` intervals in all.
+        """
+        channels = StateChannels.of([own.log for own in states], replayer.robot)
+        courses = []
+        for own in states:
+            every = max(1, own.log.info.rows(interval_s))
+            count = (len(own.log) - 1) // every
+            parts = np.array_split(np.arange(count), max(1, -(-count // SEGMENT)))
+            kept = max(1, min(len(parts), round(most / len(states) / SEGMENT)))
+            chosen = np.linspace(0, len(parts) - 1, kept).round().astype(int)
+            courses.append(Course.of(own, every, [parts[k] for k in chosen], channels))
+        return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the logs."""
+        return self.replayer.robot
+
+    @property
+    def interval_s(self) -> float:
+        """Length of an interval, s."""
+        own = self.courses[0]
+        return float(own.every * own.states.log.info.sample_period_s)
+
+    def with_references(self, references: Sequence[Motion], acting: Sequence[Effects]) -> "Intervals":
+        """The same intervals from other states, by a robot with other effects."""
+        courses = tuple(replace(own, reference=new) for own, new in zip(self.courses, references, strict=True))
+        return replace(self, courses=courses, acting=tuple(acting))
+
+    @cached_property
+    def predicted(self) -> list[Motion]:
+        """Reported states at the end of each interval by the robot with what acts and has no memory."""
+
+        def of_log(log: int) -> Motion:
+            plain = self.without_memory(log)
+            return self._reached(log, plain, self.misreported(log, plain))
+
+        return self.each(range(len(self.courses)), of_log)
+
+    def defects(self, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Replay by what acts − reference at the end of each interval, in the tangent, (intervals, 2 nv) a log."""
+        remembered = self.remembered(transitions)
+        return [
+            tangent_difference(reached, own.reference[own.begins + 1], self.robot) + more
+            for reached, own, more in zip(self.predicted, self.courses, remembered, strict=True)
+        ]
+
+    def remembered(self, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """What those of the acting effects that have a memory change, (intervals, 2 nv) a log."""
+        logs = range(len(self.courses))
+        plain = [self.without_memory(log) for log in logs]
+        if all(len(own) == len(all_of) for own, all_of in zip(plain, self.acting, strict=True)):
+            return [np.zeros((own.intervals, 2 * self.robot.model.nv)) for own in self.courses]
+        base = replace(self, acting=tuple(plain))
+        return base.each(logs, lambda log: base.change(log, self.acting[log], transitions[log]))
+
+    def innovations(self) -> list[np.ndarray]:
+        """Measured − reference at the end of each interval, in the measured channels, (intervals, channels)."""
+        entries = self.channels.state_entries
+        missed = [tangent_difference(own.measured, own.reference, self.robot) for own in self.courses]
+        return [of[own.begins + 1][:, entries] for of, own in zip(missed, self.courses, strict=True)]
+
+    def changes(self, sets: Sequence[Sequence[Effects]], transitions: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
+        """By how much effects ``[set][log]``, in place of what acts, change the reported states: ``[set][log]``.
+
+        At the end of each interval, (intervals, 2 nv). ``transitions`` (intervals, 2 nv, 2 nv) of each log tell what of
+        a change has come from earlier intervals, where replays last several.
+        """
+        tasks = [(log, of[log]) for of in sets for log in range(len(self.courses))]
+        if any(self.has_memory(*task) or self.has_memory(task[0], self.acting[task[0]]) for task in tasks):
+            _ = self._long_predicted  # before several threads ask for it
+        _ = self.predicted
+        found = iter(self.each(tasks, lambda task: self.change(*task, transitions[task[0]])))
+        return [[next(found) for _ in self.courses] for _ in sets]
+
+    def each(self, tasks: Sequence[T], function: Callable[[T], np.ndarray | Motion]) -> list[Any]:
+        """Results of a function of each task, by all threads."""
+        with ThreadPoolExecutor(self.replayer.threads) as pool:
+            return list(pool.map(function, tasks))
+
+    def change(self, log: int, effects: Effects, transition: np.ndarray) -> np.ndarray:
+        """By how much effects in place of what acts change the reported states of one log, (intervals, 2 nv).
+
+        The true states at the beginning of each interval are those of what acts: what sensors misreport moves them by
+        ``transition``, exactly, and feet stay as deep in the ground as they are.
+        """
+        acting = self.acting[log]
+        if self.has_memory(log, effects) or self.has_memory(log, acting):
+            change = self._with_memory(log, effects, transition)
+        else:
+            late = self.misreported(log, acting)
+            change = tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
+        further, begins = self.misreported(log, effects) - self.misreported(log, acting), self.courses[log].begins
+        return np.asarray(change + further[begins + 1] - np.einsum("kij,kj->ki", transition, further[begins]))
+
+    def has_memory(self, log: int, effects: Effects) -> bool:
+        """Whether a robot with some effects has states beside its joints' that the nominal robot has not."""
+        trial = Rollout(self.courses[log].states.log, effects)
+        return bool(trial.structure) and self._states_of(trial) != self._states_of(replace(trial, effects=()))
+
+    def _states_of(self, trial: Rollout) -> tuple[int, int]:
+        """Numbers of activations and of positions of a trial's model."""
+        with self.replayer.working_model(trial) as working:
+            return int(working.model.na), int(working.model.nq)
+
+    def without_memory(self, log: int) -> Effects:
+        """The acting effects on a log but those with a memory."""
+        return tuple(effect for effect in self.acting[log] if not self.has_memory(log, (effect,)))
+
+    def _reached(self, log: int, effects: Effects, late: np.ndarray) -> Motion:
+        """States at the end of every interval of a log, by effects from the reference less ``late``, and with it."""
+        own = self.courses[log]
+        reached = roll([(self.prepare(log, effects), np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
+        return displaced(reached, late[own.begins + 1], self.robot) if late.any() else reached
+
+    def _true_starts(self, own: Course, late: np.ndarray) -> np.ndarray:
+        """True states at the beginning of each interval, (intervals, nq + nv), of sensors that report ``late`` more."""
+        if not late.any():
+            return own.start_states
+        true = displaced(own.reference[own.begins], -late[own.begins], self.robot)
+        return np.concatenate([true.qpos, true.qvel], axis=1)
+
+    def misreported(self, log: int, effects: Effects) -> np.ndarray:
+        """Reported − true state at the instants of a log, by sensors with some effects, (instants, 2 nv)."""
+        own, sensing = self.courses[log], overriding(effects, "change_measured")
+        found = np.zeros((len(own.rows), 2 * self.robot.model.nv))
+        if not sensing:
+            return found
+        at = 0
+        for length in own.segments:
+            motion = reference = own.reference[np.arange(at, at + length + 1)]
+            for effect in sensing:
+                motion = effect.change_measured(motion, self.interval_s, self.robot)
+            found[at : at + length + 1] = tangent_difference(motion, reference, self.robot)
+            at += length + 1
+        return found
+
+    def _with_memory(self, log: int, effects: Effects, transition: np.ndarray) -> np.ndarray:
+        """Changes by effects with states of their own, which begin at rest: replays last several intervals.
+
+        They overlap by one interval, since in its first one a replay has no memory yet.
+        """
+        begins, plain = self._long_predicted[log]
+        changed = self._long_replays(log, effects, begins)
+        found = np.zeros((self.courses[log].intervals, 2 * self.robot.model.nv))
+        change = np.zeros((len(begins), found.shape[1]))
+        for k in range(changed.span):
+            before = np.einsum("bij,bj->bi", transition[begins + k], change)
+            change = tangent_difference(changed[:, k], plain[:, k], self.robot)
+            warm = slice(None) if k else self._first_of_segments(log, begins)
+            found[(begins + k)[warm]] = (change - before)[warm]
+        return found
+
+    def _first_of_segments(self, log: int, begins: np.ndarray) -> np.ndarray:
+        """Which of some intervals are the first of a segment, where no replay is warm."""
+        lengths = self.courses[log].segments
+        return np.isin(begins, np.cumsum([0, *lengths[:-1]]))
+
+    @cached_property
+    def _long_predicted(self) -> list[tuple[np.ndarray, "ReachedStates"]]:
+        """First intervals of long replays of each log, and those replays by what acts."""
+        found = []
+        for log, own in enumerate(self.courses):
+            span, first, begins = self._span(log), 0, []
+            for length in own.segments:
+                within = np.minimum(np.arange(0, max(1, length - 1), MEMORY), length - span)
+                begins.append(first + within)
+                first += length
+            found.append((np.concatenate(begins), self._long_replays(log, self.acting[log], np.concatenate(begins))))
+        return found
+
+    def _span(self, log: int) -> int:
+        """Intervals of a long replay of a log."""
+        return min(MEMORY + 1, *self.courses[log].segments)
+
+    def _long_replays(self, log: int, effects: Effects, begins: np.ndarray) -> "ReachedStates":
+        """Replays of several intervals from the true states of what acts."""
+        own = self.courses[log]
+        starts = self._true_starts(own, self.misreported(log, self.acting[log]))[begins]
+        return roll([(self.prepare(log, effects, self._span(log)), begins)], starts)
+
+    def prepare(self, log: int, effects: Effects, span: int = 1) -> "PreparedIntervals":
+        """The intervals of a log by a robot with some effects, ready for replays of ``span`` intervals each."""
+        own, replayer = self.courses[log], self.replayer
+        trial = Rollout(own.states.log, effects, measured=own.states.motion)
+        steps = replayer.row_steps(trial)[: own.rows[-1]]
+        until = np.concatenate([[0], np.cumsum(steps)])
+        ends = np.minimum(own.begins[:, None] + np.arange(1, span + 1), own.segment_ends[:, None])
+        first = until[own.rows[own.begins]]
+        steps_until = until[own.rows[ends]] - first[:, None]
+        longest = np.arange(steps_until[:, -1].max())
+        when = np.minimum(first[:, None] + longest, first[:, None] + steps_until[:, -1:] - 1)
+        controls = replayer.step_controls(trial, steps, when)
+        gains = joint_gains(trial.log, self.robot)[own.rows[own.begins]]
+        _, rows, which = np.unique(gains, axis=0, return_index=True, return_inverse=True)
+        models = [replayer.model(trial, row=int(own.rows[own.begins[row]])) for row in rows]
+        return PreparedIntervals(replayer, trial, models, which.ravel(), controls, steps_until)
+
+
+@dataclass(frozen=True)
+class PreparedIntervals:
+    """The intervals of one log by one robot."""
+
+    replayer: Replayer
+    trial: Rollout
+    models: list[mujoco.MjModel]
+    """One for each set of joint gains."""
+    model_of: np.ndarray
+    """Index of the model of each interval, (intervals,)."""
+    controls: np.ndarray
+    """(intervals, steps, actuators)"""
+    steps: np.ndarray
+    """Number of steps until the end of each of the intervals that a replay lasts, (intervals, span)."""
+
+    def full_states(self, which: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """MuJoCo's full states at the beginning of some intervals, from positions and velocities (some, nq + nv)."""
+        found = []
+        for k, model in enumerate(self.models):
+            own = self.model_of[which] == k
+            found.append((own, self.replayer.full_states(self.trial, model, states[own], self.controls[which[own]])))
+        full = np.zeros((len(states), found[0][1].shape[1]))
+        for own, of_model in found:
+            full[own] = of_model
+        return full
+
+
+def roll(
+    parts: Sequence[tuple[PreparedIntervals, np.ndarray]],
+    states: np.ndarray,
+    forces: np.ndarray | None = None,
+    data: list[mujoco.MjData] | None = None,
+) -> "ReachedStates":
+    """True states at the ends of intervals of several logs, from true states (some, nq + nv).
+
+    ``parts`` are the first intervals of each log, in the order of ``states`` and of ``forces`` (some, nv), N or N·m.
+    Working memory ``data`` of several threads makes them share the work.
+    """
+    robot = parts[0][0].replayer.robot
+    models = [own.models[own.model_of[k]] for own, which in parts for k in which]
+    split = np.split(states, np.cumsum([len(which) for _, which in parts])[:-1])
+    full = np.concatenate([own.full_states(which, of) for (own, which), of in zip(parts, split, strict=True)])
+    longest = max(own.controls.shape[1] for own, _ in parts)
+    controls = np.concatenate(
+        [
+            np.pad(own.controls[which], ((0, 0), (0, longest - own.controls.shape[1]), (0, 0)), "edge")
+            for own, which in parts
+        ]
+    )
+    spec = int(mujoco.mjtState.mjSTATE_CTRL)
+    if forces is not None:
+        applied = np.broadcast_to(forces[:, None], (len(forces), longest, forces.shape[1]))
+        controls, spec = np.concatenate([controls, applied], axis=2), WITH_FORCE
+    with without_warnings():
+        out, _ = mujoco.rollout.rollout(models, data or mujoco.MjData(models[0]), full, controls, control_spec=spec)
+    until = np.concatenate([own.steps[which] for own, which in parts]) - 1
+    ended = out[np.arange(len(out))[:, None], until]
+    lost = ~(np.abs(ended) < DIVERGED).all(axis=(1, 2))
+    ended[lost] = full[lost, None]
+    nq, nv, first = robot.model.nq, robot.model.nv, 1 + parts[0][0].models[0].nq
+    return ReachedStates(ended[:, :, 1 : 1 + nq], ended[:, :, first : first + nv])
+
+
+@dataclass(frozen=True)
+class ReachedStates:
+    """States at the ends of the intervals of several replays."""
+
+    qpos: np.ndarray
+    """(replays, span, nq)"""
+    qvel: np.ndarray
+    """(replays, span, nv)"""
+
+    @property
+    def span(self) -> int:
+        """Number of intervals of each replay."""
+        return self.qpos.shape[1]
+
+    def __getitem__(self, which: tuple[slice, int]) -> Motion:
+        return Motion(self.qpos[which], self.qvel[which])

@@ -1,0 +1,287 @@
+"""Points of the search: a robot with some effects at some numbers, replayed, with columns that lead on from there."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from leapgap import effects
+from leapgap.diagnosis.channels import tangent_difference
+from leapgap.diagnosis.engine.evidence import BLOCK_S, Evidence, inner_products
+from leapgap.diagnosis.engine.intervals import Effects, Intervals
+from leapgap.diagnosis.engine.responses import Columns, Linearisation
+from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.sensitivities import tolerance, usable
+from leapgap.logs.state import States
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer
+
+INTERVAL_S = 0.01
+"""Length of an interval; one row, where that is longer."""
+LEAST_IN_BLOCK = 5
+"""Number of intervals of a block at least."""
+FINE = 0.255
+"""Steps of the finer simulation as a share of the usual: what they change is a nuisance."""
+DIFFERENCE = 0.1
+"""Numbers of effects that act are differenced by this share of a moderate departure."""
+ABSENT = 1e-9
+"""Prior standard deviation of the numbers of an effect that is taken out of a set."""
+PRIOR = 3.0
+"""Standard deviation of a number's prior in moderate departures."""
+SMALL = {
+    "encoder_bias.bias_rad": 5e-4,
+    "foot_compliance.time_constant_s": 0.002,
+    "ground_height.height_m": 5e-4,
+    "leg_geometry.hip_x_m": 5e-4,
+    "leg_geometry.lower_m": 5e-4,
+    "leg_geometry.upper_m": 5e-4,
+    "link_com.outward_m": 1e-3,
+    "link_inertia.scale": 0.02,
+    "position_gain.scale": 0.01,
+    "torque_gain.scale": 0.005,
+    "velocity_gain.scale": 0.03,
+}
+"""Standard deviations of further numbers, in their units: no robot is built, and no contact simulated, more exactly."""
+LATE = ("command_delay", "state_latency")
+QUARTER = 0.25
+"""Share of a row by which it is not known when commands act and states are measured."""
+
+Acting = tuple[tuple[Hypothesis, np.ndarray], ...]
+"""Effects with their numbers."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What is linearised about one robot."""
+
+    hypotheses: Sequence[Hypothesis]
+    """Effects that are looked for."""
+    linearisation: Linearisation
+    filters: tuple[Filter, ...]
+    """One for each level of the force without a name."""
+    columns: Columns
+    nuisances: np.ndarray
+    """Sums of columns that are off a little in every robot and simulation, (columns + 1, nuisances).
+
+    The last column is that of finer steps.
+    """
+    deviation: np.ndarray
+    """Standard deviation of each nuisance, (nuisances,)."""
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums of columns with the priors of their numbers."""
+
+    transform: np.ndarray
+    """(columns, used)"""
+    deviation: np.ndarray
+    """(used,)"""
+    centre: np.ndarray
+    """Prior means, (used,)."""
+    nuisances: int
+    """Number of nuisances, which stand first."""
+
+    @property
+    def priors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arguments of ``Evidence.posterior``."""
+        return self.transform, self.deviation, self.centre
+
+
+@dataclass(frozen=True)
+class Point:
+    """A robot with some effects."""
+
+    acting: Acting
+    intervals: Intervals
+    basis: Basis
+    whitened: tuple[np.ndarray, ...]
+    """Errors, all columns, finer steps, acting numbers; (chunks, longest, channels, …) of each level."""
+    evidence: Evidence
+
+    def sums(self, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Sums:
+        """Nuisances, numbers of the acting effects as departures from here, and numbers of further effects.
+
+        Members ``without`` are taken back to nominal.
+        """
+        columns, basis = self.evidence.gram.shape[2] - 1, self.basis
+        parts = [np.pad(basis.nuisances, ((0, columns - len(basis.nuisances)), (0, 0)))]
+        deviation, centre = [*basis.deviation], [0.0] * len(basis.deviation)
+        own = np.eye(columns)[:, len(basis.columns.keys) + 1 :]
+        at = 0
+        for m, (h, numbers) in enumerate(self.acting):
+            size = len(h.parameters)
+            parts.append(own[:, at : at + size])
+            deviation += [ABSENT] * size if m in without else [*(PRIOR * np.abs(h.moderate))]
+            centre += [*(h.nominal - numbers)]
+            at += size
+        for h in further:
+            part = np.zeros((columns, len(h.parameters)))
+            for k in range(len(h.parameters)):
+                part[basis.columns.at(h, k), k] = 1
+            parts.append(part)
+            deviation += [*(PRIOR * np.abs(h.moderate))]
+            centre += [0.0] * len(h.parameters)
+        return Sums(np.concatenate(parts, axis=1), np.array(deviation), np.array(centre), len(basis.deviation))
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All that is common to the points of a search."""
+
+    hypotheses: Sequence[Hypothesis]
+    tolerances: Mapping[str, float]
+    states: Sequence[States]
+    replayer: Replayer
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as its model has it."""
+        return self.replayer.robot
+
+    @cached_property
+    def intervals(self) -> Intervals:
+        """The logs in intervals, by the nominal robot from smoothed states."""
+        return Intervals.of(self.states, self.replayer, INTERVAL_S)
+
+    @cached_property
+    def chunks(self) -> Chunks:
+        """The intervals of all logs side by side."""
+        return Chunks.of(self.intervals)
+
+    @cached_property
+    def kinds(self) -> dict[str, Hypothesis]:
+        """A hypothesis of every effect that has columns: those that are looked for, and those with a tolerance."""
+        known = effects.known()
+        found = {h.name: h for h in reversed(self.hypotheses)}
+        for name in sorted({key.partition(".")[0] for key in self.tolerances} - set(found)):
+            if usable(known[name], self.robot):
+                found[name] = Hypothesis(known[name], self.robot)
+        return found
+
+    def nominal(self, wrong_zero: float = 0.0) -> Point:
+        """The nominal robot; ``wrong_zero`` as in ``linearised``."""
+        return self.linearised(self.intervals, (), None, wrong_zero)
+
+    def linearised(self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0) -> Point:
+        """The point of a robot with some effects, with everything linearised about it.
+
+        ``before`` tells what effects with a memory do; ``wrong_zero``, rad, as in ``whitening.linearise``.
+        """
+        width = 2 * self.robot.model.nv
+        none = [np.zeros((own.intervals, width, width)) for own in intervals.courses]
+        transitions = none if before is None else before.linearisation.transitions
+        offsets = intervals.remembered(transitions)
+        intervals, linearisation = linearise(intervals, self.chunks, offsets, wrong_zero)
+        filters = tuple(filters_of(intervals, linearisation, self.chunks))
+        known, present = None if before is None else before.columns, [h.name for h, _ in acting]
+        columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
+        basis = Basis(self.hypotheses, linearisation, filters, columns, *self.nuisances(columns))
+        steps = self.finer_steps(intervals)
+        stacked = self.chunks.stack([np.concatenate(pair, axis=2) for pair in zip(columns.values, steps, strict=True)])
+        whitened = tuple(
+            np.concatenate([self.errors(intervals, basis, own), -own.whiten(stacked)], axis=3) for own in filters
+        )
+        plain = Point((), intervals, basis, whitened, self.products(basis, whitened))
+        return self.moved(plain, acting) if acting else plain
+
+    def nuisances(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+        """Sums of columns, and their standard deviations, of what is off a little in every robot and simulation."""
+        together: list[list[int]] = []
+        deviation: list[float] = []
+        for name, share in {**self.tolerances, **SMALL}.items():
+            effect, _, parameter = name.partition(".")
+            for i, key in enumerate(columns.keys):
+                if key.effect != effect or self.kinds[effect].parameters[key.number].name != parameter:
+                    continue
+                kind = self.kinds[effect].kind
+                size = share if name in SMALL else tolerance(kind, self.robot, key.place, parameter, share)
+                if size > 0:
+                    together.append([i])
+                    deviation.append(size)
+        for name in LATE:
+            if name in self.kinds:
+                together.append(columns.at(replace(self.kinds[name], location="all"), 0))
+                deviation.append(QUARTER * self.states[0].log.info.sample_period_s)
+        together.append([len(columns.keys)])
+        deviation.append(1.0)
+        found = np.zeros((len(columns.keys) + 1, len(together)))
+        for k, at in enumerate(together):
+            found[at, k] = 1
+        return found, np.array(deviation)
+
+    def finer_steps(self, intervals: Intervals) -> list[np.ndarray]:
+        """What finer steps of the simulation change, (intervals, 2 nv, 1) a log."""
+        replayer = intervals.replayer
+        fine = replace(intervals, replayer=replayer.with_steps(FINE * replayer.largest_step_s))
+        pairs = zip(fine.predicted, intervals.predicted, strict=True)
+        return [tangent_difference(a, b, self.robot)[:, :, None] for a, b in pairs]
+
+    def errors(self, intervals: Intervals, basis: Basis, own: Filter) -> np.ndarray:
+        """Whitened errors, (chunks, longest, channels, 1)."""
+        steps = self.chunks.stack(intervals.defects(basis.linearisation.transitions))[..., None]
+        return own.whiten(steps, self.chunks.stack(intervals.innovations())[..., None])
+
+    def products(self, basis: Basis, whitened: Sequence[np.ndarray]) -> Evidence:
+        """Inner products of whitened errors and columns."""
+        per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
+        determinants = [own.log_determinant for own in basis.filters]
+        return inner_products(whitened, determinants, self.chunks.valid, self.chunks.log, per_block)
+
+    def followed(self, near: Point, acting: Acting) -> Intervals:
+        """The intervals of a robot with other effects, with references that follow the logs."""
+        here = replace(near.intervals, acting=tuple(self.on_logs(acting)))
+        offsets = here.remembered(near.basis.linearisation.transitions)
+        return follow(here, self.chunks, offsets, near.basis.linearisation)
+
+    def on_logs(self, acting: Acting) -> list[Effects]:
+        """The effects of a set on each log."""
+        return [tuple(h.on(own.log.name, numbers) for h, numbers in acting) for own in self.states]
+
+    def glance(self, near: Point, acting: Acting) -> float:
+        """Evidence of a robot with some effects at just these numbers, nats, without columns of its effects."""
+        here, basis = self.followed(near, acting), near.basis
+        used = np.flatnonzero(basis.nuisances.any(axis=1))
+        whitened = [
+            np.concatenate([self.errors(here, basis, of), w[:, :, :, 1 + used]], axis=3)
+            for of, w in zip(basis.filters, near.whitened, strict=True)
+        ]
+        evidence = self.products(basis, whitened)
+        evidence.levels = near.evidence.levels.copy()
+        priors = basis.nuisances[used], basis.deviation, np.zeros(len(basis.deviation))
+        evidence.choose_levels(*priors)
+        return evidence.posterior(*priors).evidence
+
+    def moved(self, near: Point, acting: Acting) -> Point:
+        """The point of a robot with other effects or numbers, with the columns of its effects made anew."""
+        here, basis = self.followed(near, acting), near.basis
+        sets, sizes = [], []
+        for m, (h, numbers) in enumerate(acting):
+            for k, size in enumerate(small_steps(h, numbers)):
+                changed = numbers.copy()
+                changed[k] += size
+                sets.append(self.on_logs((*acting[:m], (h, changed), *acting[m + 1 :])))
+                sizes.append(size)
+        changes = here.changes(sets, basis.linearisation.transitions)
+        slopes = [
+            np.stack([change[log] / size for change, size in zip(changes, sizes, strict=True)], axis=2)
+            for log in range(len(here.courses))
+        ]
+        stacked, kept = self.chunks.stack(slopes), len(basis.columns.keys) + 2
+        whitened = tuple(
+            np.concatenate([self.errors(here, basis, of), w[:, :, :, 1:kept], -of.whiten(stacked)], axis=3)
+            for of, w in zip(basis.filters, near.whitened, strict=True)
+        )
+        evidence = self.products(basis, whitened)
+        evidence.levels = near.evidence.levels.copy()
+        return Point(acting, here, basis, whitened, evidence)
+
+
+def small_steps(h: Hypothesis, numbers: np.ndarray) -> list[float]:
+    """Departures by which numbers are differenced, within their ranges."""
+    lower, upper = h.bounds
+    found = DIFFERENCE * h.moderate
+    inside = (lower <= numbers + found) & (numbers + found <= upper)
+    return [float(size) for size in np.where(inside, found, -found)]

@@ -1,0 +1,258 @@
+"""The search for the set of effects that explains the logs: forward, backward and exchange, on one evidence.
+
+Sets are compared by what they predict of logs that they were not fitted on; the numbers of the best are replayed, and
+everything is linearised about them again where much stays without a name, until nothing gains.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import split_numbers
+from leapgap.diagnosis.engine.points import PRIOR, Acting, Bench, Point
+from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.effects.base import overrides
+
+LEAST_GAIN = 30.0
+"""Evidence on held-out logs that a cause has to gain, nats: g₀."""
+LEAST_SHARE = 0.2
+"""A cause takes this share of the evidence of a force without a name, or leaves little of it."""
+MUCH = 1000.0
+"""Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
+MOST_CAUSES = 4
+WORTH_A_LOOK = 5.0
+"""Evidence that a hypothesis has to gain by its columns to be compared closely, nats."""
+SHORTLIST, ALIKE, CLOSELY = 6, 2, 3
+"""Sets that are compared by their columns in each round, of one effect, and by replays."""
+TRIED = 12
+"""Number of effects that are replayed to both sides where columns tell little."""
+HOPELESS = 200.0
+"""An effect that loses this much evidence by its columns in place of another is not replayed."""
+SETTLED = 0.2
+"""Numbers have settled when none moves by more than this share of its standard deviation."""
+ROUNDS = 4
+"""Most rounds in which numbers settle."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A set of effects with what the logs say of it."""
+
+    point: Point
+    members: tuple[Hypothesis, ...]
+    numbers: np.ndarray
+    covariance: np.ndarray
+    fold_numbers: np.ndarray
+    """Without each fold, (folds, numbers)."""
+    evidence: float
+    predictive: float
+    """Log probability of each fold by the others, summed, nats."""
+
+    @property
+    def unnamed(self) -> float:
+        """Evidence of a force without a name beside the set, nats: u."""
+        evidence, sums = self.point.evidence, self.point.sums()
+        by_level = evidence.by_level(sums.transform @ evidence.posterior(*sums.priors).mean)
+        return float((by_level.max(axis=0) - by_level[0]).sum())
+
+    def evidence_without(self, members: Sequence[int]) -> float:
+        """Evidence of the set with some members at nominal, by its linearisation, nats."""
+        return self.point.evidence.posterior(*self.point.sums((), members).priors).evidence
+
+    def with_members(self, kept: Sequence[int]) -> "Found":
+        """The set with some of its members, not yet replayed."""
+        parts = split_numbers(self.members, self.numbers)
+        numbers = np.concatenate([np.zeros(0), *(parts[m] for m in kept)])
+        return replace(self, members=tuple(self.members[m] for m in kept), numbers=numbers)
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search on a bench."""
+
+    bench: Bench
+    folds: np.ndarray
+    """Fold of each log."""
+    progress: Callable[[str], None]
+
+    def explore(self) -> list[Found]:
+        """The sets found on the way from the nominal robot to the answer.
+
+        Where a robot with feet leaves much unexplained, the search is made once more from references that allow for
+        wrong zeros of its joints, and the likelier of both answers stays.
+        """
+        path = self.ascend(self.bench.nominal())
+        if not self.bench.robot.feet or path[-1].unnamed < MUCH:
+            return path
+        free = self.ascend(self.bench.nominal(WRONG_ZERO_RAD), replay=True)
+        better = free[-1].members and free[-1].evidence > path[-1].evidence
+        return [path[0], *free[1:]] if better else path
+
+    def ascend(self, start: Point, replay: bool = False) -> list[Found]:
+        """The sets found on the way from a point without effects, the last the answer.
+
+        With ``replay`` the first effect may be one whose columns tell little.
+        """
+        path = [self.judge(start)]
+        while len(path) <= MOST_CAUSES:
+            now = path[-1]
+            worth = [h for gain, h in screen(now.point) if gain > WORTH_A_LOOK]
+            linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
+            linear.sort(key=lambda one: -one.predictive)
+            tried = [self.settle(one) for one in linear[:CLOSELY]]
+            if replay and not now.members:
+                tried += self.replayed(now)
+            if not tried:
+                break
+            best = max(tried, key=lambda one: one.predictive)
+            self.progress(f"{describe(best)}: gains {best.predictive - now.predictive:.1f}")
+            if best.predictive - now.predictive < LEAST_GAIN:
+                break
+            if best.unnamed > MUCH:
+                best = self.exchanged(self.linearised(best))
+            if best.unnamed > max(MUCH, (1 - LEAST_SHARE) * now.unnamed):
+                break
+            path.append(self.without_idle(best))
+        return path
+
+    def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
+        """What the logs say of a point's set, and further effects, with the levels that suit it."""
+        sums = point.sums(further, without)
+        evidence = replace(point.evidence, levels=point.evidence.levels.copy())
+        evidence.choose_levels(*sums.priors)
+        whole = evidence.posterior(*sums.priors)
+        predictive, folds = 0.0, []
+        for fold in range(int(self.folds.max()) + 1):
+            rest = evidence.total(self.folds[evidence.log_of_block] != fold)
+            other = evidence.posterior(*sums.priors, rest)
+            predictive += whole.evidence - other.evidence
+            folds.append(other.mean[sums.nuisances :])
+        at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
+        return Found(
+            replace(point, evidence=evidence),
+            (*(h for h, _ in point.acting), *further),
+            at + whole.mean[sums.nuisances :],
+            whole.covariance[sums.nuisances :, sums.nuisances :],
+            at + np.array(folds),
+            whole.evidence,
+            predictive,
+        )
+
+    def settle(self, found: Found) -> Found:
+        """The set at the numbers that its own replays give."""
+        for _ in range(ROUNDS if found.members else 0):
+            numbers = split_numbers(found.members, found.numbers)
+            acting = tuple((h, h.clip(n)) for h, n in zip(found.members, numbers, strict=True))
+            before = np.concatenate([n for _, n in acting])
+            found = self.judge(self.bench.moved(found.point, acting))
+            spread = np.sqrt(np.diag(found.covariance))
+            if (np.abs(found.numbers - before) <= SETTLED * spread + 1e-3 * np.abs(before)).all():
+                break
+        return found
+
+    def replayed(self, now: Found) -> list[Found]:
+        """The set with one effect more whose columns tell little, since it moves feet into the ground or out of it.
+
+        Those that columns like best are replayed at moderate size to both sides, and the best two fitted.
+        """
+        trials = []
+        for h in few_of_each([h for _, h in screen(now.point) if moves_contacts(h)], ALIKE)[:TRIED]:
+            for numbers in (h.nominal + h.moderate, h.nominal - h.moderate):
+                if h.allows(numbers):
+                    acting = (*now.point.acting, (h, numbers))
+                    trials.append((self.bench.glance(now.point, acting), acting))
+        trials.sort(key=lambda pair: -pair[0])
+        return [self.settle(self.judge(self.bench.moved(now.point, acting))) for _, acting in trials[:2]]
+
+    def linearised(self, found: Found) -> Found:
+        """The set with everything linearised about it."""
+        point = found.point
+        return self.settle(self.judge(self.bench.linearised(point.intervals, point.acting, point.basis)))
+
+    def exchanged(self, found: Found) -> Found:
+        """The set with one member in place of another, where that predicts the logs better."""
+        for m in range(len(found.members)):
+            less = found.evidence_without([m])
+            for gain, h in screen(found.point, [m])[:2]:
+                if less + gain < found.evidence - HOPELESS:
+                    continue
+                linear = self.judge(found.point, [h], [m])
+                order = [k if k != m else len(found.members) for k in range(len(found.members))]
+                other = self.settle(linear.with_members(order))
+                self.progress(f"{h.label} for {found.members[m].label}: {other.predictive - found.predictive:.1f}")
+                if other.predictive > found.predictive:
+                    found = other
+                    break
+        return found
+
+    def without_idle(self, found: Found) -> Found:
+        """The set without members that the others have made needless."""
+        while len(found.members) > 1:
+            members = range(len(found.members))
+            losses = [found.predictive - self.judge(found.point, (), [m]).predictive for m in members]
+            least = int(np.argmin(losses))
+            if losses[least] >= LEAST_GAIN:
+                break
+            fewer = self.settle(found.with_members([m for m in members if m != least]))
+            if found.predictive - fewer.predictive >= LEAST_GAIN:
+                break
+            self.progress(f"without {found.members[least].label}")
+            found = fewer
+        return found
+
+
+def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypothesis]]:
+    """Evidence that each further hypothesis alone would gain at the levels as they are, nats, the best first.
+
+    In closed form: columns and errors less what the nuisances and the point's own numbers can do for them. Members
+    ``without`` are taken back to nominal, and others of their effect may take their place.
+    """
+    sums = point.sums((), without)
+    gram, _ = point.evidence.total()
+    shifted = np.eye(len(gram))
+    shifted[1:, 0] = -(sums.transform @ sums.centre)
+    gram = shifted.T @ gram @ shifted
+    scaled = sums.transform * sums.deviation
+    cross = gram[:, 1:] @ scaled
+    left = gram - cross @ np.linalg.solve(np.eye(len(sums.deviation)) + scaled.T @ gram[1:, 1:] @ scaled, cross.T)
+    present = {h.name for m, (h, _) in enumerate(point.acting) if m not in without}
+    same = {h.label for h, _ in point.acting}
+    found = []
+    for h in point.basis.hypotheses:
+        if h.name in present or h.label in same:
+            continue
+        size = PRIOR * np.abs(h.moderate)
+        part = np.zeros((len(gram) - 1, len(size)))
+        for k, own in enumerate(size):
+            part[point.basis.columns.at(h, k), k] = own
+        normal, slope = np.eye(len(size)) + part.T @ left[1:, 1:] @ part, part.T @ left[1:, 0]
+        allowed = (h.clip(h.nominal + np.linalg.solve(normal, slope) * size) - h.nominal) / size
+        gain = slope @ allowed - 0.5 * allowed @ normal @ allowed - 0.5 * np.linalg.slogdet(normal)[1]
+        found.append((float(gain), h))
+    return sorted(found, key=lambda pair: -pair[0])
+
+
+def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
+    """The hypotheses in their order, at most so many of one effect."""
+    seen: dict[str, int] = {}
+    found = []
+    for h in hypotheses:
+        seen[h.name] = seen.get(h.name, 0) + 1
+        if seen[h.name] <= most:
+            found.append(h)
+    return found
+
+
+def moves_contacts(hypothesis: Hypothesis) -> bool:
+    """Whether an effect moves the contacts of a robot with feet."""
+    kind = hypothesis.kind
+    measured = overrides(kind, "change_measured")
+    return hypothesis.robot.has_free_base and (measured or kind.places == "feet" or kind.name == "ground_slope")
+
+
+def describe(found: Found) -> str:
+    """The set in words: ``payload 1.7 + joint_damping at elbow 0.4``."""
+    acting: Acting = tuple(zip(found.members, split_numbers(found.members, found.numbers), strict=True))
+    return " + ".join(f"{h.label} {' '.join(f'{n:.4g}' for n in own)}" for h, own in acting)

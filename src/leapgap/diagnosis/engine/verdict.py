@@ -1,0 +1,132 @@
+"""The verdict: one table of four numbers.
+
+======  ==========================================================================================
+g       evidence on held-out logs that the set gains, nats: something named acts
+u       evidence of a force without a name beside the set, nats: something without a name acts
+d       evidence that is lost when the likeliest other effect takes a member's place, nats: it is known which
+c       share of the gap of whole logs that the set closes: how much
+======  ==========================================================================================
+
+none: no set, u small · unknown: no set, u large, or a set that closes nothing of a gap · partly: a set, u large ·
+ambiguous: d small · named: else. A number at the end of its range is never named.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import Candidate, clip_numbers
+from leapgap.diagnosis.decision import Conclusion
+from leapgap.diagnosis.engine.search import Found, Search, screen
+from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.hypotheses import Hypothesis
+
+UNNAMED = 20.0
+"""Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
+SINGLES = 8
+"""Number of single effects that a report lists beside the answer."""
+APART = 10.0
+"""Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The four numbers of a diagnosis; ``report.json`` holds them as ``evidence_numbers``."""
+
+    g: float
+    u: float
+    u_before: float
+    """u of the nominal robot."""
+    d: float | None
+    """None without a set."""
+    c: float | None
+    """None without a set."""
+    blocks: int
+    """Number of blocks of the logs; u is judged by block."""
+
+
+@dataclass(frozen=True)
+class EvidenceJudgement:
+    """A search by evidence with its conclusion."""
+
+    conclusion: Conclusion
+    selected: Candidate
+    others: list[tuple[Candidate, float]]
+    """One fit for each further hypothesis that was judged, with the probability of its newest effect."""
+    numbers: Numbers
+
+
+def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
+    """A set as a candidate, with its members in some order."""
+    members = range(len(found.members)) if order is None else order
+    ends = np.cumsum([0, *(len(h.parameters) for h in found.members)])
+    at = [i for m in members for i in range(ends[m], ends[m + 1])]
+    hypotheses = tuple(found.members[m] for m in members)
+    numbers = clip_numbers(hypotheses, found.numbers[at])
+    folds = np.array([clip_numbers(hypotheses, own[at]) for own in found.fold_numbers])
+    return Candidate(hypotheses, numbers, found.covariance[np.ix_(at, at)], folds)
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect in place of a member of a set."""
+
+    hypothesis: Hypothesis
+    loss: float
+    """Evidence that the set loses by it, nats."""
+
+
+def rivals_of(found: Found, member: int) -> list[Rival]:
+    """The likeliest effects in place of a member, the best first; none of them is another place of the same effect."""
+    less = found.evidence_without([member])
+    name = found.members[member].name
+    near = [(gain, h) for gain, h in screen(found.point, [member]) if h.name != name][:3]
+    return sorted((Rival(h, found.evidence - less - gain) for gain, h in near), key=lambda rival: rival.loss)
+
+
+def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
+    """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
+    start, found = path[0], path[-1]
+    blocks = len(found.point.evidence.levels)
+    u, before = found.unnamed, start.unnamed
+    nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
+    explained = u <= UNNAMED * blocks
+    others = single_effects(search, start, found)
+    if not found.members:
+        numbers = Numbers(0.0, u, before, None, None, blocks)
+        return EvidenceJudgement(Conclusion("none" if explained else "unknown", ()), nominal, others, numbers)
+    losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
+    order = [int(m) for m in np.argsort(losses)[::-1]]
+    rivals = [rivals_of(found, m) for m in order]
+    d = min((own[0].loss for own in rivals if own), default=np.inf)
+    answer = tuple(
+        (found.members[m].name, *dict.fromkeys(r.hypothesis.name for r in own if r.loss < APART))
+        for m, own in zip(order, rivals, strict=True)
+    )
+    steps = tuple(candidate_of(found, order[: k + 1]) for k in range(len(order)))
+    closes = gap.figures([steps[-1]])[0].closure
+    g = found.predictive - start.predictive
+    numbers = Numbers(g, u, before, float(d), closes.value, blocks)
+    if gap.has_gap and closes.high <= 0:
+        return EvidenceJudgement(Conclusion("unknown", ()), nominal, others, numbers)
+    at_end = steps[-1].at_bound
+    if not explained or at_end:
+        verdict = "partly"
+    else:
+        verdict = "ambiguous" if any(len(names) > 1 for names in answer) else "named"
+    sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
+    return EvidenceJudgement(Conclusion(verdict, answer, steps, sure), steps[-1], others, numbers)
+
+
+def single_effects(search: Search, start: Found, found: Found) -> list[tuple[Candidate, float]]:
+    """Fits of the likeliest single effects, one a name, with their probability beside one another."""
+    known = {h.name for h in found.members}
+    fits = []
+    for gain, h in screen(start.point):
+        if h.name not in known and gain > 0:
+            known.add(h.name)
+            fits.append((candidate_of(search.judge(start.point, [h])), gain))
+        if len(fits) == SINGLES:
+            break
+    return [(fit, 0.0) for fit, _ in fits]

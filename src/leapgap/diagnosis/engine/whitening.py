@@ -1,0 +1,362 @@
+"""The Kalman filter that makes errors, and the columns that may explain them, independent and of unit size.
+
+The state is the departure from the reference and a force without a name at every degree of freedom, an
+Ornstein–Uhlenbeck process of ``CORRELATION_S``. Its gains do not depend on what is filtered, so they are computed once
+for each level of the force, and errors and columns pass through the same recursion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.diagnosis.channels import displaced, tangent_difference
+from leapgap.diagnosis.engine.intervals import Intervals, roll
+from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
+from leapgap.robot.motion import Motion
+
+CORRELATION_S = 0.05
+"""Time over which the force without a name stays alike."""
+LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Standard deviations of the force without a name, in its units."""
+
+
+FOLLOWING = 0.3
+"""Level of the force at which references follow the logs."""
+WRONG_ZERO_RAD = 0.05
+"""Zeros of joint sensors that are far off."""
+
+
+@dataclass(frozen=True)
+class Chunks:
+    """How the intervals of all logs are laid side by side: chunk, interval in it."""
+
+    log: np.ndarray
+    """(chunks,)"""
+    first: np.ndarray
+    """First interval in its log, (chunks,)."""
+    length: np.ndarray
+    """Number of intervals, (chunks,)."""
+
+    @staticmethod
+    def of(intervals: Intervals) -> "Chunks":
+        """The segments of all logs."""
+        rows = []
+        for log, own in enumerate(intervals.courses):
+            first = np.cumsum([0, *own.segments])
+            rows += [(log, int(at), length) for at, length in zip(first, own.segments, strict=False)]
+        return Chunks(*(np.array(column) for column in zip(*rows, strict=True)))
+
+    @property
+    def longest(self) -> int:
+        """Intervals of the longest chunk."""
+        return int(self.length.max())
+
+    def stack(self, of_logs: list[np.ndarray]) -> np.ndarray:
+        """Arrays (intervals, …) of each log as (chunks, longest, …), zero behind the end of a chunk."""
+        found = np.zeros((len(self.log), self.longest, *of_logs[0].shape[1:]))
+        for c, (log, first, length) in enumerate(zip(self.log, self.first, self.length, strict=True)):
+            found[c, :length] = of_logs[log][first : first + length]
+        return found
+
+    @property
+    def valid(self) -> np.ndarray:
+        """Which intervals exist, (chunks, longest)."""
+        return np.arange(self.longest)[None] < self.length[:, None]
+
+
+@dataclass(frozen=True)
+class Filter:
+    """The gains of the filter at one level of the force."""
+
+    transition: np.ndarray
+    """Of departure and force, (chunks, longest, N, N)."""
+    gain: np.ndarray
+    """(chunks, longest, N, channels)"""
+    inverse_root: np.ndarray
+    """Inverse Cholesky factor of the innovations' covariance, (chunks, longest, channels, channels)."""
+    log_determinant: np.ndarray
+    """Of that covariance, (chunks, longest)."""
+    entries: np.ndarray
+    covariances: tuple[np.ndarray, np.ndarray] | None = None
+    """Predicted and updated covariances, each (chunks, longest, N, N), where a smoother needs them."""
+
+    @staticmethod
+    def of(
+        transitions: np.ndarray,
+        forces: np.ndarray,
+        noise: np.ndarray,
+        start: np.ndarray,
+        entries: np.ndarray,
+        level: float,
+        interval_s: float,
+        keep: bool = False,
+    ) -> "Filter":
+        """Gains for transitions (chunks, longest, n, n), force responses (…, n, nv), noise (chunks, channels).
+
+        ``start`` (chunks, n) is the standard deviation of the first departure; ``entries`` of the state are measured.
+        """
+        chunks, longest, n, nv = forces.shape
+        size = n + nv
+        stay = np.exp(-interval_s / CORRELATION_S)
+        full = np.zeros((chunks, longest, size, size))
+        full[:, :, :n, :n], full[:, :, :n, n:] = transitions, forces
+        full[:, :, range(n, size), range(n, size)] = stay
+        covariance = np.zeros((chunks, size, size))
+        covariance[:, range(n), range(n)] = start**2
+        covariance[:, range(n, size), range(n, size)] = level**2
+        added = np.zeros(size)
+        added[n:] = level**2 * (1 - stay**2)
+        added[:n] = 1e-14
+        gains = np.zeros((chunks, longest, size, len(entries)))
+        roots = np.zeros((chunks, longest, len(entries), len(entries)))
+        determinants = np.zeros((chunks, longest))
+        kept = (np.zeros((chunks, longest, size, size)), np.zeros((chunks, longest, size, size))) if keep else None
+        of_noise = np.zeros((chunks, len(entries), len(entries)))
+        of_noise[:, range(len(entries)), range(len(entries))] = noise**2
+        eye = np.eye(len(entries))
+        for k in range(longest):
+            covariance = full[:, k] @ covariance @ full[:, k].transpose(0, 2, 1)
+            covariance[:, range(size), range(size)] += added
+            innovation = covariance[:, entries[:, None], entries] + of_noise
+            root = np.linalg.cholesky(0.5 * (innovation + innovation.transpose(0, 2, 1)))
+            inverse = np.linalg.solve(root, np.broadcast_to(eye, root.shape))
+            gain = (covariance[:, :, entries] @ inverse.transpose(0, 2, 1)) @ inverse
+            gains[:, k], roots[:, k] = gain, inverse
+            determinants[:, k] = 2 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+            if kept is not None:
+                kept[0][:, k] = covariance
+            covariance = covariance - gain @ covariance[:, entries]
+            covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
+            if kept is not None:
+                kept[1][:, k] = covariance
+        return Filter(full, gains, roots, determinants, entries, kept)
+
+    def whiten(self, steps: np.ndarray, measured: np.ndarray | None = None) -> np.ndarray:
+        """Whitened innovations (chunks, longest, channels, columns).
+
+        ``steps`` (chunks, longest, n, columns) is what a column adds to the departure in each interval; ``measured``
+        (chunks, longest, channels, columns), for the errors, what is measured of the departure at its end.
+        """
+        chunks, longest, n, columns = steps.shape
+        size = self.transition.shape[2]
+        state = np.zeros((chunks, size, columns))
+        found = np.zeros((chunks, longest, len(self.entries), columns))
+        for k in range(longest):
+            state = self.transition[:, k] @ state
+            state[:, :n] += steps[:, k]
+            innovation = -state[:, self.entries]
+            if measured is not None:
+                innovation += measured[:, k]
+            found[:, k] = self.inverse_root[:, k] @ innovation
+            state += self.gain[:, k] @ innovation
+        return found
+
+    def smooth(self, steps: np.ndarray, measured: np.ndarray, valid: np.ndarray) -> np.ndarray:
+        """Smoothed departures and forces at the end of each interval, (chunks, longest, N); needs the covariances."""
+        assert self.covariances is not None
+        predicted, updated = self.covariances
+        chunks, longest, n, _ = steps.shape
+        size = self.transition.shape[2]
+        state = np.zeros((chunks, size, 1))
+        before, after = np.zeros((chunks, longest, size, 1)), np.zeros((chunks, longest, size, 1))
+        for k in range(longest):
+            state = self.transition[:, k] @ state
+            state[:, :n] += steps[:, k]
+            before[:, k] = state
+            state = state + self.gain[:, k] @ (measured[:, k] - state[:, self.entries])
+            after[:, k] = state
+        found = after.copy()
+        for k in range(longest - 2, -1, -1):
+            back = np.linalg.solve(predicted[:, k + 1], self.transition[:, k + 1] @ updated[:, k]).transpose(0, 2, 1)
+            smoothed = after[:, k] + back @ (found[:, k + 1] - before[:, k + 1])
+            found[:, k] = np.where(valid[:, k + 1, None, None], smoothed, after[:, k])
+        return found[..., 0]
+
+
+def start_deviation(intervals: Intervals, chunks: Chunks) -> np.ndarray:
+    """Standard deviation of the first state of each chunk about its reference, (chunks, 2 nv)."""
+    entries = intervals.channels.state_entries
+    start = np.zeros((len(chunks.log), 2 * intervals.robot.model.nv))
+    for c, (log, first) in enumerate(zip(chunks.log, chunks.first, strict=True)):
+        own = intervals.courses[log]
+        start[c] = own.states.deviation[own.rows[own.begins[first]]]
+        start[c, entries] = own.noise[: len(entries)]
+    return np.maximum(start, 1e-6)
+
+
+def filters_of(
+    intervals: Intervals,
+    linearisation: Linearisation,
+    chunks: Chunks,
+    keep: bool = False,
+    levels: tuple[float, ...] = LEVELS,
+) -> list[Filter]:
+    """The filter at every level."""
+    entries = intervals.channels.state_entries
+    transitions, forces = (chunks.stack(list(of)) for of in (linearisation.transitions, linearisation.forces))
+    noise = np.array([intervals.courses[log].noise[: len(entries)] for log in chunks.log])
+    start = start_deviation(intervals, chunks)
+    return [
+        Filter.of(transitions, forces, noise, start, entries, level, intervals.interval_s, keep) for level in levels
+    ]
+
+
+@dataclass
+class Following:
+    """References that follow the logs as a Kalman filter does: states that the robot could be in.
+
+    Its feet are as deep in the ground as its weight presses them, which smoothed states do not give.
+    """
+
+    intervals: Intervals
+    chunks: Chunks
+    offsets: Sequence[np.ndarray]
+    """What effects with a memory add at the end of each interval, (intervals, 2 nv) a log."""
+
+    def __post_init__(self) -> None:
+        """Lay the logs side by side, at the beginning of each chunk."""
+        own, logs = self.intervals, range(len(self.intervals.courses))
+        self.nq, self.nv = own.robot.model.nq, own.robot.model.nv
+        self.prepared = [own.prepare(log, own.without_memory(log)) for log in logs]
+        self.misreported = [own.misreported(log, own.without_memory(log)) for log in logs]
+        self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
+        self.data = [mujoco.MjData(self.prepared[0].models[0]) for _ in range(own.replayer.threads)]
+        at = zip(self.chunks.log, self.chunks.first, strict=True)
+        self.state = np.array([own.courses[log].start_states[first] for log, first in at])
+        self.force = np.zeros((len(self.chunks.log), self.nv))
+        self.zeros = np.zeros((len(self.chunks.log), len(zero_entries(own))))
+
+    def motion(self, states: np.ndarray) -> Motion:
+        """States (some, nq + nv) as a motion."""
+        return Motion(states[:, : self.nq], states[:, self.nq :])
+
+    def chunks_at(self, k: int) -> np.ndarray:
+        """Chunks that have a ``k``-th interval, log by log."""
+        on = np.flatnonzero(k < self.chunks.length)
+        return on[np.argsort(self.chunks.log[on], kind="stable")]
+
+    def reach(self, k: int, order: np.ndarray, starts: np.ndarray, forces: np.ndarray) -> Motion:
+        """Reported states at the end of the ``k``-th interval of some chunks, from several reported starts of each."""
+        width, robot = len(starts) // len(order), self.intervals.robot
+        logs = self.chunks.log[order]
+        at = [(int(log), int(first) + k) for log, first in zip(logs, self.chunks.first[order], strict=True)]
+        begins = [(log, self.intervals.courses[log].begins[interval]) for log, interval in at]
+        before, after = (
+            np.repeat([self.misreported[log][begin + later] for log, begin in begins], width, axis=0)
+            for later in (0, 1)
+        )
+        if before.any():
+            true = displaced(self.motion(starts), -before, robot)
+            starts = np.concatenate([true.qpos, true.qvel], axis=1)
+        parts = [
+            (self.prepared[log], np.repeat(np.array([i for g, i in at if g == log]), width))
+            for log in dict.fromkeys(logs.tolist())
+        ]
+        reached = roll(parts, starts, forces, self.data)[:, 0]
+        added = after + np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
+        return displaced(reached, added, robot) if added.any() else reached
+
+    def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
+        """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states."""
+        own, n = self.intervals, 2 * self.nv
+        chosen = zip(self.chunks.log[order].tolist(), self.chunks.first[order].tolist(), strict=True)
+        at = [(log, int(own.courses[log].begins[first + k]) + 1) for log, first in chosen]
+        seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
+        measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
+        missed = tangent_difference(measured, base, own.robot)
+        missed[:, zero_entries(own)] -= self.zeros[order]
+        moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
+        self.force[order] = np.exp(-own.interval_s / CORRELATION_S) * self.force[order] + moved[:, n : n + self.nv]
+        self.zeros[order] += moved[:, n + self.nv :]
+        following = displaced(base, moved[:, :n], own.robot)
+        self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
+        for (log, instant), state in zip(at, self.state[order], strict=True):
+            self.references[log][instant] = state
+
+    @property
+    def result(self) -> Intervals:
+        """The intervals from the states that were followed."""
+        return self.intervals.with_references([self.motion(one) for one in self.references], self.intervals.acting)
+
+
+def zero_entries(intervals: Intervals) -> np.ndarray:
+    """Entries of the state whose sensors may have a wrong zero while a log is followed: joints of a robot with feet."""
+    if not intervals.robot.feet:
+        return np.zeros(0, int)
+    return np.intersect1d(intervals.robot.joint_dofs, intervals.channels.state_entries)
+
+
+def linearise(
+    intervals: Intervals,
+    chunks: Chunks,
+    offsets: Sequence[np.ndarray],
+    wrong_zero: float = 0.0,
+    level: float = FOLLOWING,
+) -> tuple[Intervals, Linearisation]:
+    """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
+
+    Derivatives are by long steps of the simulation, whose error cancels in a difference. ``wrong_zero``, rad, is the
+    standard deviation of zeros of joint sensors while a log is followed: feet that are reported in the air, or deep in
+    the ground, would else have no contact to linearise about. No zero is counted where sets are judged.
+    """
+    following, robot = Following(intervals, chunks, offsets), intervals.robot
+    rough = Following(rough_steps(intervals), chunks, offsets)
+    entries, nv = intervals.channels.state_entries, robot.model.nv
+    zeros = zero_entries(intervals)
+    n = 2 * nv
+    size = n + nv + len(zeros)
+    of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
+    displacements = Displacements(force_units(intervals))
+    width = 1 + 3 * nv
+    noise2 = np.array([intervals.courses[log].noise[: len(entries)] ** 2 for log in chunks.log])
+    stay = np.exp(-intervals.interval_s / CORRELATION_S)
+    covariance = np.zeros((len(chunks.log), size, size))
+    covariance[:, range(n), range(n)] = start_deviation(intervals, chunks) ** 2
+    covariance[:, of_force, of_force] = level**2
+    covariance[:, of_zeros, of_zeros] = wrong_zero**2
+    added = np.concatenate([np.full(n, 1e-14), np.full(nv, level**2 * (1 - stay**2)), np.zeros(len(zeros))])
+    seen = np.zeros((len(entries), size))
+    seen[range(len(entries)), entries] = 1
+    seen[np.searchsorted(entries, zeros), of_zeros] = 1
+    gains = np.zeros((len(chunks.log), chunks.longest, size, len(entries)))
+    counts = [own.intervals for own in intervals.courses]
+    transitions, responses = ([np.zeros((k, n, columns)) for k in counts] for columns in (n, nv))
+    for k in range(chunks.longest):
+        order = following.chunks_at(k)
+        force = following.force[order] * displacements.units
+        starts, forces = displacements.starts(following.motion(following.state[order]), robot)
+        reached = rough.reach(k, order, starts, forces + np.repeat(force, width, axis=0))
+        by_state, by_force = displacements.derivatives(reached, robot)
+        base = following.reach(k, order, following.state[order], force)
+        full = np.zeros((len(order), size, size))
+        full[:, :n, :n], full[:, :n, of_force] = by_state, by_force
+        full[:, of_force, of_force] = stay
+        full[:, of_zeros, of_zeros] = 1
+        own = full @ covariance[order] @ full.transpose(0, 2, 1)
+        own[:, range(size), range(size)] += added
+        cross = seen @ own
+        innovation = cross @ seen.T
+        innovation[:, range(len(entries)), range(len(entries))] += noise2[order]
+        gain = np.linalg.solve(innovation, cross).transpose(0, 2, 1)
+        own = own - gain @ cross
+        gains[order, k] = gain
+        covariance[order] = 0.5 * (own + own.transpose(0, 2, 1))
+        following.correct(k, order, base, gain)
+        for c, state, force in zip(order, by_state, by_force, strict=True):
+            log, interval = int(chunks.log[c]), int(chunks.first[c]) + k
+            transitions[log][interval], responses[log][interval] = state, force
+    return following.result, Linearisation(tuple(transitions), tuple(responses), displacements.units, gains)
+
+
+def follow(
+    intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], linearisation: Linearisation
+) -> Intervals:
+    """Intervals whose references follow the logs with the gains of a linearisation."""
+    following = Following(intervals, chunks, offsets)
+    for k in range(chunks.longest):
+        order = following.chunks_at(k)
+        base = following.reach(k, order, following.state[order], following.force[order] * linearisation.units)
+        following.correct(k, order, base, linearisation.gains[order, k])
+    return following.result

@@ -1,0 +1,51 @@
+"""Drives that smooth their set points before the joint PD sees them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.robot.model import Robot
+
+REMEMBERED = 30.0
+"""Time constants after which a set point is forgotten."""
+
+
+@dataclass(frozen=True)
+class SetPointFilter(Effect):
+    """First-order low-pass on the set points of the joint PD, T dq_f/dt = q* − q_f, and on those of velocity alike.
+
+    A period gets the mean of the filtered set point (the exact impulse). Before anything arrives the first command
+    holds. Feed-forward torque, and what the joint PD measures, are not filtered.
+    """
+
+    name = "set_point_filter"
+    by_default = False
+    places = "joints"
+    along_joints = True
+    needs_motor = True
+
+    time_constant_s: float = parameter(0.0, "s", 0.0, 0.5, 0.01)
+
+    @property
+    def memory_s(self) -> float:
+        """Until nothing is left of a set point."""
+        return REMEMBERED * self.time_constant_s
+
+    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
+        """Filter the set points of the joints."""
+        if self.is_nominal:
+            return commands
+        from scipy.signal import lfilter  # every process reads this file, and the import takes half a second
+
+        at, periods = robot.joints_at(self.location), self.time_constant_s / period_s
+        kept = float(np.exp(-1 / periods))
+
+        def smooth(sent: np.ndarray) -> np.ndarray:
+            wanted, found = sent[:, at], sent.copy()
+            ends = lfilter([1 - kept], [1.0, -kept], wanted, axis=0, zi=kept * wanted[:1])[0]
+            starts = np.concatenate([wanted[:1], ends[:-1]])
+            found[:, at] = wanted + (starts - wanted) * (periods * (1 - kept))
+            return found
+
+        return replace(commands, position=smooth(commands.position), velocity=smooth(commands.velocity))

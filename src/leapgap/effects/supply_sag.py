@@ -1,0 +1,63 @@
+"""A supply whose voltage falls under load, so that motors which set a duty cycle give less when many work."""
+
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from leapgap.effects.base import Effect, ForceContext, Load, parameter
+from leapgap.effects.drive import lacks_torque_limits
+from leapgap.robot import actuators
+from leapgap.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class SupplySag(Effect):
+    """Share of each motor's torque that is lost when all of them give their largest: τ (1 − sag · Σ|τ| / Σ τ_max).
+
+    The voltage falls by the sum of the currents, which are as the torques τ that are asked for within the model's
+    limits, and drives that set a duty cycle do not make up for it; those that control a current do until their voltage
+    ends (``torque_speed_limit``). A replay takes the torques from its log's commands and motion, a closed loop its own.
+    """
+
+    name = "supply_sag"
+    by_default = False
+    needs_motor = True
+
+    sag: float = parameter(0.0, "1", 0.0, 0.9, 0.2, limits=(0.0, 1.0))
+
+    @classmethod
+    def lacks(cls, robot: Robot) -> str | None:
+        """The load is a share of the largest torques, which the model states."""
+        return super().lacks(robot) or lacks_torque_limits(robot)
+
+    @property
+    def structure(self) -> Hashable | None:
+        """Key of the actuators that take torque away; None without sag."""
+        return None if self.is_nominal else self.name
+
+    def _parts(self, robot: Robot) -> Iterator[tuple[int, str]]:
+        """Joint that a motor drives, and name of the actuator that takes torque away."""
+        for i in np.flatnonzero(robot.driven):
+            yield int(i), f"{self.name} at {robot.joints[i]}"
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """By what all motors give."""
+        most = at.robot.torque_limits[at.robot.driven].sum()
+        return at.at_motors(location, -at.torque * np.abs(at.torque).sum(axis=1, keepdims=True) / most)
+
+    def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
+        """Add an actuator beside each motor."""
+        for joint, part in self._parts(robot):
+            actuators.add_push(spec, robot.joints[joint], part)
+
+    def put_controls(self, control: np.ndarray, load: Load, model: mujoco.MjModel, robot: Robot) -> None:
+        """Take the share away."""
+        if self.is_nominal:
+            return
+        joints, names = zip(*self._parts(robot), strict=True)
+        torque = load.torque[:, list(joints)]
+        work = np.abs(torque).sum(axis=1, keepdims=True) / robot.torque_limits[list(joints)].sum()
+        control[:, [int(model.actuator_ctrladr[model.actuator(name).id]) for name in names]] = -self.sag * work * torque

@@ -1,0 +1,85 @@
+"""Importer of JSON files: records one after another, or columns; records a line (``.jsonl``) too."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leapgap.errors import InputError
+from leapgap.logs.importers.table_format import TableFormat
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+
+BYTES_A_VALUE = 2
+"""A digit and a comma: no file holds more values than its size over this."""
+DEEPEST, MOST_COLUMNS = 16, 10_000
+
+
+class Json(TableFormat):
+    """Lists of records with the same keys, or objects of columns; keys of objects in them are joined by dots."""
+
+    name = "json"
+    suffixes = (".json", ".jsonl")
+
+    def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
+        """The wanted columns; a list in a record is a row of an array."""
+        check_size(path, path.stat().st_size / BYTES_A_VALUE)
+        columns = columns_of(records(path), path)
+        return {name: as_array(values, f"{path}, {name}") for name, values in columns.items() if wanted(name)}
+
+
+def records(path: Path) -> Any:
+    """What the file holds: a list of records, or an object of columns."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        if path.suffix == ".jsonl":
+            return [json.loads(line) for line in text.splitlines() if line.strip()]
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, f"no whole JSON ({error})", "records, or columns", "export it anew") from None
+
+
+def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
+    """Columns by name: of records their keys, of an object the lists in it; one list of records is taken from it."""
+    if isinstance(held, Mapping):
+        lists = [one for one in held.values() if isinstance(one, list) and one and isinstance(one[0], Mapping)]
+        if len(lists) == 1:
+            held = lists[0]
+    if isinstance(held, Mapping):
+        return {name: one for name, one in flat(held, path).items() if isinstance(one, list)}
+    if not isinstance(held, list) or not held or not isinstance(held[0], Mapping):
+        raise InputError(path, "neither records nor columns", "a list of objects, or an object of lists", "export it")
+    names = list(flat(held[0], path))
+    columns: dict[str, list[Any]] = {name: [] for name in names}
+    for row, record in enumerate(held):
+        values = flat(record, path) if isinstance(record, Mapping) else {}
+        lacking = next((name for name in names if name not in values), None)
+        if lacking is not None:
+            raise InputError(f"{path}, record {row}", f"no {lacking}", "the keys of record 0", "export it anew")
+        for name in names:
+            columns[name].append(values[name])
+    return columns
+
+
+def flat(record: Mapping[str, Any], path: Path, head: str = "", depth: int = 0) -> dict[str, Any]:
+    """The values of an object by their names, those of objects in it as ``outer.inner``."""
+    found: dict[str, Any] = {}
+    for key, value in record.items():
+        if isinstance(value, Mapping) and depth < DEEPEST:
+            found |= flat(value, path, f"{head}{key}.", depth + 1)
+        else:
+            found[f"{head}{key}"] = value
+    if len(found) > MOST_COLUMNS:
+        raise InputError(path, f"more than {MOST_COLUMNS} keys", "the columns of a log", "export it anew")
+    return found
+
+
+def as_array(values: list[Any], where: str) -> np.ndarray:
+    """Numbers as float64, of shape (rows,) or (rows, n); anything else as it is, for text may cut a log."""
+    if all(value is None or isinstance(value, str) for value in values):
+        return np.array(values, dtype=object)
+    try:
+        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(where, "values that are no numbers", "numbers, or lists of one length", "export it") from None

@@ -1,0 +1,173 @@
+"""The engine beside references of its own: dense Gaussians, plain MuJoCo, and arms that plain MuJoCo simulates."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from leapgap import effects
+from leapgap.diagnosis.diagnose import Diagnosis, diagnose
+from leapgap.diagnosis.engine.evidence import posterior_of
+from leapgap.diagnosis.engine.intervals import Intervals
+from leapgap.diagnosis.engine.responses import Columns
+from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise
+from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.settings import Settings
+from leapgap.logs.log import read_logs
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer
+from tests import plain_arm
+
+
+def test_evidence_and_posterior_are_those_of_a_dense_gaussian() -> None:
+    """Of ten errors by two columns with priors about other means than zero."""
+    rng = np.random.default_rng(3)
+    columns, deviation, centre = rng.standard_normal((10, 2)), np.array([0.7, 2.0]), np.array([0.4, -1.0])
+    errors = rng.standard_normal(10) + columns @ np.array([1.0, -0.5])
+    covariance = columns @ np.diag(deviation**2) @ columns.T + np.eye(10)
+    expected = multivariate_normal(columns @ centre, covariance).logpdf(errors)
+    stacked = np.concatenate([errors[:, None], columns], axis=1)
+    found = posterior_of(stacked.T @ stacked, 0.0, np.eye(2), deviation, centre)
+    assert found.evidence - 5 * np.log(2 * np.pi) == pytest.approx(expected)
+    gain = np.diag(deviation**2) @ columns.T @ np.linalg.inv(covariance)
+    assert found.mean == pytest.approx(centre + gain @ (errors - columns @ centre))
+    assert found.covariance == pytest.approx(np.diag(deviation**2) - gain @ columns @ np.diag(deviation**2))
+
+
+def test_whitened_errors_have_the_likelihood_of_the_whole_process() -> None:
+    """State of two, one force, position measured four times: the filter agrees with the joint Gaussian."""
+    rng = np.random.default_rng(5)
+    steps, level, dt = 4, 0.6, 0.01
+    transition = rng.standard_normal((1, steps, 2, 2)) * 0.3 + np.eye(2)
+    force = rng.standard_normal((1, steps, 2, 1))
+    noise, start = np.array([[0.2]]), np.array([[0.5, 0.3]])
+    own = Filter.of(transition, force, noise, start, np.array([0]), level, dt)
+    known, measured = rng.standard_normal((1, steps, 2, 1)) * 0.1, rng.standard_normal((1, steps, 1, 1))
+    whitened = own.whiten(known, measured)
+    found = -0.5 * ((whitened**2).sum() + own.log_determinant.sum() + steps * np.log(2 * np.pi))
+    # Every state is a sum of independent unit numbers: two of the start, and one force and its renewals.
+    stay = np.exp(-dt / CORRELATION_S)
+    forces = np.zeros((steps, 2 + steps))
+    forces[0, 2] = level
+    for k in range(1, steps):
+        forces[k] = stay * forces[k - 1]
+        forces[k, 2 + k] += level * np.sqrt(1 - stay**2)
+    state, mean = np.zeros((2, 2 + steps)), np.zeros(2)
+    state[:, :2] = np.diag(start[0])
+    rows, means = [], []
+    for k in range(steps):
+        state = transition[0, k] @ state + force[0, k] @ forces[k : k + 1]
+        mean = transition[0, k] @ mean + known[0, k, :, 0]
+        rows.append(state[0])
+        means.append(mean[0])
+    spread = np.array(rows) @ np.array(rows).T + noise[0, 0] ** 2 * np.eye(steps)
+    expected = multivariate_normal(np.array(means), spread).logpdf(measured[0, :, 0, 0])
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Intervals]:
+    """The guide's arm with two logs that plain MuJoCo has made, cut into intervals."""
+    folder = tmp_path_factory.mktemp("arm")
+    robot = Robot.load(plain_arm.write_model(folder))
+    logs = read_logs(plain_arm.write_parquet(folder / "logs", 2))
+    judged = JudgedLogs.of(logs, robot, {})
+    return robot, Intervals.of(judged.states, Replayer(robot, 1, 1), 0.01)
+
+
+def test_columns_of_a_joint_are_those_of_its_torque(arm: tuple[Robot, Intervals]) -> None:
+    """Damping and friction of one joint, shared out of a replay with both, beside plain MuJoCo with that one alone."""
+    robot, intervals = arm
+    chunks = Chunks.of(intervals)
+    none = [np.zeros((own.intervals, 4)) for own in intervals.courses]
+    intervals, linearisation = linearise(intervals, chunks, none)
+    hypotheses = list_hypotheses([effects.known()["joint_damping"]], robot, None)
+    columns = Columns.of(intervals, linearisation, hypotheses)
+    (index,) = [i for i, key in enumerate(columns.keys) if key.place == "elbow"]
+    own = intervals.courses[0]
+    model = mujoco.MjModel.from_xml_string(plain_arm.EXAMPLE.MODEL.format(elbow=plain_arm.EXAMPLE.BELIEVED))
+    harder = mujoco.MjModel.from_xml_string(plain_arm.EXAMPLE.MODEL.format(elbow=plain_arm.EXAMPLE.BELIEVED))
+    harder.dof_damping[1] += 0.1
+    wanted = own.states.log.per_joint("cmd_pos", robot.joints), own.states.log.per_joint("cmd_vel", robot.joints)
+
+    def end(of: mujoco.MjModel, k: int) -> np.ndarray:
+        data = mujoco.MjData(of)
+        data.qpos[:], data.qvel[:] = np.split(own.start_states[k], 2)
+        for row in range(own.rows[own.begins[k]], own.rows[own.begins[k] + 1]):
+            for _ in range(round(plain_arm.PERIOD_S / of.opt.timestep)):
+                data.qfrc_applied[:] = plain_arm.KP * (wanted[0][row] - data.qpos)
+                data.qfrc_applied[:] += plain_arm.KD * (wanted[1][row] - data.qvel)
+                mujoco.mj_step(of, data)
+        return np.concatenate([data.qpos, data.qvel])
+
+    chosen = range(5, own.intervals, 20)
+    plain = np.array([(end(harder, k) - end(model, k)) / 0.1 for k in chosen])[:, 2:]
+    found = columns.values[0][list(chosen)][:, 2:, index]
+    assert np.corrcoef(plain.ravel(), found.ravel())[0, 1] > 0.99
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(plain), rel=0.1)
+
+
+def found_by_evidence(folder: Path, robot: Robot) -> Diagnosis:
+    """The diagnosis of logs by the engine."""
+    return diagnose(read_logs(folder), robot, Settings(engine="evidence", best=False), threads=1)
+
+
+@pytest.mark.long
+def test_damping_of_an_elbow_is_named_with_its_number(tmp_path: Path) -> None:
+    """Logs of plain MuJoCo, whose joint PD is a force outside the model."""
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    report = found_by_evidence(plain_arm.write_parquet(tmp_path / "logs"), robot).report
+    assert report.verdict == "named"
+    assert report.answer[0] == ("joint_damping",)
+    assert report.causes[0].location == "elbow"
+    damping = report.causes[0].parameters["damping"]
+    assert damping.value == pytest.approx(plain_arm.TRUE - plain_arm.BELIEVED, rel=0.05)
+    assert report.evidence_numbers is not None
+    assert report.evidence_numbers.u < 0.05 * report.evidence_numbers.u_before
+
+
+@pytest.mark.long
+def test_a_force_that_no_effect_has_is_unknown(tmp_path: Path) -> None:
+    """A spring in the elbow's cable that tugs with a torque by the angle, six times a turn: no cause is named."""
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    tugging = plain_arm.EXAMPLE.MODEL.format(elbow=plain_arm.EXAMPLE.BELIEVED)
+    write_tugged(logs, tugging)
+    report = found_by_evidence(logs, robot).report
+    assert report.verdict in ("unknown", "partly")
+    assert report.evidence_numbers is not None
+    assert report.evidence_numbers.u > 20 * report.evidence_numbers.blocks
+
+
+def write_tugged(folder: Path, xml: str) -> None:
+    """Four logs of an arm whose elbow feels 0.5 sin 6q N·m beside its joint PD."""
+    import json
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    model = mujoco.MjModel.from_xml_string(xml)
+    for seed in range(4):
+        columns = plain_arm.swing(seed)
+        rng, data = np.random.default_rng(100 + seed), mujoco.MjData(model)
+        wanted, speed = (
+            np.stack([columns[f"{name}/{joint}"] for joint in plain_arm.JOINTS], axis=1)
+            for name in ("cmd_pos", "cmd_vel")
+        )
+        data.qpos[:], data.qvel[:] = wanted[0], speed[0]
+        for row in range(len(wanted)):
+            for i, joint in enumerate(plain_arm.JOINTS):
+                columns[f"joint_pos/{joint}"][row] = data.qpos[i] + 2e-4 * rng.standard_normal()
+                columns[f"joint_vel/{joint}"][row] = data.qvel[i] + 5e-3 * rng.standard_normal()
+            for _ in range(round(plain_arm.PERIOD_S / model.opt.timestep)):
+                data.qfrc_applied[:] = plain_arm.KP * (wanted[row] - data.qpos) + plain_arm.KD * (
+                    speed[row] - data.qvel
+                )
+                data.qfrc_applied[1] += 0.5 * np.sin(6 * data.qpos[1])
+                mujoco.mj_step(model, data)
+        table = pa.table(columns).replace_schema_metadata({"leapgap": json.dumps(plain_arm.EXAMPLE.INFO)})
+        pq.write_table(table, folder / f"tug_{seed}.parquet")
