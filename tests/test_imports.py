@@ -41,7 +41,7 @@ ONLY_IN = {
     "dvc": set(),
 }
 SHARED = {"registry", "errors", "atomic_io", "output_folder", "processes", "executor", "cache", "content_hash"}
-SHARED |= {"import_closure", "former_results", "blas", "interrupt"}
+SHARED |= {"import_closure", "former_results", "blas", "interrupt", "plain_yaml"}
 """Files beside the packages, which all of them may use."""
 LIBRARY = [name for name in modules() if name.startswith("leapgap.")]
 

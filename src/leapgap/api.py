@@ -45,8 +45,8 @@ def read_logs(
     if format is not None:
         readings = read_foreign(path, format, robot, options)
         if readings.set_aside:
-            found = "\n".join(map(str, readings.set_aside))
-            raise InputError(path, f"logs that cannot be used:\n{found}\n ", "whole logs", "repair or remove them")
+            do = "repair or remove them"
+            raise InputError(path, "logs that cannot be used", "whole logs", do, readings.set_aside)
         return list(readings.logs)
     loaded = None if robot is None else load_robot(robot)
     return some(log_file.read_logs(path) if path.is_dir() else [log_file.read_log(path)], path, "*.parquet", loaded)

@@ -10,11 +10,10 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
-from leapgap.errors import InputError, did_you_mean
+from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.interrupt import STOPPED
 from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
 from leapgap.processes import InterruptGuard, open_closed_streams, tolerate_terminal
@@ -24,8 +23,6 @@ DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how 
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
-CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")
-"""Characters that move the cursor, set colours or rename the window of a terminal; a new line is none of them."""
 UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
 
 
@@ -42,12 +39,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen.run(chosen)
         sys.stdout.flush()
     except InputError as error:
-        print(f"leapgap {chosen.command}: {printable(error)}", file=sys.stderr)
+        tell(f"leapgap {chosen.command}: {error}", sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of a pipe, such as `head`, has enough; Python must not flush into it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        print(f"leapgap {chosen.command}: {system_error(error)}", file=sys.stderr)
+        tell(f"leapgap {chosen.command}: {system_error(error)}", sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"leapgap {chosen.command}: stopped", file=sys.stderr)
@@ -55,9 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def printable(text: object) -> str:
-    """A text for a terminal: control characters, which names in foreign files may hold, become their codes."""
-    return CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", str(text))
+def tell(text: object, to: TextIO | None = None) -> None:
+    """Print lines for a terminal: control characters, which names in foreign files may hold, become their codes."""
+    print("\n".join(map(printable, str(text).split("\n"))), file=to or sys.stdout, flush=True)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -156,7 +153,7 @@ def robot_of(chosen: argparse.Namespace) -> Any:
     """The robot that a command names, with notes on its model file printed; None where it names none."""
     robot = load_robot(chosen)
     for note in robot.notes if robot else ():
-        print(f"{robot.path}: {note}", file=sys.stderr)
+        tell(f"{robot.path}: {note}", sys.stderr)
     return robot
 
 
@@ -219,12 +216,11 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     for key in ("effects", "without"):
         if getattr(chosen, key):
             settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
-    tell = (lambda _: None) if chosen.quiet else (lambda line: print(printable(line), flush=True))
-    with nullcontext(tell) if chosen.quiet else still_running(tell) as progress:
+    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
         robot = load_robot(chosen)
         progress(f"{robot.path.name}: {robot.step_and_integrator}")
         report = api.diagnose(chosen.logs, robot, settings, progress=progress, threads=chosen.threads)
-    print(printable(report))
+    tell(report)
     if chosen.out is not None:
         print_written(report.save(chosen.out, chosen.viewer))
 
@@ -233,15 +229,14 @@ def print_written(folder: Path) -> None:
     """Print what a report's folder holds, and where its page is."""
     from leapgap.reports.written import what_was_written
 
-    print(printable("\n".join(what_was_written(folder))))
-    print(f"page: {folder / 'report.html'}")
+    tell("\n".join([*what_was_written(folder), f"page: {folder / 'report.html'}"]))
 
 
 def run_check(chosen: argparse.Namespace) -> None:
     """Print each check on a line."""
     from leapgap import api
 
-    print(printable(api.check(chosen.logs, robot_of(chosen))))
+    tell(api.check(chosen.logs, robot_of(chosen)))
 
 
 def run_replay(chosen: argparse.Namespace) -> None:
@@ -252,7 +247,7 @@ def run_replay(chosen: argparse.Namespace) -> None:
     added = tuple(effects.from_config([effect_entry(text)])[0] for text in chosen.effect)
     replays = api.replay(chosen.logs, chosen.robot if chosen.robot.is_dir() else robot_of(chosen), added)
     write_all(replays, chosen.out, REPLAY)
-    print(f"{len(replays)} replays: {chosen.out}")
+    tell(f"{len(replays)} replays: {chosen.out}")
 
 
 def write_all(logs: Sequence[Any], folder: Path, by: str) -> None:
@@ -290,7 +285,7 @@ def run_import(chosen: argparse.Namespace) -> None:
 
     if chosen.guess:
         robot = robot_of(chosen)
-        print(printable(propose_map(chosen.source, robot, chosen.format).text(robot)))
+        tell(propose_map(chosen.source, robot, chosen.format).text(robot))
         return
     if chosen.out is None:
         raise InputError("--out", "no folder", "a folder for the logs", "name it: --out DIR")
@@ -308,10 +303,10 @@ def run_import(chosen: argparse.Namespace) -> None:
     logs = readings.logs
     write_all(logs, chosen.out, IMPORT)
     for line in (*guessed, *readings.lines()):
-        print(printable(line), file=sys.stderr)
+        tell(line, sys.stderr)
     for log in logs:
-        print(printable(import_line(log)))
-    print(f"{len(logs)} logs: {chosen.out}")
+        tell(import_line(log))
+    tell(f"{len(logs)} logs: {chosen.out}")
 
 
 def is_proposed(format: str | None) -> bool:
@@ -355,9 +350,9 @@ def run_effects(chosen: argparse.Namespace) -> None:
     rows = effect_rows(robot)
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
-        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        tell("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     if robot:
-        print(f"{robot.path}: {robot.step_and_integrator}", file=sys.stderr)
+        tell(f"{robot.path}: {robot.step_and_integrator}", sys.stderr)
 
 
 def run_report(chosen: argparse.Namespace) -> None:
@@ -371,8 +366,8 @@ def run_report(chosen: argparse.Namespace) -> None:
     sentence = read_json(data).get("sentence")
     if not isinstance(sentence, str):
         raise InputError(data, "no sentence", "a report", "name a folder that 'leapgap diagnose --out' wrote")
-    print(printable(sentence))
-    print(f"page: {page}")
+    tell(printable(sentence))
+    tell(f"page: {page}")
     if not chosen.no_browser:
         open_page(page)
 
@@ -394,10 +389,10 @@ def run_demo(chosen: argparse.Namespace) -> None:
     check_output(report_folder, SAVED_BY, kept=True)
     hiding = demo.simulate(chosen.number)
     write_all(hiding.logs, logs_folder, DEMO)
-    print(f"robot {chosen.number} has moved: {len(hiding.logs)} logs in {logs_folder}; one effect is hidden in it")
-    with still_running(partial(print, flush=True)) as progress:
+    tell(f"robot {chosen.number} has moved: {len(hiding.logs)} logs in {logs_folder}; one effect is hidden in it")
+    with still_running(tell) as progress:
         report = api.diagnose(logs_folder, hiding.robot, progress=progress)
-    print(f"\n{report}\n\nhidden was {hiding.answer}")
+    tell(f"\n{report}\n\nhidden was {hiding.answer}")
     print_written(report.save(report_folder))
     if not chosen.no_browser:
         open_page(report_folder / "report.html")

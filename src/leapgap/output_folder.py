@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.atomic_io import TEMPORARY, is_partial, partial, write_json
-from leapgap.errors import InputError
+from leapgap.errors import InputError, check_utf8
 
 try:
     import fcntl
@@ -119,6 +119,7 @@ def check_output(folder: Path, by: str, inputs: Iterable[Path | str | None] = ()
 
 def real_path(folder: Path) -> Path:
     """The absolute path of an output folder; one that is itself a link is an ``InputError``."""
+    check_utf8(folder.absolute())
     if folder.is_symlink():
         raise refusal(folder, f"a link to {folder.readlink()}", "name the folder itself, or another one")
     return folder.resolve()

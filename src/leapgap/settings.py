@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import json
 import math
-import re
 import reprlib
 import textwrap
 import types
@@ -17,16 +16,13 @@ import yaml
 
 from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.files import check_file
+from leapgap.plain_yaml import MOST_BYTES, check_size, from_yaml
 
 Kind = TypeVar("Kind")
 
 
 YAML = (".yaml", ".yml")
 """Endings of the files that are read as YAML; all others are JSON."""
-MERGE = "tag:yaml.org,2002:merge"
-"""Tag of the key ``<<``."""
-MOST_BYTES, MOST_VALUES = 1_000_000, 100_000
-"""Size of a file of settings, and values in it."""
 LARGEST_SHOWN, LONGEST_SHOWN = 10**15, 200
 """A whole number, and characters of a value, that a message shows."""
 
@@ -54,25 +50,6 @@ def values_of(path: Path) -> Any:
     return values
 
 
-def check_size(values: Any) -> None:
-    """``ValueError`` for more values than settings have, written out; names of YAML stand for what they name.
-
-    ``RecursionError`` for values that contain themselves.
-    """
-    sizes: dict[int, int] = {}
-
-    def size(value: Any) -> int:
-        if not isinstance(value, dict | list):
-            return 1
-        if id(value) not in sizes:
-            inner = value.values() if isinstance(value, dict) else value
-            sizes[id(value)] = 1 + sum(map(size, inner))
-        return sizes[id(value)]
-
-    if size(values) > MOST_VALUES:
-        raise ValueError(f"{size(values):.3g} values; expected at most {MOST_VALUES}")
-
-
 def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """The object with these keys; ``ValueError`` names one that is there twice, of which JSON would keep the last."""
     found: dict[str, Any] = {}
@@ -81,30 +58,6 @@ def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise ValueError(f"the key {key} twice")
         found[key] = value
     return found
-
-
-def from_yaml(text: str) -> Any:
-    """Values of a YAML text. ``1e-3`` is a number here as everywhere else; PyYAML alone would take it for a text."""
-    return yaml.load(text, Loader=Loader)
-
-
-class Loader(yaml.SafeLoader):
-    """Reads plain data and floating-point numbers without a dot, and refuses a key that is there twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        """The mapping of a node; what ``<<`` brings in may be stated anew."""
-        known: set[str] = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode) and key.tag != MERGE:
-                if key.value in known:
-                    raise yaml.constructor.ConstructorError(None, None, f"the key {key.value} twice", key.start_mark)
-                known.add(key.value)
-        return super().construct_mapping(node, deep)
-
-
-Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
 
 
 def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
@@ -117,8 +70,16 @@ def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
         nearest = [question for name in unknown if (question := did_you_mean(str(name), fields))]
         expected, do = f"keys among {', '.join(sorted(fields))}", " ".join(nearest) or "correct them"
         raise InputError(where, f"the keys {', '.join(map(str, unknown))}", expected, do)
+    missing = [field.name for field in dataclasses.fields(kind) if is_needed(field) and field.name not in values]  # type: ignore[arg-type]
+    if missing:
+        raise InputError(where, f"no {', '.join(missing)}", "every key that has no value of its own", "state it")
     types_of = typing.get_type_hints(kind)
     return kind(**{name: converted(types_of[name], value, f"{where}, {name}") for name, value in values.items()})
+
+
+def is_needed(field: dataclasses.Field) -> bool:
+    """Whether a field of a dataclass has no value unless it is stated."""
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def converted(kind: Any, value: Any, where: str) -> Any:

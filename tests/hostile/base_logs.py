@@ -231,6 +231,34 @@ def write_ros(columns: Columns, path: Path) -> None:
                 bag.write(lanes[topic], 10**18 + stamp, store.serialize_ros1(message, joint_state.__msgtype__))
 
 
+def write_ros2(storage: str) -> Callable[[Columns, Path], None]:
+    """A writer of recordings of ROS 2, as SQLite or MCAP, with the messages of ``write_ros``."""
+
+    def write(columns: Columns, path: Path) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        kinds = store.types
+        joint_state = kinds["sensor_msgs/msg/JointState"]
+        topics = {"/joint_states": ("joint_pos", "joint_vel", "tau"), "/commands": ("cmd_pos", "cmd_vel", "cmd_tau")}
+        with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as bag:
+            lanes = {topic: bag.add_connection(topic, joint_state.__msgtype__, typestore=store) for topic in topics}
+            for row in range(len(columns["time"])):
+                now = float(columns["time"][row])
+                stamp = round(now * 1e9) if np.isfinite(now) and abs(now) < 1e9 else 0
+                when = kinds["builtin_interfaces/msg/Time"](max(0, stamp) // 10**9, max(0, stamp) % 10**9)
+                for topic, quantities in topics.items():
+                    parts = [
+                        np.array([columns[f"{one}/{joint}"][row] for joint in JOINTS], dtype=float)
+                        for one in quantities
+                    ]
+                    message = joint_state(kinds["std_msgs/msg/Header"](when, ""), list(JOINTS), *parts)
+                    bag.write(lanes[topic], 10**18 + stamp, store.serialize_cdr(message, joint_state.__msgtype__))
+
+    return write
+
+
 def write_published(columns: Columns, path: Path) -> None:
     """A folder of the published layout."""
     path.mkdir(parents=True)
@@ -303,6 +331,16 @@ FORMATS = (
         write_ros,
         importer="ros",
         options={"columns": ROS_COLUMNS, "constants": {"cmd_kp/*": KP, "cmd_kd/*": KD}},
+    ),
+    *(
+        Format(
+            storage.lower(),
+            "",
+            write_ros2(storage),
+            importer="ros",
+            options={"columns": ROS_COLUMNS, "constants": {"cmd_kp/*": KP, "cmd_kd/*": KD}},
+        )
+        for storage in ("MCAP", "SQLITE3")
     ),
     Format("lerobot", "", write_lerobot, importer="lerobot"),
     Format("published", "", write_published, published_log, importer="published", model=""),

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tests.hostile.metadata_harms import DEEP
+from tests.hostile.packed_bombs import BOMBS
 
 
 def npz_claims(path: Path, shape: tuple[int, ...], dtype: str = "<f8") -> None:
@@ -218,5 +219,6 @@ SPECIALS: Mapping[str, tuple[str, Callable[[Path], None]]] = {
     "lerobot_null": ("lerobot", lerobot_info('{"codebase_version": null, "features": null}')),
     "published_missing": ("published", published_missing),
     "published_wide": ("published", published_wide),
+    **BOMBS,
 }
 """Files that are made to harm, by the format they pretend to be."""

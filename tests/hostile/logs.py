@@ -32,10 +32,11 @@ from tests.hostile.file_harms import FILE_HARMS
 from tests.hostile.harmful_files import SPECIALS
 from tests.hostile.log_harms import write_case
 from tests.hostile.metadata_harms import METADATA
+from tests.hostile.other_files import OTHER_FILES, harms, judge_other, write_harmed
 
 OUTCOMES = (
     *("refused", "set_aside", "accepted_harmless", "accepted_nonsense"),
-    *("traceback", "hang", "memory"),
+    *("traceback", "hang", "memory", "control"),
 )
 LONGEST_S, MOST_BYTES, ADDRESSES = 30.0, 2_500_000_000, 12_000_000_000
 """Limits of one case: time, memory beyond what the process held before, and addresses of the process."""
@@ -48,12 +49,12 @@ WHOLE_FILE_SEEDS = 8
 
 @dataclass(frozen=True)
 class Case:
-    """A log of one format, and what is done to it before it is read."""
+    """A log of one format or another file, and what is done to it before it is read."""
 
     number: int
     format: str
     harm: str
-    """``columns``, ``file``, ``metadata`` or ``special``."""
+    """``columns``, ``file``, ``metadata`` or ``special``; ``other`` for a file that is no log."""
     name: str
 
     def __str__(self) -> str:
@@ -84,12 +85,13 @@ def cases() -> list[Case]:
         ("own_unchecked", "metadata", name) for name in METADATA
     ]
     kinds += [(layout, "special", name) for name, (layout, _) in SPECIALS.items()]
+    kinds += [(kind, "other", name) for kind in OTHER_FILES for name in harms(WHOLE_FILE_SEEDS)]
     return [Case(number, *kind) for number, kind in enumerate(kinds)]
 
 
 def may_be_written(layout: Format, name: str) -> bool:
     """Whether a format can hold such columns at all."""
-    if layout.name in ("published", "ros"):
+    if layout.name in ("published", "ros", "mcap", "sqlite3"):
         unwritable = ("no_", "one_joint", "part_of", "unicode_joint", "texts", "words", "complex", "dates", "no_row")
         return not name.startswith(unwritable) and name not in ("time_nan",)
     if name == "complex":
@@ -201,6 +203,8 @@ def compare_from(log: Any, truth: Columns, remarks: Sequence[str], begin: float)
 
 def serve(models: Path) -> None:
     """Read cases from standard input and write their outcomes to standard output, until there is none."""
+    from leapgap.errors import CONTROL
+
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
@@ -211,7 +215,11 @@ def serve(models: Path) -> None:
         name, folder, truth = raw
         before = peak_bytes()
         try:
-            outcome, says = reader.judge(layouts[name], Path(folder), truth)
+            if name in OTHER_FILES:
+                outcome, says = judge_other(name, Path(folder))
+            else:
+                outcome, says = reader.judge(layouts[name], Path(folder), truth)
+                outcome = "control" if CONTROL.search(says.replace("\n", "")) else outcome
         except BaseException:
             outcome, says = "traceback", traceback.format_exc()[-1500:]
         if peak_bytes() - before > MOST_BYTES:
@@ -263,10 +271,10 @@ class Worker:
             raise RuntimeError("the process that reads cases did not start")
         return process
 
-    def judge(self, layout: Format, folder: Path, truth: Columns) -> tuple[str, str]:
-        """Outcome of one case within its time."""
+    def judge(self, layout: str, folder: Path, truth: Columns) -> tuple[str, str]:
+        """Outcome of one case of a format or kind of file within its time."""
         assert self.process.stdin is not None and self.process.stdout is not None
-        send(self.process.stdin, (layout.name, str(folder), truth))
+        send(self.process.stdin, (layout, str(folder), truth))
         ready, _, _ = select.select([self.process.stdout], [], [], LONGEST_S)
         found = receive(self.process.stdout) if ready else None
         if found is not None:
@@ -307,11 +315,16 @@ def run_cases(chosen: Sequence[Case], seed: int) -> list[Result]:
         worker = Worker(Path(name) / "models")
         try:
             for case in chosen:
+                rng = np.random.default_rng([seed, case.number])
+                if case.harm == "other":
+                    path = write_harmed(case.format, case.name, Path(name) / "other", rng)
+                    results.append(Result(case, *worker.judge(case.format, path, {})))
+                    clear(Path(name) / "other")
+                    continue
                 layout = layouts[case.format]
                 victim = log_path(folders[case.format], layout, VICTIM)
-                rng = np.random.default_rng([seed, case.number])
                 truth = write_case(layout, case.harm, case.name, victim, rng, VICTIM)
-                results.append(Result(case, *worker.judge(layout, folders[case.format], truth)))
+                results.append(Result(case, *worker.judge(layout.name, folders[case.format], truth)))
                 clear(victim)
         finally:
             worker.close()
@@ -326,7 +339,7 @@ def figures(results: Sequence[Result]) -> Mapping[str, int]:
 
 def report(results: Sequence[Result]) -> str:
     """The cases that must not be, and those that physics cannot see, a line each."""
-    bad = [one for one in results if one.outcome in ("traceback", "hang", "memory", "accepted_nonsense")]
+    bad = [one for one in results if one.outcome in ("traceback", "hang", "memory", "control", "accepted_nonsense")]
     return "\n".join(f"{one.outcome}: {one.case}: {one.says}" for one in bad)
 
 

@@ -21,7 +21,8 @@ from tests.hostile.kills import AT_ONCE, kills_number
 from tests.hostile.ticks import a1_and_reference, bad_problems, hostile_ticks
 
 FIGURES = (
-    *("inputs", "refused", "set_aside", "accepted_harmless", "accepted_nonsense", "traceback", "hang", "memory"),
+    *("inputs", "refused", "set_aside", "accepted_harmless", "accepted_nonsense"),
+    *("traceback", "hang", "memory", "control"),
     *("ticks", "nonfinite", "outside_limits", "exceptions"),
     *("kills", "partial_visible", "orphans", "bytes_differ"),
 )

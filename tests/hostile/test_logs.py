@@ -4,6 +4,7 @@ import pytest
 
 from tests.hostile.base_logs import FORMATS
 from tests.hostile.logs import Case, Result, cases, figures, report, run_cases
+from tests.hostile.other_files import OTHER_FILES
 
 SHARE = 11
 """One case of so many is run here; it has no factor in common with the lengths of the lists."""
@@ -17,8 +18,9 @@ def results() -> list[Result]:
 @pytest.mark.long
 def test_no_corrupted_log_is_a_traceback_a_hang_or_too_much_memory(results: list[Result]) -> None:
     counts = figures(results)
-    assert counts["traceback"] == counts["hang"] == counts["memory"] == 0, report(results)
-    assert counts["inputs"] > 100 and {one.case.format for one in results} == {layout.name for layout in FORMATS}
+    assert counts["traceback"] == counts["hang"] == counts["memory"] == counts["control"] == 0, report(results)
+    assert counts["inputs"] > 200
+    assert {one.case.format for one in results} == {*(layout.name for layout in FORMATS), *OTHER_FILES}
 
 
 def test_nonsense_is_accepted_once_in_a_hundred_at_most(results: list[Result]) -> None:

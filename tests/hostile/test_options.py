@@ -58,6 +58,7 @@ def test_the_map_itself_is_taken(folder: Path, tmp_path: Path, capsys: pytest.Ca
     assert import_with(folder, tmp_path / "map.yaml", capsys) == (0, "")
 
 
+MERGED = "a0: &a0 {k: 1}\n" + "".join(f"a{i}: &a{i}\n  <<: [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 31))
 BROKEN = {
     "twice": ("yaml", "period_s: 0.001\nperiod_s: 0.001\n", "the key period_s twice"),
     "twice_below": ("yaml", "columns: {time: t, time: t}\n", "the key time twice"),
@@ -69,6 +70,9 @@ BROKEN = {
     "huge_number_json": ("json", json.dumps({"period_s": 10**400}), "a value of type float"),
     "bomb": ("yaml", f"{BOMB}joint_order: [*a8]\n", "values; expected at most"),
     "loop": ("yaml", "joint_order: &a [*a]\n", "nested too deep"),
+    "merged": ("yaml", f"{MERGED}columns: *a30\n", "more than 100000 values"),
+    "base_sixty": ("yaml", f"period_s: 1{':59' * 100_000}\n", "a number of 300001 characters"),
+    "part_of_a_piece": ("yaml", "pieces: [{name: a, begin_s: 0}]\n", "pieces, item 0: found no end_s"),
     "long": ("yaml", "# " + "x" * 20_000_000, "bytes; expected at most"),
 }
 """Name → ending, text, and words of the message."""

@@ -13,6 +13,7 @@ import pytest
 
 from leapgap.effects.gravity_direction import GravityDirection
 from leapgap.errors import InputError
+from leapgap.robot import model_guard
 from leapgap.robot.model import Robot
 
 GEOM = '<geom size="0.1"/>'
@@ -43,6 +44,7 @@ def replicate(*counts: object, inner: str = '<geom size="0.1"/>') -> str:
     return inner
 
 
+HFIELD = '<hfield name="h{}" nrow="2000" ncol="2000" size="1 1 1 1"/>'
 TEN_TIMES = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12))
 LAUGHS = f'<?xml version="1.0"?><!DOCTYPE m [<!ENTITY e0 "ha">{TEN_TIMES}]><mujoco model="&e11;"/>'
 
@@ -60,6 +62,62 @@ REFUSED: dict[str, tuple[str, str]] = {
     "replicate in replicate": (mjcf(LINK + replicate(500, 500, 500)), "more than 200000 elements after replication"),
     "replicate a million times": (mjcf(LINK + replicate(1e30)), "replicate with count=1e+30"),
     "replicate of bodies": (mjcf(replicate(150, 150, 150, inner=LINK)), "more than 200000 elements after replication"),
+    "bodies between quoted comment marks": (
+        mjcf(f'{LINK}<geom name="<!--" size="0.1"/>{replicate(999, 999)}<geom name="-->" size="0.1"/>'),
+        "no valid MuJoCo model",
+    ),
+    "bodies in a document type": (
+        f'<!DOCTYPE mujoco [<!ENTITY a "]>{mjcf(LINK + replicate(999, 999))}<!-- ">]><mujoco/>',
+        "no valid MuJoCo model (a document type",
+    ),
+    "another encoding": (
+        f'<?xml version="1.0" encoding="utf-16"?>{mjcf(LINK + replicate(999, 999))}',
+        "more than 200000 elements",
+    ),
+    "a namespace": (
+        mjcf(LINK + replicate(999, 999)).replace("<mujoco ", '<mujoco xmlns="a" '),
+        "more than 200000 elements",
+    ),
+    "a tag that does not end": ("<mujoco><worldbody " + '<a "' * 100_000, "a tag that does not end"),
+    "nine million copies": (mjcf(LINK + replicate(3000, 3000)), "more than 200000 elements"),
+    "user data times copies": (
+        mjcf(replicate(1000), MOTORS + '<size nuser_geom="1000000"/>'),
+        "a model of ",
+    ),
+    "user data of one times copies": (
+        mjcf(f'<geom size="1" user="{"1 " * 200_000}"/>{replicate(1000)}', MOTORS),
+        "a model of ",
+    ),
+    "keys times joints": (mjcf(replicate(100, inner=LINK), '<size nkey="1000000"/>'), "a model of "),
+    "many height fields": (
+        mjcf(rest=f"<asset>{''.join(HFIELD.format(i) for i in range(100))}</asset>{MOTORS}"),
+        "a model of ",
+    ),
+    "beams of a camera": (
+        mjcf(
+            '<camera name="c" resolution="3000 3000"/>' + LINK,
+            MOTORS + "<sensor>" + '<rangefinder camera="c"/>' * 50 + "</sensor>",
+        ),
+        "a model of ",
+    ),
+    "fine mesh": (
+        mjcf(rest=MOTORS + '<asset><mesh name="x" builtin="supertorus" params="3000 .3 1 1"/></asset>'),
+        "mesh with params=3000 .3 1 1",
+    ),
+    "time step of 100 ns": (mjcf(rest=MOTORS + '<option timestep="1e-7"/>'), "a time step of 1e-07 s"),
+    "endless solver": (
+        mjcf(rest=MOTORS + '<option iterations="1000000000" tolerance="0"/>'),
+        "option iterations=1000000000",
+    ),
+    "reservation": (mjcf(rest=MOTORS + '<size njmax="20000"/>'), "a model of "),
+    "range that ends before it begins": (
+        mjcf(body(joint='name="j" limited="true" range="1 -1"')),
+        "no valid MuJoCo model",
+    ),
+    "name of two lines": (
+        mjcf(LINK.replace('"j"', '"j&#10;k"'), MOTORS.replace('"j"', '"j&#10;k"')),
+        r"joint with name='j\nk'",
+    ),
     "composite": (mjcf(f'{LINK}<body><composite type="cable" count="1000000 1 1"/></body>'), "composite with count"),
     "flexcomp": (mjcf(f'{LINK}<flexcomp name="f" type="grid" count="999 999 999"/>'), "flexcomp with count"),
     "height field": (
@@ -80,7 +138,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "hull": (mjcf(rest='<asset><mesh name="x" maxhullvert="2000000000" builtin="sphere"/></asset>'), "maxhullvert"),
     "built-in mesh": (
         mjcf(rest='<asset><mesh name="x" builtin="sphere" params="99999999"/></asset>'),
-        "params=99999999",
+        "mesh with params=99999999",
     ),
     "huge geom": (mjcf(body(geom='size="1e200"')), "body_mass with values that are not finite"),
     "huge mass": (mjcf(body(geom='size="1" mass="1e300"')), "body_mass with values"),
@@ -181,6 +239,7 @@ def sparse(path: Path) -> None:
 
 
 TEXTURE = '<asset><texture name="t" type="2d" file="t.png"/></asset>'
+TEXTURES = [f'<texture name="t{i}" type="2d" file="{i}.png"/>' for i in range(20)]
 MESH = '<asset><mesh name="x" file="x.stl"/></asset>'
 FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
     "includes itself": (
@@ -220,6 +279,38 @@ FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
         lambda d: (d / "t.png").write_bytes(png(9_999_999, 999_999)),
         "t.png of 9999999 × 999999 pixels",
     ),
+    "mesh whose name holds a new line is a pipe": (
+        mjcf(rest=MOTORS + MESH.replace("x.stl", "x\n.stl")),
+        lambda d: os.mkfifo(d / "x\n.stl"),
+        r"mesh with file='x\n.stl'",
+    ),
+    "mesh in the folder that a later part names is a pipe": (
+        mjcf(rest=MOTORS + MESH + '<include file="a.xml"/>'),
+        lambda d: (
+            (d / "parts").mkdir(),
+            os.mkfifo(d / "parts" / "x.stl"),
+            (d / "a.xml").write_text('<mujoco><compiler meshdir="parts"/></mujoco>'),
+        ),
+        "no plain file",
+    ),
+    "attached a thousand times": (
+        mjcf(
+            LINK + replicate(1000, inner='<body><attach model="m" prefix="p"/></body>'),
+            MOTORS + '<asset><model name="m" file="a.xml"/></asset>',
+        ),
+        lambda d: (d / "a.xml").write_text(mjcf(GEOM * 1000, "")),
+        "elements after replication",
+    ),
+    "many pictures": (
+        mjcf(rest=MOTORS + f"<asset>{''.join(TEXTURES)}</asset>"),
+        lambda d: [(d / f"{i}.png").write_bytes(png(7000, 7000)) for i in range(20)],
+        "a model of ",
+    ),
+    "mesh that git-LFS keeps": (
+        mjcf(body(geom='type="mesh" mesh="x"'), MOTORS + MESH),
+        lambda d: (d / "x.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"),
+        "fetch it: git lfs pull",
+    ),
     "mesh without triangles": (
         mjcf(body(geom='type="mesh" mesh="x"'), MOTORS + MESH),
         lambda d: (d / "x.stl").write_bytes(bytes(84)),
@@ -244,6 +335,35 @@ def test_a_robot_of_files_that_cannot_be_used_is_refused_soon(name: str, tmp_pat
         Robot.load(path)
     assert says in str(refusal.value), str(refusal.value)
     assert time.monotonic() - began < 5.0
+
+
+def test_a_model_that_compiles_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo simulates a muscle to find its range, for as long as the file says."""
+    monkeypatch.setattr(model_guard, "TRIAL_S", 2)
+    path = tmp_path / "robot.xml"
+    long = (
+        '<compiler><lengthrange mode="all" inttotal="1e7" timestep="0.001" interval="1e7" uselimit="false"/></compiler>'
+    )
+    path.write_text(mjcf(rest=f'<actuator><muscle joint="j"/></actuator>{long}'))
+    with pytest.raises(InputError, match="more memory or time than any robot's"):
+        Robot.load(path)
+
+
+def test_a_model_that_passed_is_counted_again_when_a_file_of_it_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Path] = []
+    counted = model_guard.counted
+    monkeypatch.setattr(model_guard, "counted", lambda path, text: (asked.append(path), counted(path, text))[1])
+    path = tmp_path / "robot.xml"
+    path.write_text(mjcf(rest=MOTORS + '<include file="a.xml"/>'))
+    (tmp_path / "a.xml").write_text("<mujoco><option/></mujoco>")
+    assert Robot.load(path).spec() and Robot.load(path).spec()
+    assert len(asked) == 1
+    (tmp_path / "a.xml").unlink()
+    os.mkfifo(tmp_path / "a.xml")
+    with pytest.raises(InputError, match="no plain file"):
+        Robot.load(path)
 
 
 def test_a_pipe_a_folder_and_a_device_are_no_robots(tmp_path: Path) -> None:

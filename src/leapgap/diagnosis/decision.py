@@ -226,9 +226,10 @@ def judge_jointly(
     """The judgement, or that of all effects fitted together where it leaves much and they explain it better.
 
     The causes of a joint fit that leave much themselves are told as such (``partly``). Where logs tell short steps of
-    the simulation from the usual ones, the numbers are those by short steps.
+    the simulation from the usual ones, the numbers are those by short steps. Where the clock is the only effect that is
+    looked for, and the logs tell it, there is nothing to fit.
     """
-    if judgement.conclusion.verdict == "none":
+    if judgement.conclusion.verdict == "none" or not hypotheses:
         return judgement
     at = fit.by_steps_of(judgement.result.selected) or fit
     judgement = with_numbers_by_short_steps(judgement, at, thresholds)

@@ -117,8 +117,8 @@ def effect(name: str, location: str = "all", **values: float) -> Effect:
 
 def effect_among(kinds: Registry, name: str, location: str, values: Mapping[str, float]) -> Effect:
     """An effect by name among the given classes; errors as in ``effect``."""
-    if name not in kinds:
-        raise InputError("effect", name, f"one of {', '.join(kinds)}", "choose a known effect")
+    if not isinstance(name, str) or name not in kinds:
+        raise InputError("effect", str(name), f"one of {', '.join(kinds)}", "choose a known effect")
     if not isinstance(location, str):
         raise InputError("location", repr(location), "the name of a place", "correct it")
     kind = kinds[name]

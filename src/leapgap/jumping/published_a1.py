@@ -75,7 +75,7 @@ class PublishedA1(LogFormat):
         named: dict[str, Path] = {}
         for folder in folders:
             number = folder.name
-            name = f"jump_{int(number):02d}" if number.isdigit() else f"jump_{number}"
+            name = f"jump_{int(number):02d}" if number.isdecimal() else f"jump_{number}"
             if name in named:
                 raise InputError(source, f"two folders named {number}", "one folder a jump", "rename or remove one")
             named[name] = folder

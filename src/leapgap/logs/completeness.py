@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from leapgap.errors import InputError
+from leapgap.errors import CONTROL, InputError
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, COMMANDS
 
 Columns = Mapping[str, np.ndarray]
@@ -13,10 +13,19 @@ Columns = Mapping[str, np.ndarray]
 
 def check_complete(columns: Columns, joints: Sequence[str], where: str) -> None:
     """Raise ``InputError`` for columns that make no log; ``joints`` are those with a commanded torque."""
+    check_names(columns, where)
     check_rows(columns, where)
     check_times(columns, where)
     check_commands(columns, joints, where)
     check_base(columns, where)
+
+
+def check_names(columns: Columns, where: str) -> None:
+    """No control characters in the name of the log or of a column: names are printed, and written into pages."""
+    for name in ("", *columns) if CONTROL.search(where + "".join(columns)) else ():
+        if CONTROL.search(name or where):
+            found, do = f"the name {name or where}", "rename it"
+            raise InputError(f"{where}, columns" if name else where, found, "printable characters, on one line", do)
 
 
 def check_rows(columns: Columns, where: str) -> None:

@@ -1,11 +1,12 @@
 """Foreign files: what is opened at all, how much of it is taken into memory, and what a broken one becomes."""
 
+import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, check_utf8
 
 MOST_BYTES = 4_000_000_000
 """A file that would take more memory than this is refused before any of it is taken."""
@@ -25,6 +26,7 @@ KINDS = {
 
 def check_file(path: Path, expected: str, do: str) -> None:
     """``InputError`` unless the path is an ordinary file, or a link to one; others might wait for ever or never end."""
+    check_utf8(path)
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -40,11 +42,29 @@ def check_tree(path: Path, expected: str, do: str) -> None:
     if not path.is_dir():
         check_file(path, expected, do)
         return
+    check_folder(path)
     for number, one in enumerate(path.rglob("*")):
         if number >= MOST_FILES:
             raise InputError(path, f"more than {MOST_FILES} files", expected, do)
-        if not one.is_dir():
+        if one.is_dir():
+            check_folder(one)
+        else:
             check_file(one, expected, do)
+
+
+def check_folder(path: Path) -> None:
+    """``InputError`` for a folder, or one in it, that may not be read: what looks for files would find none there."""
+    check_utf8(path)
+    folder = path
+    try:
+        with os.scandir(folder) as entries:
+            inner = [Path(entry.path) for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
+        for folder in inner:
+            with os.scandir(folder):
+                pass
+    except OSError as error:
+        found = f"a folder that cannot be read ({error.strerror or error})"
+        raise InputError(folder, found, "folders that you may read", "change its permissions, or copy it") from None
 
 
 def check_values_fit(path: object, values: float, most_bytes: int = MOST_BYTES) -> None:

@@ -22,8 +22,9 @@ from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
 from leapgap.logs.completeness import check_complete
 from leapgap.logs.consistency import check_physics
-from leapgap.logs.files import VALUE_BYTES, check_file, check_values_fit, decoding
+from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_values_fit, decoding
 from leapgap.logs.metadata import read_metadata
+from leapgap.logs.parquet_pages import check_pages
 from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, check_values
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import continuous, pitch_of, roll_of, yaw_of
@@ -309,6 +310,7 @@ def read_parquet(path: Path) -> tuple[pa.Table, Mapping[bytes, bytes]]:
         groups = sum(stated.row_group(i).total_byte_size for i in range(stated.num_row_groups))
         check_values_fit(path, max(stated.num_rows * stated.num_columns, groups / VALUE_BYTES))
         check_schema(file.schema_arrow, path)
+        check_pages(path, file)
         return file.read(use_threads=stated.num_rows * stated.num_columns > MANY_VALUES), metadata
 
 
@@ -336,6 +338,7 @@ def read_logs(folder: Path) -> list[Log]:
     """
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+    check_folder(folder)
     logs, errors = [], []
     for path in sorted(folder.glob("*.parquet")):
         try:
@@ -343,8 +346,7 @@ def read_logs(folder: Path) -> list[Log]:
         except InputError as error:
             errors.append(error)
     if len(errors) > 1:
-        found = "\n".join(f"  {error}" for error in errors)
-        raise InputError(folder, f"{len(errors)} logs that cannot be used:\n{found}\n ", "whole logs", "repair them")
+        raise InputError(folder, f"{len(errors)} logs that cannot be used", "whole logs", "repair them", errors)
     if errors:
         raise errors[0]
     return logs

@@ -5,13 +5,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from leapgap.errors import InputError
+from leapgap.errors import CONTROL, InputError
 from leapgap.logs.segments import PHASE_LENGTHS
 
 MOST_CHARACTERS, LONGEST_TEXT = 1_000_000, 10_000
 DEEPEST, MOST_BOXES, MOST_SEGMENTS = 10, 100, 10_000
 SHORTEST_PERIOD_S, LONGEST_PERIOD_S, LONGEST_S = 1e-7, 60.0, 1e7
-FARTHEST_M, HEAVIEST_KG = 1e5, 1e4
+SMALLEST_M, FARTHEST_M, HEAVIEST_KG = 1e-4, 1e5, 1e4
 DO = "correct the metadata, or import the log anew"
 
 
@@ -27,8 +27,19 @@ def read_metadata(text: str | bytes, where: object) -> dict[str, Any]:
         raise InputError(where, f"metadata that are no object but {kind_of(stated)}", "a JSON object", DO)
     if depth(stated) > DEEPEST:
         raise InputError(where, f"metadata of {depth(stated)} levels", f"at most {DEEPEST} levels", DO)
+    check_texts(stated, f"{where}, metadata")
     check_entries(stated, f"{where}, metadata")
     return stated
+
+
+def check_texts(stated: Mapping[str, Any], where: str) -> None:
+    """No control characters in any text, key or value: they are printed, and written into pages."""
+    left: list[Any] = [stated]
+    while left:
+        value = left.pop()
+        left += [*value, *value.values()] if isinstance(value, dict) else value if isinstance(value, list) else ()
+        if isinstance(value, str) and CONTROL.search(value):
+            raise InputError(where, f"the text {value[:60]}", "printable characters, on one line", DO)
 
 
 def check_entries(stated: Mapping[str, Any], where: str) -> None:
@@ -57,7 +68,7 @@ def check_box(box: Any, where: str) -> None:
     for key in ("x_m", "y_m", "top_m"):
         check_number(box.get(key), -FARTHEST_M, FARTHEST_M, "m", f"{where}.{key}")
     for length in box["size_m"]:
-        check_number(length, 0.0, FARTHEST_M, "m", f"{where}.size_m")
+        check_number(length, SMALLEST_M, FARTHEST_M, "m", f"{where}.size_m")
     if not isinstance(box.get("estimated", False), bool):
         raise InputError(f"{where}.estimated", kind_of(box["estimated"]), "true or false", DO)
 

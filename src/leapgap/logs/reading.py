@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, printable
 from leapgap.logs.consistency import remarks
-from leapgap.logs.files import check_tree, decoding
+from leapgap.logs.files import check_folder, check_tree, decoding
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log, check_read, read_log
 from leapgap.logs.schema import BASE_QUATERNION
@@ -59,6 +59,7 @@ def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
     """
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+    check_folder(folder)
 
     def reader(path: Path) -> Callable[[], list[Log]]:
         return lambda: [of_robot(read_log(path), robot)]
@@ -73,6 +74,8 @@ def read_foreign(layout: LogFormat, source: Path, robot: Robot, options: Any) ->
     def reader(name: str, path: Path) -> Callable[[], list[Log]]:
         return lambda: read_checked(layout, path, name, robot, options)
 
+    if source.is_dir():
+        check_folder(source)
     return collect(source, ((name, reader(name, path)) for name, path in layout.find(source).items()))
 
 
@@ -104,14 +107,14 @@ def enough(source: Path, logs: Sequence[Log], errors: Sequence[tuple[str, InputE
     if errors and len(logs) < FEWEST:
         if not logs and len({str(error) for _, error in errors}) == 1:
             raise errors[0][1]
-        found = "\n".join(f"  {name}: {error}" for name, error in errors)
         raise InputError(
             source,
-            f"{len(errors)} of {len(errors) + len(logs)} logs that cannot be used:\n{found}\n ",
+            f"{len(errors)} of {len(errors) + len(logs)} logs that cannot be used",
             f"{FEWEST} logs or more that can be used",
             "repair or remove those",
+            (f"{name}: {error}" for name, error in errors),
         )
-    return Readings(tuple(logs), tuple(SetAside(name, str(error)) for name, error in errors))
+    return Readings(tuple(logs), tuple(SetAside(printable(name), str(error)) for name, error in errors))
 
 
 def of_robot(log: Log, robot: Robot | None) -> Log:

@@ -12,7 +12,13 @@ from leapgap.errors import InputError
 from leapgap.robot.actuators import check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
 from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import compile_spec, gravity_of, keep_inertia_changeable, read_spec
+from leapgap.robot.model_file import (
+    compile_spec,
+    discard_visual,
+    gravity_of,
+    keep_inertia_changeable,
+    read_spec,
+)
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of
@@ -160,7 +166,7 @@ class Robot:
     def _reading(self) -> tuple[tuple[JointActuator, ...], tuple[str, ...], bool]:
         spec, notes = read_spec(self.path, self.fix_base)
         stated = len(spec.actuators) > 0 or not is_urdf(self.path.read_text(encoding="utf-8", errors="replace"))
-        spec.discard_visual()  # meshes that only show take most of the time
+        discard_visual(spec, self.path)  # meshes that only show take most of the time
         motors, on_motors = actuators_of(compile_spec(spec, self.path), self.path, all_driven=not stated)
         return motors, (*notes, *on_motors), stated
 
@@ -342,7 +348,7 @@ class Robot:
 
     def on_terrain(self, boxes: Sequence[Box], slots: int | None = None) -> mujoco.MjModel:
         """A fresh model with boxes on the floor, as ``spec_on_terrain`` describes it."""
-        return self.spec_on_terrain(boxes, slots).compile()
+        return compile_spec(self.spec_on_terrain(boxes, slots), self.path)
 
     def spec_on_terrain(self, boxes: Sequence[Box], slots: int | None = None) -> mujoco.MjSpec:
         """Specification of a model with boxes on the floor.
@@ -369,11 +375,11 @@ class Robot:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
         if len(spec.meshes):
-            discard_untouchable(spec)
+            discard_untouchable(spec, self.path)
         return spec
 
 
-def discard_untouchable(spec: mujoco.MjSpec) -> None:
+def discard_untouchable(spec: mujoco.MjSpec, where: object) -> None:
     """Take away the meshes that nothing can touch, and what only shows: they make a model thousands of times larger.
 
     An arm above no floor often has meshes that would collide with a floor alone.
@@ -384,7 +390,7 @@ def discard_untouchable(spec: mujoco.MjSpec) -> None:
         touches = any(contype & other[1] or conaffinity & other[0] for other in bits)
         if not touches and geom.name not in paired and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
             geom.contype = geom.conaffinity = 0
-    spec.discard_visual()
+    discard_visual(spec, where)
 
 
 def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:

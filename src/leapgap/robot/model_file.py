@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.robot.model_count import LARGEST_MODEL_BYTES
 from leapgap.robot.model_guard import check_model_file, check_text
 from leapgap.robot.urdf import is_urdf, readable_urdf
 
@@ -17,8 +18,13 @@ FINITE = (
     *("actuator_gear", "actuator_forcerange", "actuator_gainprm", "actuator_biasprm"),
 )
 FINITE_OPTIONS = ("gravity", "wind", "density", "viscosity", "timestep")
-LARGEST, LONGEST_STEP_S = 1e9, 0.1
-"""Largest absolute value of a number of a model, SI units, and longest time step of the simulation."""
+LARGEST, SHORTEST_STEP_S, LONGEST_STEP_S = 1e9, 2e-5, 0.1
+"""Largest absolute value of a number of a model, SI units, and bounds of the time step of the simulation."""
+ITERATIONS = ("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations", "sdf_iterations")
+MOST_ITERATIONS = 2e7
+"""Largest number of iterations of a solver in a second of a log."""
+REFUSALS = (ValueError, MemoryError, mujoco.FatalError)
+"""What MuJoCo raises for a model that it cannot read or compile."""
 POSE, TWIST = 7, 6
 """Numbers of a free joint in ``qpos`` and in ``qvel``."""
 
@@ -37,7 +43,7 @@ def read_spec(path: Path, fix_base: bool | None) -> tuple[mujoco.MjSpec, tuple[s
             spec = mujoco.MjSpec.from_string(readable)
         else:
             spec, notes = mujoco.MjSpec.from_file(str(path)), ()
-    except (ValueError, MemoryError) as error:
+    except REFUSALS as error:
         raise invalid(path, error) from None
     notes = (*notes, *drop_missing_meshes(spec, path))
     if fix_base:
@@ -48,12 +54,13 @@ def read_spec(path: Path, fix_base: bool | None) -> tuple[mujoco.MjSpec, tuple[s
 
 
 def compile_spec(spec: mujoco.MjSpec, where: object) -> mujoco.MjModel:
-    """The compiled model; ``InputError`` where MuJoCo refuses it."""
+    """The compiled model; ``InputError`` where MuJoCo refuses it, or it is none of a robot."""
     try:
         model = spec.compile()
-    except (ValueError, MemoryError) as error:
+    except REFUSALS as error:
         raise invalid(where, error) from None
     check_physics(model, where)
+    check_cost(model, where)
     return model
 
 
@@ -67,6 +74,14 @@ def keep_inertia_changeable(spec: mujoco.MjSpec) -> None:
         body.simple = False
 
 
+def discard_visual(spec: mujoco.MjSpec, where: object) -> None:
+    """Take away what only shows; ``InputError`` where the specification does not compile, as MuJoCo needs for it."""
+    try:
+        spec.discard_visual()
+    except REFUSALS as error:
+        raise invalid(where, error) from None
+
+
 def check_physics(model: mujoco.MjModel, where: object) -> None:
     """Raise ``InputError`` for a compiled model with numbers that no robot can have; MuJoCo lets NaN pass."""
     arrays = {name: np.asarray(getattr(model, name)) for name in FINITE}
@@ -75,9 +90,23 @@ def check_physics(model: mujoco.MjModel, where: object) -> None:
         if not (np.abs(values) <= LARGEST).all():  # false for NaN, too
             found = f"{name} with values that are not finite or above {LARGEST:g}"
             raise InputError(where, found, "numbers of a robot, in SI units", "correct them")
-    if not 0 < model.opt.timestep <= LONGEST_STEP_S:
+    if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
         found = f"a time step of {model.opt.timestep:g} s"
-        raise InputError(where, found, f"above 0 and {LONGEST_STEP_S:g} s at most", "correct option timestep")
+        raise InputError(where, found, f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s", "correct option timestep")
+
+
+def check_cost(model: mujoco.MjModel, where: object) -> None:
+    """Raise ``InputError`` for a compiled model that takes more memory, or more work a second of log, than a robot."""
+    size = int(model.nbuffer) + int(model.narena)
+    if size > LARGEST_MODEL_BYTES:
+        expected = f"{LARGEST_MODEL_BYTES >> 20} MiB at most, with its working memory"
+        raise InputError(where, f"a model of {size >> 20} MiB", expected, "make it smaller")
+    for name in ITERATIONS:
+        a_second = getattr(model.opt, name) / model.opt.timestep
+        if not a_second <= MOST_ITERATIONS:
+            found = f"option {name}={getattr(model.opt, name)} at a time step of {model.opt.timestep:g} s"
+            expected = f"{MOST_ITERATIONS:g} a second of the simulation at most"
+            raise InputError(where, found, expected, "choose fewer, or a longer step")
 
 
 def gravity_of(model: mujoco.MjModel) -> np.ndarray:
@@ -121,7 +150,7 @@ def compiles(spec: mujoco.MjSpec) -> bool:
     """Whether MuJoCo compiles a specification."""
     try:
         spec.copy().compile()
-    except ValueError:
+    except REFUSALS:
         return False
     return True
 

@@ -2,6 +2,7 @@
 
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import compile_spec, discard_visual
 
 
 def self_contained(robot: Robot) -> str:
@@ -10,10 +11,10 @@ def self_contained(robot: Robot) -> str:
     ``InputError`` where parts of it collide that are described by further files, meshes or heightfields.
     """
     spec = robot.published_spec()
-    spec.discard_visual()
+    discard_visual(spec, robot.path)
     others = [part.name or part.file for part in (*spec.meshes, *spec.hfields, *spec.skins)]
     if others:
         expected = "colliding parts of primitive shapes, which one text can hold"
         raise InputError(robot.path, f"the meshes or heightfields {', '.join(others)}", expected, "replace them")
-    spec.compile()
+    compile_spec(spec, robot.path)
     return str(spec.to_xml())

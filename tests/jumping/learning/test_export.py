@@ -90,6 +90,20 @@ def test_the_reader_equals_the_model(model, windows: Windows, tmp_path):
     assert_same(reader.affine(one, contact[:1]), model.affine(one, contact[:1]))
 
 
+@pytest.mark.parametrize("part", ["constant", "feet", "0/weight_0", "0/bias_1", "deviation"])
+def test_arrays_that_are_turned_or_of_another_length_are_refused(part: str, windows: Windows, tmp_path):
+    written(single(windows), windows, tmp_path)
+    with np.load(tmp_path / "m.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    name = part if part == "deviation" else f"flight/{part}"
+    arrays[name] = np.zeros((3, 6, windows.grid.steps)) if part == "deviation" else arrays[name].T
+    if arrays[name].ndim == 1:
+        arrays[name] = arrays[name][:-1]
+    np.savez(tmp_path / "m.npz", **arrays)
+    with pytest.raises(InputError, match="a model that does not fit"):
+        inference.load(tmp_path, "m", Purpose.of(windows))
+
+
 def test_onnx_equals_the_model(model, windows: Windows, tmp_path):
     written(model, windows, tmp_path)
     session = onnxruntime.InferenceSession(tmp_path / "m.onnx", providers=["CPUExecutionProvider"])

@@ -18,11 +18,11 @@ import numpy as np
 
 from leapgap.jumping.learning.model_files import read_model
 from leapgap.jumping.learning.windows import Purpose
-from leapgap.jumping.models.affine_model import KNOWN_FOOT, AffineModel, PredictionModel, Situation, rows
+from leapgap.jumping.models.affine_model import KNOWN, KNOWN_FOOT, AffineModel, PredictionModel, Situation, rows
 
 FORMAT_VERSION = 2
-OUTPUTS = 15
-"""bias (3), by_force (3 × 4)."""
+OUTPUTS, FEET, STATES = 15, 4, 6
+"""bias (3) and by_force (3 × 4); front and rear foot, x and z; numbers of a state."""
 PHASES = ("contact", "flight")
 
 
@@ -126,12 +126,21 @@ def exported_model(name: str, about: Mapping[str, Any], arrays: dict[str, np.nda
     """A model from the content of its files."""
     contact, flight = (read_phase(arrays_below(arrays, phase), about["parts"][phase]) for phase in PHASES)
     purpose, curvature = Purpose.from_json(about), float(about["curvature"])
-    return ExportedModel(name, purpose, contact, flight, curvature, arrays.get("deviation"))
+    deviation = arrays.get("deviation")
+    if deviation is not None and (deviation.ndim != 3 or deviation.shape[1:] != (purpose.grid.steps, STATES)):
+        raise ValueError(f"deviation of shape {deviation.shape}, not (starts, {purpose.grid.steps}, {STATES})")
+    return ExportedModel(name, purpose, contact, flight, curvature, deviation)
 
 
 def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:
     """A phase from its arrays: constant, feet, and the parts ``0/…``, ``1/…``, whose kinds are given in order."""
+    for key, shape in (("constant", (OUTPUTS,)), ("feet", (FEET, OUTPUTS))):
+        if arrays[key].shape != shape:
+            raise ValueError(f"{key} of shape {arrays[key].shape}, not {shape}")
     parts = tuple(PARTS[kind](arrays_below(arrays, str(i))) for i, kind in enumerate(kinds))
+    for number, part in enumerate(parts):  # what does not fit fails here, or gives something else than (n, 15)
+        if (found := part(np.zeros((2, KNOWN))).shape) != (2, OUTPUTS):
+            raise ValueError(f"outputs of part {number} of shape {found}, not (2, {OUTPUTS})")
     return Phase(arrays["constant"], arrays["feet"], parts)
 
 

@@ -37,7 +37,12 @@ class Controller:
 
     def __init__(self, folder: str | Path) -> None:
         self.t = dict(np.load(Path(folder) / "tables.npz"))
-        self.n = json.loads((Path(folder) / "controller.json").read_text(encoding="utf-8"))["numbers"]
+        described = json.loads((Path(folder) / "controller.json").read_text(encoding="utf-8"))
+        shapes = {name: one["shape"] or [1] for name, one in described["tables"].items()}
+        wrong = [name for name, shape in shapes.items() if list(self.t[name].shape or [1]) != shape]
+        if wrong:
+            raise ValueError(f"{folder}: tables.npz has {', '.join(wrong)} of other shapes than controller.json says")
+        self.n = described["numbers"]
         self.counts = {"time_not_usable": 0, "not_finite": 0, "not_solved": 0, "limited": 0}
         self.shift = np.zeros((self.n["UPDATES"], 3))
         self.target, self.pitch = self.t["target"], self.n["STANCE_PITCH_RAD"]

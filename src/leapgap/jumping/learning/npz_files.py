@@ -6,16 +6,19 @@ import zlib
 from collections.abc import Iterable, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.logs.unpacking import Bounded
 
 NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)
 """One date for every member, so that equal arrays give equal bytes."""
 LARGEST_BYTES = 2 << 30
 """Largest size of all arrays of a file together."""
+LARGEST_HEADER = 100_000
+"""Bytes in which an array states its shape and type."""
 KINDS = "biuf"
 """Kinds of values that arrays may have: truth values and numbers."""
 AGAIN = "run it anew"
@@ -61,7 +64,8 @@ def broken(path: Path, error: BaseException) -> InputError:
 def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     """One array of an archive; ``ValueError`` where its header and its size differ."""
     with archive.open(member) as file:
-        size = size_by_header(file, member.filename) + file.tell()
+        head = Bounded(file, member.filename, LARGEST_HEADER)
+        size = size_by_header(cast(IO[bytes], head), member.filename) + head.most - head.left
     if size != member.file_size:
         raise ValueError(f"{member.filename}: {member.file_size} bytes, and {size} by its header")
     with archive.open(member) as file:

@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO, cast
 
 import numpy as np
 import pyarrow as pa
@@ -11,6 +12,7 @@ import pyarrow.csv
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.unpacking import Bounded
 
 CHUNK_BYTES = 1 << 20
 
@@ -43,11 +45,13 @@ class Csv(TableFormat):
 
 def text_columns(path: Path, options: CsvOptions, wanted: Wanted) -> dict[str, np.ndarray]:
     """Columns of a text table, (rows,), or (rows, n) where each cell is a list of n numbers, as in ``[0.1, 0.2]``."""
-    check_lines(path, options)
+    with opened(path) as file:
+        check_lines(file, path, options)
     read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
     try:
         parse = pa.csv.ParseOptions(delimiter=options.delimiter)
-        table = pa.csv.read_csv(path, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
+        with opened(path) as file:
+            table = pa.csv.read_csv(file, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
     except (pa.ArrowException, OSError) as error:
         raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew") from None
     names = [name.strip() for name in table.column_names]
@@ -81,12 +85,17 @@ def is_list(cell: object) -> bool:
     return isinstance(cell, str) and cell.strip().startswith("[") and cell.strip().endswith("]")
 
 
-def check_lines(path: Path, options: CsvOptions) -> None:
+def opened(path: Path) -> BinaryIO:
+    """The text of a file; a packed one (``.csv.gz``) is unpacked as it is read, up to a limit."""
+    file = pa.input_stream(str(path), compression="detect")
+    return cast(BinaryIO, Bounded(file, path) if isinstance(file, pa.CompressedInputStream) else file)
+
+
+def check_lines(file: BinaryIO, path: Path, options: CsvOptions) -> None:
     """Check the size of a file by its lines and the cells of its widest one among the first, before it is read."""
-    with path.open("rb") as file:
-        head = file.read(CHUNK_BYTES)
-        cells = max(line.count(options.delimiter.encode()) + 1 for line in head.split(b"\n"))
-        lines = head.count(b"\n")
-        while chunk := file.read(CHUNK_BYTES):
-            lines += chunk.count(b"\n")
+    head = file.read(CHUNK_BYTES)
+    cells = max(line.count(options.delimiter.encode()) + 1 for line in head.split(b"\n"))
+    lines = head.count(b"\n")
+    while chunk := file.read(CHUNK_BYTES):
+        lines += chunk.count(b"\n")
     check_size(path, lines * cells, lines - options.skip_rows - options.header, options.most_rows)

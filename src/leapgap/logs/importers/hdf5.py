@@ -1,5 +1,6 @@
 """Importer of HDF5 files; arrays in groups are named by their path, such as ``observations/qpos``."""
 
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,13 @@ import numpy as np
 
 from leapgap.errors import InputError, needs
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, product
+from leapgap.logs.unpacking import unpack
 
+DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
+"""Numbers of HDF5's own filters: the first packs, and the others do not."""
+SMALL_PIECE, LARGEST_PIECE = 1 << 16, 1 << 24
+"""Bytes of a packed piece that cannot unpack to much, and of one that is unpacked without a trial."""
 DEEPEST, MOST_ITEMS = 16, 100_000
 """Levels of groups, and groups and datasets of all levels, that are looked at."""
 
@@ -41,6 +47,7 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
         if item.external or item.is_virtual:
             raise InputError(f"{path}, {name}", "data in another file", "data in this file", "copy them into it")
         check_size(f"{path}, {name}", item.size * item.dtype.itemsize / 8 + sum(one.size for one in arrays.values()))
+        check_chunks(item, f"{path}, {name}")
         values = item[()]
         arrays.update(
             {name: values} if item.dtype.names is None else {f"{name}.{f}": values[f] for f in values.dtype.names}
@@ -53,6 +60,25 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise InputError(path, f"no whole HDF5 file ({error})", "datasets of numbers", "save it anew") from None
     return arrays
+
+
+def check_chunks(item: Any, where: str) -> None:
+    """``InputError`` where a packed piece of a dataset unpacks to more than it states, or may and cannot be tried."""
+    if item.chunks is None or (kind := item.id.get_create_plist()).get_nfilters() == 0:
+        return
+    size = product(item.chunks) * item.dtype.itemsize
+    check_size(where, size / 8)
+    filters = [kind.get_filter(i)[0] for i in range(kind.get_nfilters())]
+    packers = [one for one in filters if one not in (SHUFFLE, CHECKSUM)]
+    large: list[Any] = []
+    item.id.chunk_iter(lambda one: large.append(one) if one.size > SMALL_PIECE else None)
+    for one in large:
+        if packers == [DEFLATE] and filters[-1] in (DEFLATE, CHECKSUM):
+            mask, data = item.id.read_direct_chunk(one.chunk_offset)
+            if not mask:
+                unpack(data[:-4] if filters[-1] == CHECKSUM else data, zlib.decompressobj, where, size)
+        elif packers and one.size > LARGEST_PIECE:
+            raise InputError(where, f"packed pieces of {one.size} bytes", f"{LARGEST_PIECE} at most", "save it anew")
 
 
 def datasets(file: Any, path: Path) -> Iterator[tuple[str, Any]]:

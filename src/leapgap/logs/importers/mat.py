@@ -3,7 +3,7 @@
 import struct
 import zlib
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from leapgap.errors import InputError
 from leapgap.logs.importers.hdf5 import hdf5_arrays
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.unpacking import MOST_UNPACKED, inflated_size
 
 HEADER_BYTES, COMPRESSED = 128, 15
 DEEPEST = 8
@@ -52,7 +53,7 @@ def dotted(name: str) -> str:
 
 
 def check_elements(path: Path) -> None:
-    """Check the sizes that a file of version 5 states, those of compressed variables after their first bytes."""
+    """Check the sizes of the variables in a file of version 5, those of compressed ones by inflating them."""
     size = path.stat().st_size
     with path.open("rb") as file:
         order = "<" if file.read(HEADER_BYTES)[126:128] == b"IM" else ">"
@@ -60,17 +61,11 @@ def check_elements(path: Path) -> None:
         while (tag := file.read(8)) and len(tag) == 8:
             kind, length = struct.unpack(f"{order}II", tag)
             after = file.tell() + length
-            total += unpacked_length(file, order) if kind == COMPRESSED else length
             if after > size:
                 raise InputError(path, f"{size} bytes", f"{after} or more", "the file is cut off: copy it anew")
+            total += inflated_size(file, length, path, max(0, MOST_UNPACKED - total)) if kind == COMPRESSED else length
+            check_size(path, total / 8)
             file.seek(after)
-    check_size(path, total / 8)
-
-
-def unpacked_length(file: BinaryIO, order: str) -> int:
-    """Length that a compressed variable states in its first bytes."""
-    head = zlib.decompressobj().decompress(file.read(4096), 8)
-    return int(struct.unpack(f"{order}II", head)[1])
 
 
 def collect(name: str, value: Any, arrays: dict[str, np.ndarray], depth: int) -> None:

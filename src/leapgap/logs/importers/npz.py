@@ -10,6 +10,10 @@ from numpy.lib import format as npy
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, product
+from leapgap.logs.unpacking import Bounded
+
+HEADER_BYTES = 100_000
+"""Most bytes in which an array states its shape and type."""
 
 
 class Npz(TableFormat):
@@ -44,9 +48,10 @@ def archive(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
 
 def array_of(file: BinaryIO, where: object, taken: int) -> np.ndarray:
     """One array, after its stated size and type were checked; ``taken`` values are in memory before it."""
-    version = npy.read_magic(file)
+    head = cast(BinaryIO, Bounded(file, where, HEADER_BYTES))
+    version = npy.read_magic(head)
     read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-    shape, _, kind = read_header(file)
+    shape, _, kind = read_header(head)
     if kind.hasobject:
         raise InputError(where, "Python objects", "an array of numbers", "save it as numbers")
     check_size(where, taken + product(shape) * kind.itemsize / 8)

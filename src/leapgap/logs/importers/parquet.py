@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.parquet_pages import check_pages
 
 
 class Parquet(TableFormat):
@@ -30,6 +31,7 @@ def parquet_arrays(path: Path, wanted: Wanted, most_rows: int | None = None) -> 
         with pq.ParquetFile(path) as file:
             tops = [column.name for column in file.schema_arrow if is_wanted(column.name, column.type, wanted)]
             check_size(path, sum(stored_values(file, top) for top in tops), file.metadata.num_rows, most_rows)
+            check_pages(path, file, set(tops))
             table = file.read(columns=tops)
     except (pa.ArrowException, OSError) as error:
         raise InputError(path, f"no readable Parquet ({error})", "a whole file", "export it anew") from None

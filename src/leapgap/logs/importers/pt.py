@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.logs.files import MOST_BYTES
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, product
+from leapgap.logs.unpacking import member
 
 DTYPES = {
     "FloatStorage": "f4",
@@ -97,12 +99,10 @@ class Archive(pickle.Unpickler):
         if len(files) != 1:
             raise InputError(path, f"{len(files)} files data.pkl", "one, as torch.save writes it", "save it anew")
         self.root = files[0].removesuffix("data.pkl")
-        if folder.getinfo(files[0]).file_size > LARGEST_PICKLE:
-            raise InputError(path, "a data.pkl of more than 10 MB", "tensors, and little beside", "save tensors alone")
         order = f"{self.root}byteorder"
-        self.order = ">" if order in folder.namelist() and folder.read(order).strip() == b"big" else "<"
+        self.order = ">" if order in folder.namelist() and member(folder, order, path, 100).strip() == b"big" else "<"
         self.taken = 0
-        super().__init__(io.BytesIO(folder.read(files[0])))
+        super().__init__(io.BytesIO(member(folder, files[0], path, LARGEST_PICKLE)))
 
     def read(self) -> Any:
         """The object that ``torch.save`` was given, with arrays in place of tensors."""
@@ -123,12 +123,13 @@ class Archive(pickle.Unpickler):
         """The bytes of one storage: ``("storage", type, file, device, number of values)``."""
         _, kind, file, _, number = reference
         dtype = np.dtype(kind.dtype).newbyteorder(self.order)
-        member = self.folder.getinfo(f"{self.root}data/{file}")
-        if member.file_size != number * dtype.itemsize:
-            found, expected = f"{member.file_size} bytes", f"{number} values of {dtype.itemsize} bytes"
+        name = f"{self.root}data/{file}"
+        size = self.folder.getinfo(name).file_size
+        if size != number * dtype.itemsize:
+            found, expected = f"{size} bytes", f"{number} values of {dtype.itemsize} bytes"
             raise InputError(f"{self.path}, data/{file}", found, expected, "the file is damaged: copy it anew")
         self.count(number)
-        return np.frombuffer(self.folder.read(member), dtype)
+        return np.frombuffer(member(self.folder, name, self.path, MOST_BYTES), dtype)
 
     def tensor(
         self, storage: np.ndarray, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], *_: Any

@@ -5,10 +5,13 @@ gets what was known then: commands are held, measurements are interpolated.
 """
 
 import re
+import sqlite3
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,9 @@ from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
 from leapgap.logs.log import Log
 from leapgap.logs.resampling import HELD
+from leapgap.logs.unpacking import MOST_UNPACKED, Bounded, Unpacker, unpack
+from leapgap.plain_yaml import MOST_BYTES, from_yaml
+from leapgap.plain_yaml import check_size as check_values
 from leapgap.robot.model import Robot
 
 RECEIVED, STAMPED = "received", "stamped"
@@ -28,6 +34,8 @@ NAME_FIELDS = ("name", "names", "joint_names")
 METADATA = "metadata.yaml"
 FEWEST = 10
 """Messages of a topic below which it is no stream."""
+MOST_TIMES, LARGEST_PIECE = 100, 1 << 28
+"""How many times the size of its files a recording may have when it is unpacked, and bytes of one packed piece."""
 LONGEST = 1000
 """Items of an array in a message that can be addressed: motors and feet, no pixels."""
 
@@ -99,7 +107,8 @@ def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, To
     rows: dict[str, list[list[Any]]] = defaultdict(list)
     getters: dict[str, dict[str, Getter]] = {}
     try:
-        with AnyReader([path], default_typestore=types_of(options)) as reader:
+        check_recording(path)
+        with bounded_unpacking(path), AnyReader([path], default_typestore=types_of(options)) as reader:
             counts = {name: info.msgcount for name, info in reader.topics.items()}
             mapped = [one for one in reader.connections if may_be_mapped(one.topic, options)]
             for connection, received, raw in reader.messages(mapped) if mapped else ():
@@ -121,6 +130,76 @@ def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, To
         raise InputError(path, f"no readable recording ({error})", "a ROS bag or MCAP", do) from None
     first = min((min(stamps) for stamps in times.values()), default=0)
     return {topic: in_order(times[topic], first, rows[topic], list(getters[topic])) for topic in times}
+
+
+def check_recording(path: Path) -> None:
+    """``InputError`` for a description of a recording that is too large, names of YAML written out."""
+    about = path / METADATA
+    if about.is_file():
+        if about.stat().st_size > MOST_BYTES:
+            raise InputError(about, f"{about.stat().st_size} bytes", f"{MOST_BYTES} at most", "copy the recording anew")
+        check_values(from_yaml(about.read_text(encoding="utf-8")))
+
+
+def check_tables(path: Path) -> None:
+    """``InputError`` for tables of SQLite that compute what is read of them, without end or of any size."""
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
+        kinds = {kind for (kind,) in base.execute("SELECT DISTINCT type FROM sqlite_master")}
+        names = [name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        hidden = [row[6] for name in names for row in base.execute("SELECT * FROM pragma_table_xinfo(?)", (name,))]
+    if not kinds <= {"table", "index"} or any(hidden):
+        raise InputError(path, "tables that are computed when they are read", "plain tables", "record it anew")
+
+
+@contextmanager
+def bounded_unpacking(path: Path) -> Iterator[None]:
+    """Let the reader of recordings unpack within limits: so much a piece, and not many times the size of the files.
+
+    Tables of SQLite are looked at before they are read.
+    """
+    import bz2
+
+    import lz4.frame
+    from rosbags.rosbag1 import reader as bags
+    from rosbags.rosbag2 import reader as recordings
+    from rosbags.rosbag2 import storage_mcap, storage_sqlite3
+
+    size = sum(one.stat().st_size for one in (path.rglob("*") if path.is_dir() else [path]) if one.is_file())
+    left = max(MOST_UNPACKED, MOST_TIMES * size)
+
+    def bounded(start: Callable[[], Unpacker]) -> Callable[..., bytes]:
+        def unpacked(data: bytes, *_: int) -> bytes:
+            nonlocal left
+            found = unpack(data, start, path, min(left, LARGEST_PIECE))
+            left -= len(found)
+            return found
+
+        return unpacked
+
+    def open_base(reader: Any) -> None:
+        check_tables(Path(str(reader.path)))
+        open_any(reader)
+
+    zstd, open_any = recordings.zstd, storage_sqlite3.Sqlite3Reader.open
+    ours = {
+        "lz4": bounded(lz4.frame.LZ4FrameDecompressor),
+        "bz2": bounded(bz2.BZ2Decompressor),
+        "zstd": bounded(zstd.ZstdDecompressor),
+    }
+    tables = (bags.decompressors, storage_mcap.DECOMPRESSORS)
+    before = [dict(table) for table in tables]
+    for table in tables:
+        table.update({name: ours[name] for name in table if name in ours})
+    recordings.zstd = SimpleNamespace(
+        decompress=ours["zstd"], open=lambda file, *_: Bounded(zstd.open(file), path, left)
+    )
+    storage_sqlite3.Sqlite3Reader.open = open_base
+    try:
+        yield
+    finally:
+        recordings.zstd, storage_sqlite3.Sqlite3Reader.open = zstd, open_any
+        for table, known in zip(tables, before, strict=True):
+            table.update(known)
 
 
 def may_be_mapped(topic: str, options: RosOptions) -> bool:

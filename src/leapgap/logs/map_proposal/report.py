@@ -6,8 +6,8 @@ from typing import Any
 
 import yaml
 
-from leapgap.errors import InputError
-from leapgap.logs.files import check_file, check_tree, decoding
+from leapgap.errors import CONTROL, InputError, printable
+from leapgap.logs.files import check_file, check_folder, check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, MISSING, SURE, UNUSED, Proposal
@@ -55,15 +55,19 @@ class ProposedMap:
     def text(self, robot: Robot) -> str:
         """The proposal as YAML with comments; what is missing is never filled in."""
         lines = [
-            f"# Map proposed for {self.path.name}, robot {robot.name}. Nothing is imported. Check it, save it, then",
+            f"# Map proposed for {printable(self.path.name)}, robot {printable(robot.name)}. Nothing is imported.",
+            "# Check it, save it, then",
             "#   leapgap import <logs> <robot> --options <this file> --out <folder>",
         ]
         for kind, heading in HEADINGS:
             sentences = self.proposal.notes_of(kind)
             if sentences:
-                lines += [f"# {heading}", *(f"#   {sentence}" for sentence in sentences)]
+                lines += [f"# {heading}", *(f"#   {printable(sentence)}" for sentence in sentences)]
         held = {"format": self.format, self.format: self.options}
-        return "\n".join([*lines, "", yaml.safe_dump(held, sort_keys=False, allow_unicode=True, width=110)])
+        text = yaml.safe_dump(held, sort_keys=False, allow_unicode=True, width=110)
+        if CONTROL.search(text.replace("\n", "")):
+            text = yaml.safe_dump(held, sort_keys=False, width=110)
+        return "\n".join([*lines, "", text])
 
     def answered(self, source: Path, robot: Path) -> dict[str, Any]:
         """The options, where nothing is missing; ``InputError`` names the questions and the command that asks them."""
@@ -135,6 +139,8 @@ def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
     """
     if not source.exists():
         raise InputError(source, "no such file or folder", "logs", "name the folder of the logs, or one of them")
+    if source.is_dir():
+        check_folder(source)
     found = []
     for name in [format] if format else formats():
         layout = log_format(name)
