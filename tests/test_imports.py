@@ -13,7 +13,8 @@ MAY_IMPORT = {
     "simulation": {"robot", "logs", "effects"},
     "diagnosis": {"robot", "logs", "effects", "simulation"},
     "validation": {"robot", "logs", "effects", "simulation", "diagnosis"},  # and no diagnosis imports it
-    "reports": {"robot", "logs", "effects", "simulation", "diagnosis", "validation"},
+    "export": {"robot", "effects", "simulation", "diagnosis"},
+    "reports": {"robot", "logs", "effects", "simulation", "diagnosis", "validation", "export"},
     "jumping": {"robot", "logs", "effects", "simulation"},
     "jumping.reports": {"robot", "logs", "effects", "simulation", "diagnosis", "reports", "jumping"},
 }
@@ -21,7 +22,7 @@ MAY_IMPORT = {
 FRONT = {"leapgap.__main__", "leapgap.api", "leapgap.cli", "leapgap.demo", "leapgap.settings"}
 """The front door: it may import everything but the application, and only the application's stages import it."""
 ONLY_IN = {
-    "mujoco": {"robot", "effects", "simulation", "diagnosis", "validation", "jumping"},
+    "mujoco": {"robot", "effects", "simulation", "diagnosis", "validation", "export", "jumping"},
     "mujoco_menagerie": {"robot"},
     "rerun": {"reports", "jumping.reports"},
     "torch": {"jumping.learning"},
@@ -32,6 +33,7 @@ ONLY_IN = {
     "daqp": {"jumping.control"},
     "numba": {"jumping.control"},
     "osqp": {"jumping.control"},
+    "gymnasium": {"simulation"},
     "h5py": {"logs"},
     "rosbags": {"logs"},
     "hydra": set(),

@@ -25,23 +25,27 @@ if TYPE_CHECKING:
     from leapgap.logs.log import Log
     from leapgap.reports.diagnosis import Report
     from leapgap.robot.model import Robot
+    from leapgap.simulation.environment import Environment as Environment
+    from leapgap.simulation.simulator import Simulator
 
     __version__: str
 
 HOMES = {
     "Effect": "leapgap.effects.base",
+    "Environment": "leapgap.simulation.environment",
     "InputError": "leapgap.errors",
     "Log": "leapgap.logs.log",
     "Report": "leapgap.reports.diagnosis",
     "Robot": "leapgap.robot.model",
     "Settings": "leapgap.diagnosis.diagnose",
+    "Simulator": "leapgap.simulation.simulator",
     "check": "leapgap.api",
     "diagnose": "leapgap.api",
     "read_logs": "leapgap.api",
     "replay": "leapgap.api",
     "write_log": "leapgap.api",
 }
-"""Where each public name is defined."""
+"""Where each public name is defined; ``Environment`` needs the extra ``gym``, and is no part of ``import *``."""
 
 __all__ = [
     "Effect",
@@ -50,6 +54,7 @@ __all__ = [
     "Report",
     "Robot",
     "Settings",
+    "Simulator",
     "__version__",
     "check",
     "diagnose",

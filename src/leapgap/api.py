@@ -21,6 +21,7 @@ from leapgap.logs.map_proposal.report import first_file
 from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
+from leapgap.simulation.corrected import read_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
@@ -97,11 +98,14 @@ def write_log(log: Log, path: PathLike) -> Path:
 def replay(logs: Logs, robot: Robot | PathLike, effects: Sequence[Effect] = ()) -> list[Log]:
     """The logs' own commands in the simulated robot, from each log's first state; measured columns are simulated.
 
-    ``effects`` are added to the robot; none: as its model file has it.
+    ``robot`` may be a folder ``corrected`` of a report, whose effects are simulated too. ``effects`` are added; none:
+    the robot as it is there.
     """
-    read, loaded = read_logs(logs), load_robot(robot)
+    folder = isinstance(robot, PathLike) and Path(robot).is_dir()
+    loaded, own = read_corrected(robot) if folder else (load_robot(robot), ())  # type: ignore[arg-type]
+    read = read_logs(logs)
     replayer = Replayer(loaded, max(1, *(len(log.info.terrain) for log in read)))
-    motions = replayer.motions([Rollout(log, tuple(effects)) for log in read])
+    motions = replayer.motions([Rollout(log, (*own, *effects)) for log in read])
     return [replayer.as_log(motion, log) for motion, log in zip(motions, read, strict=True)]
 
 

@@ -222,7 +222,14 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         report = api.diagnose(chosen.logs, robot, settings, progress=progress, threads=chosen.threads)
     tell(report)
     if chosen.out is not None:
-        tell(f"page: {report.save(chosen.out, chosen.viewer) / 'report.html'}")
+        print_written(report.save(chosen.out, chosen.viewer))
+
+
+def print_written(folder: Path) -> None:
+    """Print what a report's folder holds, and where its page is."""
+    from leapgap.reports.written import what_was_written
+
+    tell("\n".join([*what_was_written(folder), f"page: {folder / 'report.html'}"]))
 
 
 def run_check(chosen: argparse.Namespace) -> None:
@@ -235,12 +242,10 @@ def run_check(chosen: argparse.Namespace) -> None:
 def run_replay(chosen: argparse.Namespace) -> None:
     """Replay the logs and write the replays."""
     from leapgap import api, effects
-    from leapgap.simulation.corrected import read_corrected
 
     check_output(chosen.out, REPLAY, (chosen.logs, chosen.robot), kept=True)
-    robot, found = read_corrected(chosen.robot) if chosen.robot.is_dir() else (robot_of(chosen), ())
-    found = (*found, *(effects.from_config([effect_entry(text)])[0] for text in chosen.effect))
-    replays = api.replay(chosen.logs, robot, found)
+    added = tuple(effects.from_config([effect_entry(text)])[0] for text in chosen.effect)
+    replays = api.replay(chosen.logs, chosen.robot if chosen.robot.is_dir() else robot_of(chosen), added)
     write_all(replays, chosen.out, REPLAY)
     tell(f"{len(replays)} replays: {chosen.out}")
 
@@ -388,10 +393,9 @@ def run_demo(chosen: argparse.Namespace) -> None:
     with still_running(tell) as progress:
         report = api.diagnose(logs_folder, hiding.robot, progress=progress)
     tell(f"\n{report}\n\nhidden was {hiding.answer}")
-    page = report.save(report_folder) / "report.html"
-    tell(f"page: {page}")
+    print_written(report.save(report_folder))
     if not chosen.no_browser:
-        open_page(page)
+        open_page(report_folder / "report.html")
 
 
 if __name__ == "__main__":

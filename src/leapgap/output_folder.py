@@ -251,11 +251,12 @@ def restore(path: Path) -> None:
 
 
 @contextmanager
-def merged_folder(folder: Path, by: str) -> Iterator[Path]:
+def merged_folder(folder: Path, by: str, replaced: Iterable[str] = ()) -> Iterator[Path]:
     """Yield an empty folder whose files are moved into ``folder`` when the block ends without an error.
 
     Foreign files in ``folder`` stay. One that has the name of a file to be written is an ``InputError``, and nothing is
-    moved then.
+    moved then. In the folders ``replaced`` within it, files of an earlier run that this one does not write are
+    removed.
     """
     path = real_path(folder)
     check_parents(path)
@@ -270,8 +271,14 @@ def merged_folder(folder: Path, by: str) -> Iterator[Path]:
         if foreign:
             found = f"{shown(foreign)} in it, which leapgap did not write there"
             raise refusal(path, found, "move them elsewhere, or choose another output folder")
+        old = {name for name in known - {*new} if name.startswith(tuple(f"{one}/" for one in replaced))}
         path.mkdir(exist_ok=True)
-        Marker(by, tuple(sorted({*known, *new}))).write(path)
+        Marker(by, tuple(sorted({*known, *new} - old))).write(path)
+        for name in sorted(old, reverse=True):
+            (path / name).rmdir() if name.endswith("/") else (path / name).unlink(missing_ok=True)
+        for top in sorted({above for name in old for above in (path / name).parents if path in above.parents}):
+            if top.is_dir() and not any(top.rglob("*")):
+                shutil.rmtree(top)
         for name in new:
             (path / name).parent.mkdir(parents=True, exist_ok=True)
             (beside / name).replace(path / name)

@@ -266,3 +266,16 @@ def test_the_command_does_not_write_replays_over_the_logs(arm: Path, capsys: pyt
     assert run("replay", arm / "logs", arm / "arm.xml", "--out", arm / "logs") == 2
     assert "the input" in capsys.readouterr().err
     assert content(arm) == before
+
+
+def test_a_folder_within_that_is_replaced_keeps_nothing_of_an_earlier_run_and_all_that_is_foreign(
+    tmp_path: Path,
+) -> None:
+    for names in (("whole/old/deep.txt", "whole/same.txt", "beside.txt"), ("whole/same.txt",)):
+        with merged_folder(tmp_path, TEST, replaced=("whole", "absent")) as beside:
+            for name in names:
+                (beside / name).parent.mkdir(parents=True, exist_ok=True)
+                (beside / name).write_text("ours")
+        (tmp_path / "whole" / "mine.txt").write_text("foreign")
+    left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert left - {".leapgap.json"} == {"whole", "whole/same.txt", "whole/mine.txt", "beside.txt"}

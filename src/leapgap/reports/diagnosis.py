@@ -15,6 +15,9 @@ from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.export import write_exports
+from leapgap.export.base import CorrectedRobot
+from leapgap.export.posterior import Posterior, posterior_of
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
@@ -34,6 +37,7 @@ from leapgap.reports.viewer import (
 )
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
+from leapgap.robot.picture import robot_picture
 from leapgap.simulation.corrected import write_corrected
 from leapgap.simulation.replay import Replayer
 
@@ -107,6 +111,18 @@ class Report:
         best = self.content.best_simulator
         return best.effects if best else self.correction
 
+    @property
+    def culprits(self) -> tuple[str, ...]:
+        """Joints at which the answer's effects act, where they do not act at all joints alike."""
+        at = [e.location for e in self.correction if e.places == "joints" and e.location != "all"]
+        return tuple(dict.fromkeys(joint for one in at for joint in self.robot.topology.joints_at(one)))
+
+    @property
+    def posterior(self) -> Posterior:
+        """How surely the numbers of the answer are known together."""
+        fit, causes = self.diagnosis.fit, self.causes[: len(self.answer)]
+        return posterior_of(self.robot, self.correction, causes, fit)
+
     def __str__(self) -> str:
         """The sentence, the gap, the first causes with their numbers, and what could not be judged."""
         content = self.content
@@ -135,26 +151,30 @@ class Report:
         the name of one of the report's is an ``InputError``. ``viewer``: ``light``, or ``embedded`` for the Rerun
         viewer inside the page.
         """
-        with merged_folder(Path(folder), SAVED_BY) as beside:
-            self.write(beside, viewer)
+        with merged_folder(Path(folder), SAVED_BY, replaced=(CORRECTED, BEST)) as beside:
+            self.write(beside, viewer, robot_picture(self.robot, joints) if (joints := self.culprits) else None)
             if self.record is not None:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
     @one_blas_thread()
-    def write(self, folder: Path, viewer: str = LIGHT) -> None:
+    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
-        ``best/`` is left out where no best simulator was asked for. ``viewer`` as of ``save``.
+        ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
+        ``save``; ``picture`` is a PNG of the robot for the page.
         """
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
         write_json(folder / REPORT, self.content.to_json())
-        page = html(self.content, self.logs, self.robot, self.nominal, self.corrected, inside)
+        written = write_corrected(folder / CORRECTED, self.robot, self.correction)
+        write_exports(folder / CORRECTED, CorrectedRobot(self.posterior, self.robot, gains_of(self.logs[0])))
+        best = self.content.best_simulator
+        if best and not best.is_answer:
+            write_corrected(folder / BEST, self.robot, self.best)
+        replays = (self.nominal, self.corrected)
+        page = html(self.content, self.logs, self.robot, *replays, inside, written.replayable, picture)
         write_text(folder / PAGE, page)
-        write_corrected(folder / CORRECTED, self.robot, self.correction, gains_of(self.logs[0]))
-        if self.content.best_simulator:
-            write_corrected(folder / BEST, self.robot, self.best, gains_of(self.logs[0]))
 
     def embedded(self) -> EmbeddedViewer:
         """The viewer with the recording of this report."""

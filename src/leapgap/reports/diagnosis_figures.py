@@ -83,8 +83,18 @@ def horizons(report: ReportContent) -> go.Figure:
         height=330, margin={"l": 55, "r": 15, "t": 40, "b": 45}, legend={"orientation": "h", "y": 1.18, "x": 0}
     )
     figure.update_xaxes(title_text="replays start anew from the log after", type="category")
-    figure.update_yaxes(title_text="gap", type="log")
+    ticks = round_numbers([value for _, _, _, values in curves for value in values if value > 0])
+    figure.update_yaxes(title_text="gap", type="log", tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
     return figure
+
+
+def round_numbers(values: Sequence[float]) -> list[float]:
+    """1, 2 and 5 times the powers of ten about some values, or the powers alone where these are many."""
+    if not values:
+        return []
+    low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)))
+    steps = (1, 2, 5) if high - low <= 2 else (1,)
+    return [step * 10.0**power for power in range(low, high + 1) for step in steps]
 
 
 def similarities(alike: Similarity) -> go.Figure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,9 +18,9 @@ from leapgap.logs.log import Log
 from leapgap.reports.channel_names import channel_title, channel_words
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
-from leapgap.reports.overlay import overlay
 from leapgap.reports.page import embed_json, render_page
 from leapgap.reports.similarity import similarity
+from leapgap.reports.tiles import tiles
 from leapgap.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -36,11 +37,16 @@ def html(
     nominal: Mapping[str, Log],
     corrected: Mapping[str, Log],
     viewer: EmbeddedViewer | None = None,
+    replayable: bool = True,
+    picture: bytes | None = None,
 ) -> str:
-    """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots."""
+    """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots.
+
+    ``replayable``: whether leapgap takes the folder ``corrected`` beside the page as a robot. ``picture``:
+    a PNG of the robot.
+    """
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
-        "overlay": overlay(report, logs, nominal, corrected),
         "horizons": horizons(report),
         "closure": closures(report),
         "profiles": profiles(report),
@@ -51,9 +57,7 @@ def html(
     alike = similarity(report.causes, logs, robot, **lengths)
     if alike is not None:
         figures["similarity"] = similarities(alike)
-    channels = channels_data(
-        logs, robot, nominal, corrected if report.answer else None, report.median_log, channel_title
-    )
+    channels = channels_data(report, logs, robot, nominal, corrected if report.answer else None)
     return render_page(
         Path(__file__).with_name("report.html"),
         figures,
@@ -66,8 +70,10 @@ def html(
         split_numbers=split_numbers,
         in_noises=in_noises,
         fitted=partial(fitted_value, report.causes[: len(report.answer)]),
-        number_of_logs=len(logs),
+        tiles=tiles(report, logs, nominal, corrected),
         viewer=viewer,
+        replayable=replayable,
+        picture=None if picture is None else b64encode(picture).decode(),
         timeline=TIMELINE,
         channels=embed_json(json.dumps(channels, separators=(",", ":"), ensure_ascii=False), channels="all"),
         segments=[segment.name for segment in logs[0].info.segments],

@@ -8,10 +8,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
 
 from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
-from leapgap.robot.model_hash import asset_paths, hash_model
+from leapgap.robot.model_hash import asset_paths, fields
 
 ASSETS = "assets"
 """Folder of meshes, height fields and textures beside the file."""
@@ -19,11 +20,19 @@ DIGITS = 17
 """Significant digits with which a number read back is the number written."""
 
 
+RELATIVE, OF_LARGEST, ABSOLUTE = 1e-9, 1e-12, 1e-15
+"""Largest error of a number that is read back: as a share of it, of the largest one of its field, and in SI units."""
+NAMED = ("body", "jnt", "geom", "site", "actuator", "sensor", "tendon", "eq")
+"""Kinds of parts that keep their names; those of pictures may change."""
+UNSEEN = ("site_", "nmat", "ntex", "ncam", "nlight", "nkey", "nname", "nskin", "nuser", "ntuple")
+"""Beginnings of the names of fields that change no motion, beside those that a robot's hash leaves out."""
+
+
 def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
     """Write a specification that compiles as one MJCF, with copies of its assets beside it.
 
-    The file is read back: ``InputError`` where MuJoCo cannot save the model so that it is the same again, or where the
-    specification does not compile.
+    The file is read back: ``InputError`` where MuJoCo cannot save the model so that it moves the same again, or where
+    the specification does not compile. Where default classes of one name are in the way, they are resolved.
     """
     spec.compiler.saveinertial = True  # what MuJoCo computed from shapes is not computed anew
     try:
@@ -31,6 +40,18 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
     except ValueError as error:
         found = f"a model that MuJoCo does not compile ({' '.join(str(error).split())})"
         raise InputError(path.name, found, "bodies as they can be", "correct the effects or the model") from None
+    root = as_xml(spec, model, path.parent)
+    if problem := write_and_compare(root, path, model):
+        resolve_defaults(spec)
+        if write_and_compare(without_defaults(as_xml(spec, model, path.parent)), path, model):
+            path.unlink()
+            found = f"a model that MuJoCo does not save as it is ({problem})"
+            do = "give each attached model a prefix, or write the model as one file"
+            raise InputError(path.name, found, "names that are unique in the whole model", do)
+
+
+def as_xml(spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path) -> ElementTree.Element:
+    """A specification and its compiled model as MJCF; its assets are copied into ``ASSETS`` in a folder."""
     with all_digits():
         root = ElementTree.fromstring(spec.to_xml())
     for kind, part, count, addresses in (
@@ -42,29 +63,64 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
         for element in root.iterfind(f"asset/{kind}[@file]"):
             name = element.get("name") or Path(element.get("file", "")).stem
             if (file := files.get(name)) is not None:
-                element.attrib |= {"name": name, "file": copy_asset(file, path.parent / ASSETS)}
+                element.attrib |= {"name": name, "file": copy_asset(file, folder / ASSETS)}
     for compiler in root.iterfind("compiler"):
         for setting in ("assetdir", "strippath"):
             compiler.attrib.pop(setting, None)
         compiler.attrib |= {"meshdir": ASSETS, "texturedir": ASSETS}
+    return root
+
+
+def resolve_defaults(spec: mujoco.MjSpec) -> None:
+    """Put every element into the default class of all, so that it states whatever it has from a class of its own."""
+    kinds = ("geoms", "joints", "sites", "cameras", "lights", "meshes", "materials", "pairs", "equalities", "tendons")
+    for kind in (*kinds, "actuators"):
+        for element in getattr(spec, kind):
+            element.classname = spec.default
+
+
+def without_defaults(root: ElementTree.Element) -> ElementTree.Element:
+    """An MJCF without default classes but that of all."""
+    for top in root.iterfind("default"):
+        for own in top.findall("default"):
+            top.remove(own)
+    for element in root.iter():
+        element.attrib.pop("childclass", None)
+    return root
+
+
+def write_and_compare(root: ElementTree.Element, path: Path, model: mujoco.MjModel) -> str:
+    """Write an MJCF; by what it differs from the model when it is read back, empty where they move the same."""
     write_text(path, ElementTree.tostring(root, encoding="unicode") + "\n")
-    check_file(path, model)
-
-
-def check_file(path: Path, model: mujoco.MjModel) -> None:
-    """Raise ``InputError``, and remove the file, unless it is read back as the model that was written."""
     try:
-        found = "" if hash_model(mujoco.MjModel.from_xml_path(str(path))) == hash_model(model) else "another model"
+        return difference(model, mujoco.MjModel.from_xml_path(str(path)))
     except ValueError as error:
-        found = " ".join(str(error).split())
-    if found:
-        path.unlink()
-        raise InputError(
-            path.name,
-            f"a model that MuJoCo does not save as it is ({found})",
-            "names that are unique in the whole model",
-            "give each attached model a prefix, or write the model as one file",
-        )
+        return " ".join(str(error).split())
+
+
+def difference(one: mujoco.MjModel, other: mujoco.MjModel) -> str:
+    """The first field in which two models differ by more than rounding, in words; empty where they move the same."""
+    for kind in NAMED:
+        names = [
+            [model.names[at : model.names.find(b"\0", at)] for at in getattr(model, f"name_{kind}adr")]
+            for model in (one, other)
+        ]
+        if names[0] != names[1]:
+            return f"other names of {kind}"
+    read = dict(fields(other))
+    for name, value in fields(one):
+        if name.removeprefix("opt.").startswith(UNSEEN):
+            continue
+        again = read[name]
+        if value.shape != again.shape:
+            return f"{name} of other size"
+        size = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))
+        alike = np.isclose(again, value, RELATIVE, OF_LARGEST * size + ABSOLUTE, equal_nan=True)
+        if value.dtype.kind != "f":
+            alike = again == value
+        if not alike.all():
+            return f"{name} is {again[~alike].flat[0]:.9g}, not {value[~alike].flat[0]:.9g}"
+    return ""
 
 
 def copy_asset(file: Path, folder: Path) -> str:

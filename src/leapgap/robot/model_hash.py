@@ -57,14 +57,20 @@ def asset_paths(model: mujoco.MjModel, addresses: np.ndarray) -> list[Path | Non
 
 def content(model: mujoco.MjModel) -> Iterator[bytes]:
     """Names and values of the fields that count, in the order of their names."""
+    for name, value in fields(model):
+        yield f"{name} {value.shape};".encode() + canonical(value)
+    yield model.names
+
+
+def fields(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
+    """The fields that count, with their values."""
     for owner, prefix in ((model, ""), (model.opt, "opt.")):
         for name in sorted(dir(owner)):
             if name.startswith(("_", *LEFT_OUT)):
                 continue
             value = getattr(owner, name)
             if isinstance(value, np.ndarray | int | float):
-                yield f"{prefix}{name} {np.shape(value)};".encode() + canonical(np.asarray(value))
-    yield model.names
+                yield f"{prefix}{name}", np.asarray(value)
 
 
 def canonical(values: np.ndarray) -> bytes:

@@ -1,11 +1,11 @@
 """A corrected robot on disk: a plain MJCF for any simulator, and the nominal model with the effects to add to it.
 
-``robot.xml`` is the corrected robot as far as a model can hold it, and ``README.md`` says what it cannot hold.
+``robot.xml`` is the corrected robot as far as a model can hold it, and ``README.md`` says of each effect where it is.
 ``nominal.xml`` with ``effects.json`` is the whole correction, which ``read_corrected`` reads.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,37 +20,44 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motors import MotorConstants
 from leapgap.robot.topology import PartNames
 from leapgap.simulation.corrected_model import corrected_spec
-from leapgap.simulation.corrected_values import Gains, isaac_actuators, parameters, readme, urdf_dynamics
-
-MODEL, NOMINAL, EFFECTS = "robot.xml", "nominal.xml", "effects.json"
-PARAMETERS, README, URDF, ISAAC = "parameters.json", "README.md", "urdf_dynamics.xml", "isaac_actuators.json"
+from leapgap.simulation.corrected_readme import EFFECTS, MODEL, NOMINAL, PARAMETERS, README, readme
+from leapgap.simulation.corrected_values import parameters
 
 
-def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...], gains: Gains | None = None) -> None:
-    """Write the corrected model, its numbers, and the nominal model beside the effects to add to it.
+@dataclass(frozen=True)
+class WrittenRobot:
+    """What was written of a corrected robot."""
 
-    ``gains`` are kp and kd of each joint by its name, as the logs have them, for the settings of other simulators.
-    """
+    found: Mapping[str, Any]
+    """As in ``parameters.json``."""
+    missing: Mapping[str, str]
+    """Model files that MuJoCo could not save, with the reason."""
+
+    @property
+    def replayable(self) -> bool:
+        """Whether leapgap takes the folder as a robot."""
+        return NOMINAL not in self.missing
+
+
+def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...]) -> WrittenRobot:
+    """Write the corrected model, its numbers, and the nominal model beside the effects to add to it."""
     folder.mkdir(parents=True, exist_ok=True)
-    spec, left_out = corrected_spec(robot, correction)
-    failure = write_models(folder, robot, spec)
-    write_json(folder / EFFECTS, {"effects": effects.to_config(correction), **settings_of(robot)})
-    found = parameters(robot, correction, left_out)
-    write_json(folder / PARAMETERS, found)
-    write_text(folder / URDF, urdf_dynamics(found))
-    write_json(folder / ISAAC, isaac_actuators(found, gains or {}))
-    write_text(folder / README, readme(found, failure))
-
-
-def write_models(folder: Path, robot: Robot, corrected: mujoco.MjSpec) -> str:
-    """Write the nominal and the corrected model; where MuJoCo cannot save them, why, and nothing is written."""
+    spec, placed = corrected_spec(robot, correction)
     nominal = robot.published_spec() if robot.states_actuators else robot.spec()
+    missing = {name: why for name, of in {MODEL: spec, NOMINAL: nominal}.items() if (why := saved(of, folder / name))}
+    write_json(folder / EFFECTS, {"effects": effects.to_config(correction), **settings_of(robot)})
+    found = parameters(robot, placed)
+    write_json(folder / PARAMETERS, found)
+    write_text(folder / README, readme(folder.name, found, missing))
+    return WrittenRobot(found, missing)
+
+
+def saved(spec: mujoco.MjSpec, path: Path) -> str:
+    """Write a model; where MuJoCo cannot save it, why, and nothing is written."""
     try:
-        write_mjcf(nominal, folder / NOMINAL)
-        write_mjcf(corrected, folder / MODEL)
+        write_mjcf(spec, path)
     except InputError as error:
-        for name in (NOMINAL, MODEL):
-            (folder / name).unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
         return str(error)
     return ""
 
@@ -103,5 +110,8 @@ def read_corrected(folder: Path | str, own: Sequence[type[Effect]] = ()) -> tupl
     where = folder / EFFECTS
     motors = MotorConstants(**stated_motors(stated["motors"], where)) if "motors" in stated else None
     names = PartNames(**stated_names(stated["names"], where)) if "names" in stated else None
+    if not (folder / NOMINAL).is_file():
+        do = f"{README} beside it says why; replay the robot's own file with --effect"
+        raise InputError(folder, f"no {NOMINAL}", "the nominal robot beside its effects", do)
     robot = Robot.load(folder / NOMINAL, motors, names)
     return robot, effects.from_config(entries, effects.registry(own))

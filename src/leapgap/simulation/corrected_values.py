@@ -1,9 +1,8 @@
-"""The numbers of a corrected robot: as JSON, in words, and as settings of other simulators."""
+"""The numbers of a corrected robot, as JSON."""
 
 import copy
 from collections.abc import Mapping, Sequence
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -14,31 +13,37 @@ from leapgap.effects.command_delay import CommandDelay
 from leapgap.effects.drive import Drive
 from leapgap.effects.encoder_bias import EncoderBias
 from leapgap.robot.model import Robot
-
-Gains = Mapping[str, tuple[float, float]]
-"""Joint → kp and kd of its joint PD, N·m/rad and N·m·s/rad."""
+from leapgap.simulation.corrected_model import Placement
 
 
-def parameters(robot: Robot, correction: Sequence[Effect], left_out: Sequence[Effect]) -> dict[str, Any]:
+def parameters(robot: Robot, placed: Sequence[Placement]) -> dict[str, Any]:
     """What ``parameters.json`` holds: effects with their values, joints, changed bodies and feet, SI units."""
+    correction = [one.effect for one in placed]
     nominal = robot.model
-    corrected = copy.copy(nominal)
-    in_model = [effect for effect in correction if effect.structure is None]  # others add parts to the model
-    for effect in in_model:
-        effect.change_model(corrected, robot)
+    corrected = changed_model(nominal, robot, correction)
     return {
         "robot": robot.name,
         "robot_sha256": robot.sha256,
         "units": "SI: N·m, rad, kg, m, s, V; joints that slide: N, m",
-        "effects": [effect_entry(effect, robot, effect not in left_out) for effect in correction],
+        "effects": [effect_entry(one, robot) for one in placed],
         "joints": joint_entries(robot, correction, nominal, corrected),
         "bodies": body_entries(robot, nominal, corrected),
         "feet": foot_entries(robot, nominal, corrected),
     }
 
 
-def effect_entry(effect: Effect, robot: Robot, in_model: bool) -> dict[str, Any]:
+def changed_model(nominal: mujoco.MjModel, robot: Robot, correction: Sequence[Effect]) -> mujoco.MjModel:
+    """A copy of a model with the effects that add no parts to it."""
+    changed = copy.copy(nominal)
+    for effect in correction:
+        if effect.structure is None:
+            effect.change_model(changed, robot)
+    return changed
+
+
+def effect_entry(placed: Placement, robot: Robot) -> dict[str, Any]:
     """One effect: where it acts, its values and nominal values, and whether the model holds all of it."""
+    effect = placed.effect
     values = {
         one.name: {"value": effect.values.get(one.name, one.nominal), "nominal": one.nominal, "unit": one.unit}
         for one in effect.parameters(robot, effect.location)
@@ -50,7 +55,9 @@ def effect_entry(effect: Effect, robot: Robot, in_model: bool) -> dict[str, Any]
         "location": effect.location,
         "at": list(at(effect.location)) if at else [],
         "parameters": values,
-        "in_model": in_model,
+        "in_model": placed.in_model and not placed.lacks,
+        "in_model_in_part": placed.in_model and bool(placed.lacks),
+        "lacks": placed.lacks,
     }
 
 
@@ -58,7 +65,13 @@ def joint_entries(
     robot: Robot, correction: Sequence[Effect], nominal: mujoco.MjModel, corrected: mujoco.MjModel
 ) -> dict[str, Any]:
     """Numbers of each joint: its friction, inertia and motor, and what acts between command and joint."""
-    count = len(robot.joints)
+    before, after = joint_numbers(robot, (), nominal), joint_numbers(robot, correction, corrected)
+    return {joint: {key: pair(before[key][i], after[key][i]) for key in before} for i, joint in enumerate(robot.joints)}
+
+
+def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """Numbers of the joints of a robot with some effects, (joints,) each; ``model`` has the effects already."""
+    count, dofs = len(robot.joints), robot.joint_dofs
     drive = Drive.ideal(count)
     delay, bias = np.zeros(count), np.zeros(count)
     for effect in correction:
@@ -67,24 +80,20 @@ def joint_entries(
             delay[robot.joints_at(effect.location)] += effect.delay_s
         if isinstance(effect, EncoderBias):
             bias[robot.joints_at(effect.location)] += effect.bias_rad
-    entries = {}
-    for i, joint in enumerate(robot.joints):
-        dof, limit = robot.joint_dofs[i], robot.torque_limits[i]
-        entries[joint] = {
-            "damping": pair(nominal.dof_damping[dof], corrected.dof_damping[dof]),
-            "friction": pair(nominal.dof_frictionloss[dof], corrected.dof_frictionloss[dof]),
-            "armature": pair(nominal.dof_armature[dof], corrected.dof_armature[dof]),
-            "torque_limit": pair(limit, limit * drive.limit_scale[i] * drive.gain[i]),
-            "torque_gain": pair(1.0, drive.gain[i]),
-            "position_gain": pair(1.0, drive.kp_scale[i]),
-            "velocity_gain": pair(1.0, drive.kd_scale[i]),
-            "motor_lag_s": pair(0.0, drive.lag_s[i]),
-            "motor_voltage_v": pair(np.inf, drive.voltage_v[i]),
-            "motor_heating_per_n2m2s": pair(0.0, drive.heating[i]),
-            "command_delay_s": pair(0.0, delay[i]),
-            "encoder_bias_rad": pair(0.0, bias[i]),
-        }
-    return entries
+    return {
+        "damping": model.dof_damping[dofs],
+        "friction": model.dof_frictionloss[dofs],
+        "armature": model.dof_armature[dofs],
+        "torque_limit": robot.torque_limits * drive.limit_scale * drive.gain,
+        "torque_gain": drive.gain,
+        "position_gain": drive.kp_scale,
+        "velocity_gain": drive.kd_scale,
+        "motor_lag_s": drive.lag_s,
+        "motor_voltage_v": drive.voltage_v,
+        "motor_heating_per_n2m2s": drive.heating,
+        "command_delay_s": delay,
+        "encoder_bias_rad": bias,
+    }
 
 
 def body_entries(robot: Robot, nominal: mujoco.MjModel, corrected: mujoco.MjModel) -> dict[str, Any]:
@@ -121,98 +130,3 @@ def plain(value: Any) -> Any:
     """A NumPy number or vector as JSON has it."""
     values = [float(one) if np.isfinite(one) else None for one in np.ravel(value)]
     return values if np.ndim(value) else values[0]
-
-
-def urdf_dynamics(found: Mapping[str, Any]) -> str:
-    """The element ``dynamics`` of each joint for a URDF: its damping and its friction."""
-    root = ElementTree.Element("robot", {"name": found["robot"]})
-    for joint, of in found["joints"].items():
-        element = ElementTree.SubElement(root, "joint", {"name": joint})
-        numbers = {key: f"{of[key]['corrected']:.9g}" for key in ("damping", "friction")}
-        ElementTree.SubElement(element, "dynamics", numbers)
-    ElementTree.indent(root)
-    return "<!-- The element dynamics of each joint of the corrected robot, to copy into a URDF. -->\n" + (
-        ElementTree.tostring(root, encoding="unicode") + "\n"
-    )
-
-
-def isaac_actuators(found: Mapping[str, Any], gains: Gains) -> dict[str, Any]:
-    """Settings of each joint as the actuator models of Isaac Lab and similar simulators name them, by joint.
-
-    ``stiffness`` and ``damping`` are the gains of the joint PD, null where no log says them. ``friction`` is a torque,
-    N·m; ``delay_s`` a time.
-    """
-    settings = {}
-    for joint, of in found["joints"].items():
-        kp, kd = gains.get(joint, (None, None))
-        settings[joint] = {
-            "stiffness": None if kp is None else kp * of["torque_gain"]["corrected"] * of["position_gain"]["corrected"],
-            "damping": None if kd is None else kd * of["torque_gain"]["corrected"] * of["velocity_gain"]["corrected"],
-            "effort_limit": of["torque_limit"]["corrected"],
-            "armature": of["armature"]["corrected"],
-            "friction": of["friction"]["corrected"],
-            "viscous_friction": of["damping"]["corrected"],
-            "delay_s": of["command_delay_s"]["corrected"],
-        }
-    return settings
-
-
-def readme(found: Mapping[str, Any], failure: str = "") -> str:
-    """What the folder holds, and what no model file can hold, with the numbers.
-
-    ``failure`` says why there are no model files, where MuJoCo could not save them.
-    """
-    held = [effect for effect in found["effects"] if effect["in_model"]]
-    outside = [effect for effect in found["effects"] if not effect["in_model"]]
-    lines = [
-        f"# {found['robot'] or 'The robot'}, corrected",
-        "",
-        "- `robot.xml`: the corrected robot as a plain MJCF, with the actuators of its makers, for any MuJoCo:",
-        "  `mujoco.MjModel.from_xml_path`. `assets/`, if there is one, belongs to it.",
-        "- `nominal.xml` and `effects.json`: the robot as it was and all effects to add, for leapgap, which takes this",
-        "  folder as a robot: `leapgap replay`, `collect.robot=`.",
-        "- `parameters.json`: every number, nominal and corrected.",
-        "- `urdf_dynamics.xml`: damping and friction of the joints, to copy into a URDF.",
-        "- `isaac_actuators.json`: settings of the actuators for simulators with joint PDs of their own.",
-        *(["", f"**Without `robot.xml` and `nominal.xml`**: {failure}."] if failure else []),
-        "",
-        "## In `robot.xml`",
-        "",
-        *(entry_in_words(effect) for effect in held),
-        *([] if held else ["Nothing: the nominal model is not changed."]),
-        "",
-        "## Not in `robot.xml`",
-        "",
-        *([] if outside else ["Nothing is missing from it."]),
-        *(f"{entry_in_words(effect)} Simulate it outside the model." for effect in outside),
-        *motor_words(found),
-    ]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def entry_in_words(effect: Mapping[str, Any]) -> str:
-    """``- `joint_damping` at RR_calf: damping 0.4 N·m·s/rad (nominal 0). Viscous friction of the gears.``"""
-    numbers = ", ".join(
-        f"{name} {one['value']:.6g} {one['unit']} (nominal {one['nominal']:.6g})"
-        for name, one in effect["parameters"].items()
-    )
-    what = effect["what"]
-    return f"- `{effect['name']}` at {effect['location']}: {numbers}. {what[:1].upper()}{what[1:]}."
-
-
-def motor_words(found: Mapping[str, Any]) -> list[str]:
-    """A paragraph on motors that are DC motors in the model, where there are any."""
-    warm = [joint for joint, of in found["joints"].items() if of["motor_heating_per_n2m2s"]["corrected"]]
-    electric = [
-        joint
-        for joint, of in found["joints"].items()
-        if of["motor_lag_s"]["corrected"] or of["motor_voltage_v"]["corrected"] is not None or joint in warm
-    ]
-    if not electric:
-        return []
-    return [
-        "",
-        f"The actuators of {', '.join(electric)} are MuJoCo's DC motors (`dcmotor`, MuJoCo 4.0 or later). Other",
-        "simulators have no voltage and lag of theirs, nor has leapgap where `robot.xml` itself is its robot.",
-        *(["Their temperature is the rise of their resistance, as a share of it, and begins at 0."] if warm else []),
-    ]

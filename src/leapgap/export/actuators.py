@@ -1,0 +1,67 @@
+"""Settings of the actuators as simulators with joint PDs of their own take them, by joint."""
+
+from dataclasses import dataclass
+from math import isfinite
+
+from leapgap.export.base import CorrectedRobot
+
+
+@dataclass(frozen=True)
+class ActuatorSettings:
+    """Settings of the actuators of the driven joints, SI units; by joint, which keeps the order of the model."""
+
+    stiffness: dict[str, float | None]
+    """Gain kp of the joint PD times what the motor delivers of a torque; None where no log says it."""
+    damping: dict[str, float | None]
+    """Gain kd likewise."""
+    effort_limit: dict[str, float | None]
+    """None where the model states none."""
+    armature: dict[str, float]
+    friction: dict[str, float]
+    """Coulomb friction, a torque."""
+    viscous_friction: dict[str, float]
+    encoder_bias: dict[str, float]
+    delay_s: dict[str, tuple[float, float]]
+    """Least and largest delay of commands: the 95 % interval; twice the same where it is known."""
+
+    @staticmethod
+    def of(corrected: CorrectedRobot) -> "ActuatorSettings":
+        """The settings of a corrected robot."""
+        robot, numbers = corrected.robot, corrected.corrected.joints
+        driven = [(i, joint) for i, joint in enumerate(robot.joints) if robot.driven[i]]
+
+        def by_joint(key: str) -> dict[str, float]:
+            return {joint: float(numbers[key][i]) for i, joint in driven}
+
+        gain, gains = by_joint("torque_gain"), corrected.gains
+        of_kp, of_kd = by_joint("position_gain"), by_joint("velocity_gain")
+        limits, delay = by_joint("torque_limit"), by_joint("command_delay_s")
+        ranges = corrected.joint_ranges.get("command_delay_s", {})
+        return ActuatorSettings(
+            {joint: gains[joint][0] * gain[joint] * of_kp[joint] if joint in gains else None for joint in gain},
+            {joint: gains[joint][1] * gain[joint] * of_kd[joint] if joint in gains else None for joint in gain},
+            {joint: limit if isfinite(limit) else None for joint, limit in limits.items()},
+            by_joint("armature"),
+            by_joint("friction"),
+            by_joint("damping"),
+            by_joint("encoder_bias_rad"),
+            {
+                joint: (ranges[joint].low, ranges[joint].high) if joint in ranges else (own, own)
+                for joint, own in delay.items()
+            },
+        )
+
+    @property
+    def missing(self) -> str | None:
+        """What no log says of the joint PD; None where the gains are known."""
+        unknown = [joint for joint, gain in self.stiffness.items() if gain is None]
+        return f"no log has the gains of {', '.join(unknown)}" if unknown else None
+
+
+STEPS = '''
+def steps(delay_s, physics_dt):
+    """Least and largest delay in physics steps, to whole steps; the range is that of the identified delay."""
+    low, high = delay_s
+    return round(low / physics_dt), round(high / physics_dt)
+'''
+"""Source of a function that the files share."""

@@ -1,0 +1,86 @@
+"""Actuators for PACE, by the keys of its configuration and the order of its parameters."""
+
+from pathlib import Path
+
+from leapgap.atomic_io import write_text
+from leapgap.export.actuators import ActuatorSettings
+from leapgap.export.base import CorrectedRobot, Export, exactly, literal
+
+SOURCE = '''\
+"""A corrected robot for PACE 0.2 (`pace_sim2real`, on Isaac Lab 2.3).
+
+`actuator(dt, velocity_limit)` is the actuator of all joints; `parameters(order, dt)` are the numbers in the order in
+which PACE fits them: armature, viscous friction, friction and encoder bias of each joint, then one delay in steps.
+"""
+
+from pace_sim2real.utils import PaceDCMotorCfg
+
+STIFFNESS = {stiffness}
+DAMPING = {damping}
+EFFORT_LIMIT = {effort_limit}
+ARMATURE = {armature}
+FRICTION = {friction}
+VISCOUS_FRICTION = {viscous_friction}
+ENCODER_BIAS = {encoder_bias}
+DELAY_S = {delay_s}  # least and largest; PACE has one delay for all joints, here the mean
+
+
+def delay_steps(physics_dt):
+    """The delay of all joints in physics steps."""
+    return round(sum(low + high for low, high in DELAY_S.values()) / (2 * len(DELAY_S) * physics_dt))
+
+
+def actuator(physics_dt, velocity_limit, saturation_effort=None):
+    """The actuator of all joints; the limit of speed is the maker's, which logs do not tell."""
+    limit = max(EFFORT_LIMIT.values())
+    return PaceDCMotorCfg(
+        joint_names_expr=list(STIFFNESS),
+        saturation_effort=limit if saturation_effort is None else saturation_effort,
+        effort_limit=EFFORT_LIMIT,
+        velocity_limit=velocity_limit,
+        stiffness=STIFFNESS,
+        damping=DAMPING,
+        armature=ARMATURE,
+        friction=FRICTION,
+        dynamic_friction=FRICTION,
+        viscous_friction=VISCOUS_FRICTION,
+        encoder_bias=list(ENCODER_BIAS.values()),
+        max_delay=delay_steps(physics_dt),
+    )
+
+
+def parameters(joint_order, physics_dt):
+    """All numbers as PACE's vector has them, for joints in the order of its configuration."""
+    names = [NAMES[joint] for joint in joint_order]
+    each = [of[name] for of in (ARMATURE, VISCOUS_FRICTION, FRICTION, ENCODER_BIAS) for name in names]
+    return [*each, delay_steps(physics_dt)]
+
+
+NAMES = {names}
+'''
+
+
+class Pace(Export):
+    """Python for PACE."""
+
+    name = "for_pace.py"
+    says = "the actuator (`PaceDCMotorCfg`) and the vector of parameters of PACE 0.2"
+
+    def lacks(self, corrected: CorrectedRobot) -> str | None:
+        """The gains of the joint PD, or limits of the motors."""
+        settings = ActuatorSettings.of(corrected)
+        if None in settings.effort_limit.values():
+            return "the model states no limits of its torques, which PACE asks for"
+        return settings.missing
+
+    def write(self, folder: Path, corrected: CorrectedRobot) -> None:
+        """Write the Python file."""
+        settings = ActuatorSettings.of(corrected)
+        named = {key: {exactly(joint): value for joint, value in of.items()} for key, of in vars(settings).items()}
+        write_text(
+            folder / self.name,
+            SOURCE.format(
+                **{key: literal(of) for key, of in named.items()},
+                names=literal({joint: exactly(joint) for joint in settings.armature}),
+            ),
+        )

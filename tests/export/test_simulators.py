@@ -1,0 +1,269 @@
+"""Files for other simulators: run against the documented names and fields of each, with numbers worked out by hand."""
+
+import ast
+import re
+import types
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from leapgap import effects
+from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.report import Cause, ParameterEstimate
+from leapgap.effects.base import Effect
+from leapgap.export import write_exports
+from leapgap.export.base import CorrectedRobot
+from leapgap.export.posterior import SIGMAS, Posterior, posterior_of
+from leapgap.robot.model import Robot
+from leapgap.simulation.corrected import write_corrected
+from tests.export import schemas
+
+CORRECTION = (
+    effects.effect("joint_damping", "RR_calf", damping=0.4),
+    effects.effect("joint_friction", "RR_calf", torque_nm=0.5),
+    effects.effect("command_delay", delay_s=0.004),
+    effects.effect("payload", mass_kg=1.0),
+    effects.effect("torque_gain", "RR", scale=0.8),
+    effects.effect("encoder_bias", "FR_hip", bias_rad=0.02),
+)
+HALF = {"damping": 0.1, "torque_nm": 0.2, "delay_s": 0.0014, "mass_kg": 0.3, "scale": 0.05, "bias_rad": 0.004}
+
+
+def cause(effect: Effect) -> Cause:
+    estimates = {
+        name: ParameterEstimate(value, (value - HALF[name], value + HALF[name]), 0.0, "1", False)
+        for name, value in effect.values.items()
+    }
+    return Cause(effect.name, effect.location, 1.0, estimates, {}, None, 0.0, ())  # type: ignore[arg-type]
+
+
+def fit(robot: Robot, correlation: float) -> Candidate:
+    """A fit of the first two effects, whose numbers are correlated; its own spreads do not matter."""
+    hypotheses = tuple(Hypothesis(effects.known()[e.name], robot, e.location) for e in CORRECTION[:2])
+    covariance = np.array([[4.0, correlation * 2], [correlation * 2, 1.0]])
+    return Candidate(hypotheses, np.array([0.4, 0.5]), covariance, np.zeros((2, 2)))
+
+
+@pytest.fixture(scope="module")
+def posterior(robot: Robot) -> Posterior:
+    return posterior_of(robot, CORRECTION, [cause(effect) for effect in CORRECTION], fit(robot, 0.9))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, robot: Robot, posterior: Posterior) -> Path:
+    path = tmp_path_factory.mktemp("exports") / "corrected"
+    write_corrected(path, robot, CORRECTION)
+    written = write_exports(path, CorrectedRobot(posterior, robot, dict.fromkeys(robot.joints, (100.0, 2.0))))
+    assert all((path / name).exists() for name in written)
+    return path
+
+
+def test_the_posterior_has_the_intervals_of_the_report_and_the_correlations_of_the_fit(posterior: Posterior) -> None:
+    drawn = posterior.samples(4000, np.random.default_rng(1))
+    assert drawn.mean(axis=0) == pytest.approx(posterior.mean, rel=1e-2)
+    ends = np.percentile(drawn, [2.5, 97.5], axis=0)
+    assert (ends[1] - ends[0]) / 2 == pytest.approx(list(HALF.values()), rel=0.02)
+    correlation = np.corrcoef(drawn.T)
+    assert correlation[0, 1] == pytest.approx(0.9, abs=0.02)
+    assert np.abs(correlation[2:] - np.eye(6)[2:]).max() < 0.05
+    assert posterior.with_numbers(posterior.mean) == CORRECTION
+
+
+def test_numbers_stay_within_their_limits(robot: Robot) -> None:
+    weak = effects.effect("command_delay", delay_s=0.0002)
+    drawn = posterior_of(robot, (weak,), [cause(weak)]).samples(500, np.random.default_rng(0))
+    assert drawn.min() == 0.0
+    assert (drawn == 0).mean() == pytest.approx(0.4, abs=0.05)  # normal below −0.0002 / (0.0014 / 1.96)
+
+
+def test_ranges_are_those_of_the_intervals(folder: Path, robot: Robot) -> None:
+    found = yaml.safe_load((folder / "randomisation.yaml").read_text())
+    own = robot.model.joint("RR_calf")
+    damping = found["joints"]["damping"]
+    assert set(damping) == {"RR_calf"}
+    assert damping["RR_calf"]["value"] == pytest.approx(own.damping[0] + 0.4)
+    ends = [damping["RR_calf"][key] - own.damping[0] for key in ("low", "high")]
+    assert ends == pytest.approx([0.3, 0.5], rel=1e-4)
+    assert found["joints"]["friction"]["RR_calf"]["high"] == pytest.approx(own.frictionloss[0] + 0.7, rel=1e-4)
+    mass = found["bodies"]["mass"]["trunk"]
+    assert [mass["low"], mass["value"], mass["high"]] == pytest.approx([5.413, 5.713, 6.013], rel=1e-4)
+    assert found["correlation"][0][1] == 0.9
+    assert found["numbers"]["command_delay at all: delay_s"]["standard_deviation"] == pytest.approx(0.0014 / SIGMAS)
+
+
+def test_every_row_of_the_samples_is_one_robot(folder: Path, robot: Robot) -> None:
+    with np.load(folder / "posterior.npz") as file:
+        table = {name: file[name] for name in file.files}
+    assert table["joints"].tolist() == list(robot.joints)
+    calf, trunk = table["joints"].tolist().index("RR_calf"), table["bodies"].tolist().index("trunk")
+    numbers = dict(zip(table["numbers_of"].tolist(), table["numbers"].T, strict=True))
+    own = robot.model.joint("RR_calf")
+    assert table["damping"][:, calf] - own.damping[0] == pytest.approx(numbers["joint_damping at RR_calf: damping"])
+    assert table["friction"][:, calf] - own.frictionloss[0] == pytest.approx(
+        numbers["joint_friction at RR_calf: torque_nm"]
+    )
+    mass = robot.model.body("trunk").mass[0]
+    assert table["body_mass"][:, trunk] - mass == pytest.approx(numbers["payload at all: mass_kg"])
+    assert table["command_delay_s"][:, 0] == pytest.approx(numbers["command_delay at all: delay_s"])
+
+
+def test_the_same_report_gives_the_same_bytes(folder: Path, robot: Robot, posterior: Posterior, tmp_path: Path) -> None:
+    write_corrected(tmp_path / "corrected", robot, CORRECTION)
+    write_exports(tmp_path / "corrected", CorrectedRobot(posterior, robot, dict.fromkeys(robot.joints, (100.0, 2.0))))
+    for path in folder.rglob("*"):
+        if path.is_file():
+            assert (tmp_path / "corrected" / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
+
+
+def test_mjlab_gets_actuators_with_lags_and_ranges_by_joint(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = schemas.run(folder / "for_mjlab.py", schemas.mjlab(), monkeypatch)
+    by_joint = {one.target_names_expr[0]: one for one in names["actuators"](0.001)}
+    calf = by_joint["RR_calf"]
+    assert (calf.stiffness, calf.damping) == pytest.approx((80.0, 1.6))
+    assert calf.effort_limit == pytest.approx(0.8 * 33.5)
+    assert (calf.viscous_damping, calf.frictionloss) == pytest.approx((0.41, 0.7))
+    assert (calf.delay_min_lag, calf.delay_max_lag) == (3, 5)  # 2.6 to 5.4 ms
+    events = names["EVENTS"]
+    for term in events.values():
+        schemas.accepts(term)
+    assert events["leapgap_damping"].params["ranges"]["RR_calf"] == pytest.approx((0.31, 0.51), rel=1e-4)
+    assert events["leapgap_encoder_bias_FR_hip"].params["bias_range"] == pytest.approx((0.016, 0.024), rel=1e-4)
+    assert set(events) == {f"leapgap_{key}" for key in ("damping", "friction", "mass", "encoder_bias_FR_hip")}
+
+
+def test_isaac_lab_gets_delayed_actuators_and_joints_drawn_together(
+    folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch = pytest.importorskip("torch")
+    names = schemas.run(folder / "for_isaac_lab.py", schemas.isaac_lab(), monkeypatch)
+    (group,) = names["actuators"](0.002).values()
+    assert (group.min_delay, group.max_delay) == (1, 3)
+    assert group.stiffness["RR_calf"] == pytest.approx(80.0)
+    assert group.friction["RR_calf"] == group.dynamic_friction["RR_calf"] == pytest.approx(0.7)
+    assert group.viscous_friction["RR_calf"] == pytest.approx(0.41)
+    events = names["EVENTS"]
+    for term in events.values():
+        schemas.accepts(term)
+    assert events["leapgap_mass_trunk"].params["mass_distribution_params"] == pytest.approx((5.413, 6.013), rel=1e-4)
+
+    written: dict[str, Any] = {}
+
+    class Asset:
+        device = "cpu"
+        joint_names = tuple(reversed(robot.joints))
+
+        def write_joint_friction_coefficient_to_sim(
+            self,
+            joint_friction_coeff: Any,
+            joint_dynamic_friction_coeff: Any = None,
+            joint_viscous_friction_coeff: Any = None,
+            joint_ids: Any = None,
+            env_ids: Any = None,
+        ) -> None:
+            written.update(dry=joint_friction_coeff, viscous=joint_viscous_friction_coeff, ids=joint_ids, envs=env_ids)
+
+        def write_joint_armature_to_sim(self, armature: Any, joint_ids: Any = None, env_ids: Any = None) -> None:
+            written["armature"] = armature
+
+    class Scene(dict[str, Asset]):
+        num_envs = 64
+
+    term = events["leapgap_joints"]
+    term.func(types.SimpleNamespace(scene=Scene(robot=Asset())), None, **term.params)
+    column = [Asset.joint_names[i] for i in written["ids"]].index("RR_calf")
+    pairs = torch.stack([written["dry"][:, column], written["viscous"][:, column]]).numpy()
+    with np.load(folder / "posterior.npz") as file:
+        calf = file["joints"].tolist().index("RR_calf")
+        rows = np.stack([file["friction"][:, calf], file["damping"][:, calf]])
+    assert np.abs(pairs[:, :, None] - rows[:, None]).sum(axis=0).min(axis=1).max() < 1e-6  # each is one drawn robot
+    assert pairs.shape == (2, 64) and np.ptp(pairs[0]) > 0.1
+
+
+def test_pace_gets_its_keys_and_its_vector(folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = schemas.run(folder / "for_pace.py", schemas.pace(), monkeypatch)
+    motor = names["actuator"](0.002, velocity_limit=21.0)
+    assert motor.max_delay == 2
+    assert motor.encoder_bias == [0.02, *[0.0] * 11]
+    assert motor.saturation_effort == 33.5
+    order = list(reversed(robot.joints))
+    vector = names["parameters"](order, 0.002)
+    assert len(vector) == 49
+    assert vector[12 + order.index("RR_calf")] == pytest.approx(0.41)
+    assert vector[24 + order.index("RR_calf")] == pytest.approx(0.7)
+    assert vector[36 + order.index("FR_hip")] == pytest.approx(0.02)
+    assert vector[48] == 2
+
+
+def test_playground_draws_whole_robots(folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """JAX and the model of MJX are played by NumPy: ``at[…].set``, ``vmap`` and ``tree_replace`` as documented."""
+
+    class Field(np.ndarray):
+        @property
+        def at(self) -> Any:
+            field = self
+
+            class At:
+                def __getitem__(self, index: Any) -> Any:
+                    def put(values: Any) -> Any:
+                        changed = field.copy()
+                        changed[index] = values
+                        return changed
+
+                    return types.SimpleNamespace(set=put)
+
+            return At()
+
+    class Model(types.SimpleNamespace):
+        def tree_replace(self, fields: dict[str, Any]) -> "Model":
+            return Model(**(vars(self) | fields))
+
+    def vmap(function: Any) -> Any:
+        return lambda keys: tuple(np.stack(of) for of in zip(*map(function, keys), strict=True))
+
+    own = robot.model
+    fields = ("dof_damping", "dof_frictionloss", "dof_armature", "body_mass", "body_ipos", "body_inertia", "body_iquat")
+    model = Model(**{name: getattr(own, name).copy().view(Field) for name in (*fields, "geom_friction")})
+    jax = {
+        "vmap": vmap,
+        "random": types.SimpleNamespace(randint=lambda key, shape, low, high: int(key) % high),
+        "numpy": np,
+        "tree_util": types.SimpleNamespace(tree_map=lambda f, of: Model(**{k: f(v) for k, v in vars(of).items()})),
+    }
+    names = schemas.run(folder / "for_playground.py", {"jax": jax}, monkeypatch)
+    changed, axes = names["domain_randomize"](model, np.arange(5), own)
+    with np.load(folder / "posterior.npz") as file:
+        assert changed.dof_damping[:, 6:] == pytest.approx(file["damping"][:5])
+        assert changed.body_mass == pytest.approx(file["body_mass"][:5])
+    assert changed.geom_friction.shape == (5, *own.geom_friction.shape)
+    assert {name for name, axis in vars(axes).items() if axis == 0} == {*fields, "geom_friction"}
+
+
+def test_nothing_of_a_strange_name_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names in models of others are data, also in generated Python."""
+    name = 'a"""\\nraise SystemExit("{run}") #\' \\'
+    escaped = name.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    (tmp_path / "odd.xml").write_text(f"""<mujoco model="{escaped}"><worldbody><body name="{escaped}">
+      <joint name="{escaped}" axis="0 1 0"/><geom size="0.1" mass="1"/></body></worldbody>
+      <actuator><motor joint="{escaped}" ctrlrange="-3 3" ctrllimited="true"/></actuator></mujoco>""")
+    robot = Robot.load(tmp_path / "odd.xml")
+    damped = effects.effect("joint_damping", damping=0.3)
+    write_corrected(tmp_path / "corrected", robot, (damped,))
+    corrected = CorrectedRobot(posterior_of(robot, (damped,), [cause(damped)]), robot, {robot.joints[0]: (20.0, 1.0)})
+    write_exports(tmp_path / "corrected", corrected)
+    for path in (tmp_path / "corrected").glob("*.py"):
+        ast.parse(path.read_text())
+    names = schemas.run(tmp_path / "corrected" / "for_mjlab.py", schemas.mjlab(), monkeypatch)
+    (one,) = names["actuators"](0.001)
+    assert re.fullmatch(one.target_names_expr[0], robot.joints[0])
+
+
+def test_a_robot_without_gains_or_ranges_gets_what_can_be_written(tmp_path: Path, robot: Robot) -> None:
+    write_corrected(tmp_path, robot, ())
+    written = write_exports(tmp_path, CorrectedRobot(posterior_of(robot, (), ()), robot, {}))
+    assert "for_mjlab.py" not in written
+    assert "no `for_mjlab.py`: no log has the gains of FR_hip" in (tmp_path / "README.md").read_text()
+    assert yaml.safe_load((tmp_path / "randomisation.yaml").read_text())["joints"] == {}

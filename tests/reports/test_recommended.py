@@ -1,0 +1,77 @@
+"""Each command that a report recommends is run as a reader would run it, from the folder where it says so."""
+
+import html
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from leapgap import cli
+from tests.plain_arm import write_model, write_parquet
+
+SETTINGS = '{"noise_draws": 1, "bootstrap_draws": 100, "effects": ["command_delay", "joint_damping"]}'
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A folder with logs, model and report, and what the command printed."""
+    folder = tmp_path_factory.mktemp("recommended")
+    logs, model = write_parquet(folder / "logs"), write_model(folder)
+    (folder / "settings.json").write_text(SETTINGS)
+    with pytest.MonkeyPatch.context() as patch:
+        said: list[str] = []
+        patch.setattr("builtins.print", lambda *parts, **_: said.append(" ".join(map(str, parts))))
+        command = ["diagnose", str(logs), str(model), "--out", str(folder / "report"), "--quiet", "--threads", "2"]
+        assert cli.main([*command, "--settings", str(folder / "settings.json")]) == 0
+    return folder, "\n".join(said)
+
+
+def recommended(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Commands of leapgap in the pages of a report, each with the folder to run it in."""
+    for page in sorted(folder.rglob("*.html")):
+        for code in re.findall(r"<code[^>]*>(.*?)</code>", page.read_text(), re.DOTALL):
+            if html.unescape(code).startswith("leapgap "):
+                yield page.parent, html.unescape(code)
+    for page in sorted(folder.rglob("*.md")):
+        for code in re.findall(r"```bash\n(.*?)```", page.read_text(), re.DOTALL):
+            yield from ((page.parent.parent, line) for line in code.splitlines() if line)
+
+
+def test_every_recommended_command_of_leapgap_runs(written: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, _ = written
+    found = list(recommended(folder / "report"))
+    assert {Path(place).name for place, _ in found} == {"report"}
+    assert len(found) >= 2  # of the page and of corrected/README.md
+    for number, (place, command) in enumerate(found):
+        assert not re.search(r"[<>]", command), f"{command} is not to be typed as it stands"
+        words = [word.replace("LOGS", str(folder / "logs")) for word in shlex.split(command)[1:]]
+        words = [f"{folder / 'replays'}_{number}" if word == "replays" else word for word in words]
+        monkeypatch.chdir(place)
+        assert cli.main(words) == 0, command
+
+
+def test_the_python_of_the_readme_runs(written: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written[0] / "report" / "corrected"
+    (code,) = re.findall(r"```python\n(.*?)```", (folder / "README.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(folder)
+    names: dict[str, object] = {}
+    exec(code, names)
+    assert names["model"].joint("elbow").damping[0] == pytest.approx(0.45, abs=0.02)  # type: ignore[attr-defined]
+
+
+def test_the_command_ends_with_what_was_written_and_where_each_effect_is(written: tuple[Path, str]) -> None:
+    folder, said = written
+    ending = said.split(f"written to {folder / 'report'}:\n")[1].splitlines()
+    assert "  joint_damping at elbow: in robot.xml" in ending
+    assert ending[-1] == f"page: {folder / 'report' / 'report.html'}"
+    for name in (line.split()[0] for line in ending if line.startswith("  ") and " at " not in line):
+        assert (folder / "report" / name).exists(), name
+
+
+def test_the_answer_and_the_best_simulator_have_one_folder_where_they_are_one(written: tuple[Path, str]) -> None:
+    report = written[0] / "report"
+    assert '"source":"answer"' in (report / "report.json").read_text().replace(" ", "").replace("\n", "")
+    assert not (report / "best").exists()
+    assert "best/" not in (report / "report.html").read_text()
