@@ -137,6 +137,13 @@ class Bench:
     references: Mapping[Any, Log]
     runner: TrialRunner
     seed: int = 0
+    practised: TrialRunner | None = None
+    """Of the rounds of practice that stage ``practise`` made before; None: ``runner``."""
+
+    @property
+    def practice_runner(self) -> TrialRunner:
+        """Who makes the rounds of practice, or finds them."""
+        return self.practised or self.runner
 
     @property
     def robot(self) -> Robot:

@@ -1,16 +1,24 @@
-"""Practice of the learned MPC: jumps by the nominal MPC, then rounds of jumps by the MPC that was learned from them all."""
+"""Practice of the learned MPC: jumps by the nominal MPC, then rounds of jumps by the MPC that was learned from them all.
 
-from collections.abc import Callable, Mapping, Sequence
+What a model says is true near the jumps it was learned from. So each round jumps with the model of all rounds before it,
+and these jumps count more. A round that lands elsewhere than its model predicted shows that the model is not yet to be
+trusted there.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.excitation import Excitation, ExcitedController
+from leapgap.jumping.control.gains import JointGains, PhaseGains
+from leapgap.jumping.control.mpc import MpcConfig, StateWeights
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial_spec import TrialSpec
@@ -23,19 +31,48 @@ from leapgap.jumping.task import Target
 
 
 @dataclass(frozen=True)
-class OnPolicyConfig:
-    """How many jumps are made, to which targets, and with which random forces."""
+class PracticeRounds:
+    """How many jumps are made, to which targets, and with which random forces; all on flat ground."""
 
     distances_m: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.75)
-    first_jumps: int = 3
+    first_jumps: int = 2
     """Jumps to each target by the nominal MPC."""
-    rounds: int = 5
+    rounds: int = 7
     """Of one jump to each target by the learned MPC."""
     first: Excitation = field(default_factory=lambda: Excitation(40.0))
     later: Excitation = field(default_factory=lambda: Excitation(15.0))
     on_policy_weight: float = 5.0
     """How much a jump of the learned MPC counts beside one of the nominal MPC."""
+    block_m: tuple[float, float] = (0.0, 0.0)
+    """Height of a block under the front feet in every second jump, drawn evenly."""
     slope_rad: tuple[float, float] = (-0.005, 0.005)
+    trusted_cm: float = 5.0
+    """Largest mean |landing − prediction| of the last round with which the model that is fitted to all jumps is kept."""
+
+    def __post_init__(self) -> None:
+        """Refuse a practice from which nothing can be learned."""
+        if self.first_jumps < 1 or self.rounds < 0 or not self.distances_m:
+            raise ValueError("one distance, and one jump to each of them by the nominal MPC, or more; rounds not below 0")
+
+
+@dataclass(frozen=True)
+class LearnedMpcConfig:
+    """Control, model and practice of the learned MPC."""
+
+    model: str = "deviation_kernel"
+    """Name of a recipe in ``learning/models``."""
+    gains: PhaseGains = field(
+        default_factory=lambda: PhaseGains(JointGains(100.0, 2.0), JointGains(300.0, 3.0), JointGains(100.0, 2.0))
+    )
+    mpc: MpcConfig = field(
+        default_factory=lambda: MpcConfig(
+            weights=StateWeights(50.0, 100.0, 5.0, 10.0, 10.0, 1.0),
+            landing_weights=StateWeights(5000.0, 500.0, 50.0, 0.0, 0.0, 5.0),
+            force_weight=1e-5,
+            limits=ForceLimits(from_plan_n=120.0),
+        )
+    )
+    practice: PracticeRounds = field(default_factory=PracticeRounds)
 
 
 @dataclass(frozen=True)
@@ -54,84 +91,96 @@ class ExcitedMethod(Method):
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """One of them."""
-        raise NotImplementedError
+        (found,) = self(replace(task, jumps=1))
+        return found
 
 
 @dataclass(frozen=True)
 class Round:
-    """What one round showed."""
+    """What the jumps of one round showed; ``landed`` beside the plan, ``predicted`` beside the model that made them."""
 
+    jumps: int
     landed_cm: float
-    """Mean |landing − plan| along x of its jumps, cm."""
-    predicted_cm: float | None
-    """Mean |landing − prediction| by the model that made the jumps, from their states 150 ms before take-off, cm."""
+    """Mean |landing − plan| along x, cm."""
+    predicted_cm: float
+    """Mean |landing − prediction| along x from the states 150 ms before take-off, cm."""
     pitch_deg: float
     """Mean |pitch − plan| at the landing."""
 
 
 @dataclass(frozen=True)
 class Practised:
-    """The learned model, and how the rounds went."""
+    """The model that is kept, and how the rounds went."""
 
     model: DeviationModel
+    kept: int
+    """Number of rounds whose jumps it was fitted to."""
     rounds: tuple[Round, ...]
-    jumps: tuple[DeviatingJump, ...]
 
 
 def practise(
     bench: Bench,
     nominal: MpcMethod,
-    config: OnPolicyConfig,
-    recipe: str,
+    plans: References,
+    config: LearnedMpcConfig,
     settings: Mapping[str, ModelSettings],
-    plan: Callable[[Target], Any],
     folder: str,
 ) -> Practised:
-    """Make all jumps of practice on one robot, and fit the last model to them.
+    """Make all jumps of practice on one robot, and fit the model to them.
 
-    ``nominal`` is the MPC with the nominal model; the learned one departs from it by its model alone.
+    ``nominal`` is the MPC with the nominal model; the learned one departs from it by its model alone. ``plans`` holds
+    those of the practised targets, ``settings`` those of the models by their section.
     """
-    plans = {target: plan(target) for target in (Target(x) for x in config.distances_m)}
+    practice, grid = config.practice, nominal.config.grid
     rng = np.random.default_rng([bench.seed, 23])
-    body = nominal.model.body  # type: ignore[union-attr]
-    model, jumps, rounds = nominal.model, [], []
-    for number in range(config.rounds + 1):
-        method = replace(nominal, model=model, references={**bench.references, **plans})
-        excitation, repeats = (config.later, 1) if number else (config.first, config.first_jumps)
-        targets = [target for _ in range(repeats) for target in plans]
-        trials = []
-        for i, target in enumerate(targets):
-            task = JumpTask("practice", target.x_m, target.z_m, slope_rad=config.slope_rad)
-            seeds = rng.integers(2**31, size=2)
-            excited = ExcitedMethod(method.robot, {}, inner=method, excitation=excitation, seed=int(seeds[0]))
-            place = f"{bench.hardware}/{folder}/round_{number}_{i:02d}"
-            world = bench.world
-            trials.append(TrialSpec(place, task, excited, plans[target], bench.effects, world, int(seeds[1]), True))
-        weight = config.on_policy_weight if number else 1.0
-        results = bench.runner.results(trials)
+    assert isinstance(nominal.model, DeviationModel)
+    models, jumps, rounds = [nominal.model], list[DeviatingJump](), list[Round]()
+    for number in range(practice.rounds + 1):
+        method = replace(nominal, model=models[-1], references=plans)
+        trials = round_trials(bench, method, practice, number, rng, folder)
+        weight = practice.on_policy_weight if number else 1.0
+        logs = [result.log for result in bench.practice_runner.results(trials)]
         made = [
-            deviating_jump(result.log, plans[target], nominal.config.grid, bench.robot, weight)
-            for target, result in zip(targets, results, strict=True)
-            if result.log is not None
+            deviating_jump(log, trial.reference, grid, bench.robot, weight)
+            for trial, log in zip(trials, logs, strict=True)
+            if log is not None
         ]
-        rounds.append(judged(made, model, bool(number)))
-        print(f"{bench.hardware}/{folder}: round {number}, {rounds[-1]}", flush=True)
+        rounds.append(judged(made, models[-1]))
         jumps += made
-        model = deviation_recipes()[recipe].fit(DeviationTask(jumps, body, settings))
-    return Practised(model, tuple(rounds), tuple(jumps))
+        models.append(deviation_recipes()[config.model].fit(DeviationTask(jumps, nominal.model.body, settings)))
+    learned = [one.predicted_cm for one in rounds[1:]]
+    kept = len(rounds) if not learned or learned[-1] <= practice.trusted_cm else 1 + int(np.argmin(learned))
+    return Practised(models[kept], kept, tuple(rounds))
 
 
-def judged(jumps: Sequence[DeviatingJump], model: DeviationModel, learned: bool) -> Round:
+def round_trials(
+    bench: Bench, method: MpcMethod, practice: PracticeRounds, number: int, rng: np.random.Generator, folder: str
+) -> list[TrialSpec]:
+    """The jumps of a round; round 0 is the nominal MPC's."""
+    excitation, repeats = (practice.later, 1) if number else (practice.first, practice.first_jumps)
+    trials = []
+    for i, x_m in enumerate(practice.distances_m * repeats):
+        block = practice.block_m if (i + number) % 2 else (0.0, 0.0)
+        task, target = JumpTask("practice", x_m, block_m=block, slope_rad=practice.slope_rad), Target(x_m)
+        force_seed, seed = (int(one) for one in rng.integers(2**31, size=2))
+        excited = ExcitedMethod(method.robot, {}, inner=method, excitation=excitation, seed=force_seed)
+        place = f"{bench.hardware}/{folder}/round_{number}_{i:02d}"
+        plan: Any = method.references[target]
+        trials.append(TrialSpec(place, task, excited, plan, bench.effects, bench.world, seed, with_log=True))
+    return trials
+
+
+BEFORE_TAKE_OFF_S = 0.15
+"""Time before take-off from which landings are predicted: the learned MPC has little left to decide then."""
+
+
+def judged(jumps: Sequence[DeviatingJump], model: DeviationModel) -> Round:
     """Landings of some jumps beside their plans, and beside what the model predicts late in the push."""
-    landed = np.array([jump.error[-1] for jump in jumps])
-    found = []
+    landed, predicted = np.array([jump.error[-1] for jump in jumps]), []
     for jump in jumps:
-        pushing = np.flatnonzero(jump.steps.pushing.any(axis=1))
-        first = int(np.searchsorted(jump.steps.time_s, jump.steps.end_s[pushing[-1]] - 0.15 - 1e-6))
-        found.append(rolled_out(jump, model.along(jump.steps), first)[-1])
-    off = np.abs(landed - np.array(found))
-    return Round(
-        100 * float(np.abs(landed[:, 0]).mean()),
-        100 * float(off[:, 0].mean()),
-        float(np.rad2deg(np.abs(landed[:, 2]).mean())),
-    )
+        take_off_s = jump.steps.end_s[np.flatnonzero(jump.steps.pushing.any(axis=1))[-1]]
+        first = int(np.searchsorted(jump.steps.time_s, take_off_s - BEFORE_TAKE_OFF_S - 1e-6))
+        predicted.append(rolled_out(jump, model.along(jump.steps), first)[-1])
+    off = np.abs(landed - np.array(predicted))
+    x_cm, pitch_deg = 100 * np.abs(landed[:, 0]), np.rad2deg(np.abs(landed[:, 2]))
+    return Round(len(jumps), float(x_cm.mean()), float(100 * off[:, 0].mean()), float(pitch_deg.mean()))

@@ -10,7 +10,7 @@ from leapgap.jumping.learning.recipe import ModelSettings, Settings, settings_in
 from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.jumping.models.rigid_body import RigidBody
 
-BALLISTIC_S = 0.1
+BALLISTIC_S = 0.2
 """Before the planned landing: feet may touch down there, so nothing is learned and the deviation flies on freely."""
 
 

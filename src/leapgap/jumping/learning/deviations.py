@@ -15,6 +15,10 @@ from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 
 
+SMOOTHED_ROWS = 3
+"""Before and after each sample, of which the mean is taken against the noise of the sensors."""
+
+
 @dataclass(frozen=True)
 class DeviatingJump:
     """One jump of n steps."""
@@ -52,17 +56,21 @@ def planned_steps(plan: Log, grid: TimeGrid, robot: Robot) -> PlannedSteps:
 def deviating_jump(jump: Log, plan: Log, grid: TimeGrid, robot: Robot, weight: float = 1.0) -> DeviatingJump:
     """A jump that begins with the first row of its log, along its plan."""
     times = grid.sample_times(schedule_of(plan))
-    error = at_times(jump, times) - at_times(plan, times)
+    error = deviation(jump, plan, times)
     stands = per_axis(schedule_of(plan).in_contact(plan.time))
     force = mean_over_steps(jump, planned_forces(jump), times) - mean_over_steps(plan, planned_forces(plan) * stands, times)
     return DeviatingJump(jump.name, planned_steps(plan, grid, robot), error, force, weight)
 
 
-def at_times(jump: Log, times_s: np.ndarray) -> np.ndarray:
-    """States at some times of a log, x from its first row, (n, 6)."""
-    found = states(jump)
-    found[:, 0] -= found[0, 0]
-    return found[rows_at(jump, np.minimum(times_s, jump.time[-1]))]
+def deviation(jump: Log, plan: Log, times_s: np.ndarray) -> np.ndarray:
+    """Measured − planned state at some times, x from the first row of each log, mean over ``SMOOTHED_ROWS``, (n, 6)."""
+    rows = min(len(jump), len(plan))
+    off = states(jump)[:rows] - states(plan)[:rows]
+    off[:, 0] -= off[0, 0]
+    total = np.concatenate([np.zeros((1, off.shape[1])), np.cumsum(off, axis=0)])
+    at = rows_at(jump, np.minimum(times_s, jump.time[rows - 1]))
+    begin, end = np.maximum(at - SMOOTHED_ROWS, 0), np.minimum(at + SMOOTHED_ROWS + 1, rows)
+    return (total[end] - total[begin]) / (end - begin)[:, None]
 
 
 def mean_over_steps(jump: Log, values: np.ndarray, times_s: np.ndarray) -> np.ndarray:
