@@ -7,10 +7,10 @@ import pytest
 
 from leapgap.jumping.learning.deviation_recipe import BALLISTIC_S, DeviationTask
 from leapgap.jumping.learning.deviations import DeviatingJump, deviating_jump, rolled_out
-from leapgap.jumping.learning.recipe import ModelSettings
+from leapgap.jumping.learning.recipe import Fitting, ModelSettings
 from leapgap.jumping.learning.registry import deviation_recipes
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.deviation_model import DeviationModel, PlannedSteps
+from leapgap.jumping.models.deviation_model import DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -88,6 +88,18 @@ def test_a_roll_out_goes_where_the_jump_does(kernel: DeviationModel) -> None:
     assert np.abs(rolled_out(no_force, kernel.along(unseen.steps), 20)[-3] - unseen.error[-3]).max() > 0.2
 
 
+def test_networks_find_the_law_too() -> None:
+    """Nearly: what counts is that a roll-out goes where an unseen jump does, and not where the rigid body would."""
+    networks = learned("deviation_networks", seeds=1, fitting=Fitting(steps=400, learning_rate=0.02, weight_decay=0.0))
+    unseen = made_jump(np.random.default_rng(10), 0.55)
+    for first, largest in ((0, 0.5), (20, 0.15)):
+        true = unseen.error[30]
+        found = rolled_out(unseen, networks.along(unseen.steps), first)[30 - first]
+        plain = rolled_out(unseen, NominalDeviation(A1_BODY).along(unseen.steps), first)[30 - first]
+        assert np.abs(found - true).max() < largest
+        assert np.abs(found - true).max() < 0.3 * np.abs(plain - true).max()
+
+
 def test_a_roll_out_is_the_steps_written_out(kernel: DeviationModel) -> None:
     jump = made_jump(np.random.default_rng(11), 0.5)
     affine = kernel.along(jump.steps)
@@ -121,7 +133,9 @@ def test_jumps_that_count_more_decide() -> None:
 
     def bias(weights: tuple[float, float]) -> float:
         pile = [
-            replace(jump, weight=weight) for pile, weight in zip((plain, drifting), weights, strict=True) for jump in pile
+            replace(jump, weight=weight)
+            for pile, weight in zip((plain, drifting), weights, strict=True)
+            for jump in pile
         ]
         return float(recipe.fit(DeviationTask(pile, A1_BODY)).along(plain[0].steps).bias[10, 0])
 

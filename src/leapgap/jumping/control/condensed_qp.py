@@ -146,7 +146,11 @@ def after_first_step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States at the ends of the steps as by_state x₁ + by_force U + drift: (n, 6, 6), (n, 6, n − 1, 4), (n, 6)."""
     n = len(horizon)
-    by_state, by_force, drift = np.zeros((n, STATES, STATES)), np.zeros((n, STATES, n - 1, FORCES)), np.zeros((n, STATES))
+    by_state, by_force, drift = (
+        np.zeros((n, STATES, STATES)),
+        np.zeros((n, STATES, n - 1, FORCES)),
+        np.zeros((n, STATES)),
+    )
     by_state[0] = np.eye(STATES)
     for j, step_s in enumerate(horizon.step_s[1:]):  # from the end of step j to that of step j + 1
         enters = np.concatenate([curvature * step_s**2 * np.eye(3), step_s * np.eye(3)])  # of an acceleration, (6, 3)

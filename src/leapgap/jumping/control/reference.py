@@ -1,6 +1,6 @@
 """A planned jump in the form that controllers follow: planar motion, forces and joints, in the frame of its start."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -33,7 +33,7 @@ class Reference:
     joint_vel: np.ndarray
     torque: np.ndarray
     """(rows, joints) each, rad, rad/s, N·m, joint order of the robot."""
-    target: Target = Target(0.0)
+    target: Target = field(default_factory=lambda: Target(0.0))
     """Where it lands, from its start, m."""
 
     @staticmethod

@@ -1,6 +1,6 @@
-"""Practice of the learned MPC: jumps by the nominal MPC, then rounds of jumps by the MPC that was learned from them all.
+"""Practice of the learned MPC: jumps by the nominal MPC, then rounds by the MPC that was learned from them all.
 
-What a model says is true near the jumps it was learned from. So each round jumps with the model of all rounds before it,
+What a model says is true near the jumps it was learned from. So each round jumps with the model of all rounds before,
 and these jumps count more. A round that lands elsewhere than its model predicted shows that the model is not yet to be
 trusted there.
 """
@@ -47,12 +47,15 @@ class PracticeRounds:
     """Height of a block under the front feet in every second jump, drawn evenly."""
     slope_rad: tuple[float, float] = (-0.005, 0.005)
     trusted_cm: float = 5.0
-    """Largest mean |landing − prediction| of the last round with which the model that is fitted to all jumps is kept."""
+    """Largest mean |landing − prediction| of the last round with which the model of all jumps is kept; beyond, that of
+    the round whose landings were predicted best."""
 
     def __post_init__(self) -> None:
         """Refuse a practice from which nothing can be learned."""
         if self.first_jumps < 1 or self.rounds < 0 or not self.distances_m:
-            raise ValueError("one distance, and one jump to each of them by the nominal MPC, or more; rounds not below 0")
+            raise ValueError(
+                "one distance, and one jump to each of them by the nominal MPC, or more; rounds not below 0"
+            )
 
 
 @dataclass(frozen=True)
@@ -107,12 +110,18 @@ class Round:
     pitch_deg: float
     """Mean |pitch − plan| at the landing."""
 
+    def __str__(self) -> str:
+        told = f"{self.landed_cm:.1f} cm beside the plan, {self.predicted_cm:.1f} cm beside the prediction"
+        return f"{self.jumps} jumps land {told}, pitched {self.pitch_deg:.0f} degrees"
+
 
 @dataclass(frozen=True)
 class Practised:
     """The model that is kept, and how the rounds went."""
 
     model: DeviationModel
+    name: str
+    """Of its recipe."""
     kept: int
     """Number of rounds whose jumps it was fitted to."""
     rounds: tuple[Round, ...]
@@ -139,7 +148,7 @@ def practise(
         method = replace(nominal, model=models[-1], references=plans)
         trials = round_trials(bench, method, practice, number, rng, folder)
         weight = practice.on_policy_weight if number else 1.0
-        logs = [result.log for result in bench.practice_runner.results(trials)]
+        logs = [result.log for result in bench.runner.results(trials)]
         made = [
             deviating_jump(log, trial.reference, grid, bench.robot, weight)
             for trial, log in zip(trials, logs, strict=True)
@@ -147,10 +156,12 @@ def practise(
         ]
         rounds.append(judged(made, models[-1]))
         jumps += made
-        models.append(deviation_recipes()[config.model].fit(DeviationTask(jumps, nominal.model.body, settings)))
+        models.append(
+            deviation_recipes()[config.model].fit(DeviationTask(jumps, nominal.model.body, settings, bench.seed))
+        )
     learned = [one.predicted_cm for one in rounds[1:]]
     kept = len(rounds) if not learned or learned[-1] <= practice.trusted_cm else 1 + int(np.argmin(learned))
-    return Practised(models[kept], kept, tuple(rounds))
+    return Practised(models[kept], config.model, kept, tuple(rounds))
 
 
 def round_trials(

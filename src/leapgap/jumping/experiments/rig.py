@@ -55,6 +55,8 @@ class LandSettings:
     metrics: str | None
     single: list[str]
     tasks: dict[str, Any]
+    practised: str | None
+    """Folder of stage ``practise``."""
     grids: dict[str, Any]
     """Steps of the MPC by name, each the fields of a ``TimeGrid``."""
     method_settings: dict[str, Any]

@@ -22,6 +22,7 @@ class DeviationTask:
     body: RigidBody
     model_settings: Mapping[str, ModelSettings] = field(default_factory=dict)
     """Settings of models by their section, where they are not the defaults."""
+    seed: int = 0
 
     def settings(self, kind: type[Settings]) -> Settings:
         """The settings of one kind of models."""

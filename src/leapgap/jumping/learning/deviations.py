@@ -14,7 +14,6 @@ from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 
-
 SMOOTHED_ROWS = 3
 """Before and after each sample, of which the mean is taken against the noise of the sensors."""
 
@@ -58,7 +57,9 @@ def deviating_jump(jump: Log, plan: Log, grid: TimeGrid, robot: Robot, weight: f
     times = grid.sample_times(schedule_of(plan))
     error = deviation(jump, plan, times)
     stands = per_axis(schedule_of(plan).in_contact(plan.time))
-    force = mean_over_steps(jump, planned_forces(jump), times) - mean_over_steps(plan, planned_forces(plan) * stands, times)
+    force = mean_over_steps(jump, planned_forces(jump), times) - mean_over_steps(
+        plan, planned_forces(plan) * stands, times
+    )
     return DeviatingJump(jump.name, planned_steps(plan, grid, robot), error, force, weight)
 
 

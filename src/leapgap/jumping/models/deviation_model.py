@@ -4,8 +4,8 @@ The deviation e (6,) of the state and du (4,) of the force from those of a plan 
 
     ζ_e⁺ = ζ_e + Δt (h + C e + (B + G) du),        q_e⁺ = q_e + Δt ζ_e + c Δt² (h + C e + (B + G) du)
 
-with B of the rigid body at the feet of the plan, and h, C, G of the step of the plan alone: they are constants of a jump.
-What joint PD adds on the way to the plan is part of h, C and G.
+with B of the rigid body at the feet of the plan, and h, C, G of the step of the plan alone: constants of a jump. What
+joint PD adds on the way to the plan is part of h, C and G.
 """
 
 from abc import ABC, abstractmethod
@@ -50,6 +50,10 @@ class DeviationModel(ABC):
     def residual(self, steps: PlannedSteps) -> AffineModel:
         """h, G and C at n steps, as ``bias``, ``by_force`` and ``by_state``."""
 
+    @abstractmethod
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of its numbers, by name."""
+
     def along(self, steps: PlannedSteps) -> AffineModel:
         """h, B + G and C at n steps; forces of pairs in the air do nothing."""
         found = self.residual(steps)
@@ -67,3 +71,7 @@ class NominalDeviation(DeviationModel):
         """Zeros."""
         n = len(steps)
         return AffineModel(np.zeros((n, 3)), np.zeros((n, 3, 4)), np.zeros((n, 3, 6)))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Nothing was learned."""
+        return {}

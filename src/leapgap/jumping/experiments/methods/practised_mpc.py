@@ -1,14 +1,13 @@
 """The paper's learned variable-frequency MPC: it practises on the robot, and predicts with what it learned there."""
 
-import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
-from leapgap.jumping.experiments.on_policy import practise
+from leapgap.jumping.experiments.on_policy import Practised, practise
 from leapgap.jumping.learning.registry import deviation_recipes
 from leapgap.jumping.models.deviation_model import NominalDeviation
 from leapgap.jumping.task import Target
@@ -22,7 +21,7 @@ NOMINAL = "nominal"
 
 @dataclass(frozen=True)
 class PractisedMpcSettings(MethodSettings):
-    """The MPC in deviations from the plan with a model that is learned on the robot itself, section ``land.learned``."""
+    """The MPC in deviations from the plan, its model learned on the robot itself: section ``land.learned``."""
 
     name = "practised_mpc"
 
@@ -38,17 +37,28 @@ class PractisedMpcSettings(MethodSettings):
         if model not in known:
             raise InputError(f"land.method_settings.{name}.model", model, f"one of {', '.join(known)}", "choose one")
 
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
-        """Practise on the robot, unless it was done before."""
+    @property
+    def practises(self) -> bool:
+        """Whether it learns anything."""
+        return self.model != NOMINAL
+
+    def start(self, name: str, rig: "Rig") -> MpcMethod:
+        """The MPC with the nominal model."""
         learned = rig.settings.learned
         config = replace(learned.mpc, grid=rig.settings.grid(self.grid, name))
-        references, nominal = rig.bench.references, NominalDeviation(rig.body)
-        method = MpcMethod(rig.robot, references, learned.gains, model=nominal, config=config)
-        if self.model == NOMINAL:
-            return method
+        return MpcMethod(rig.robot, rig.bench.references, learned.gains, NominalDeviation(rig.body), config)
+
+    def practise(self, name: str, rig: "Rig") -> Practised:
+        """The rounds of practice on this robot; those that were made before are read."""
+        learned = rig.settings.learned
         learned = replace(learned, model=self.model or learned.model)
         plans = {target: rig.plan(target) for target in map(Target, learned.practice.distances_m)}
-        found = practise(rig.bench, method, plans, learned, {}, f"practice_{name}")
+        found = practise(rig.bench, self.start(name, rig), plans, learned, {}, f"practice_{name}")
         for number, one in enumerate(found.rounds):
-            print(f"{rig.bench.hardware}/{name}, round {number}: {json.dumps(asdict(one))}", flush=True)
-        return replace(method, model=found.model)
+            print(f"{rig.bench.hardware}/{name}, round {number}: {one}", flush=True)
+        return found
+
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
+        """Practise on the robot, unless it was done before."""
+        start = self.start(name, rig)
+        return replace(start, model=self.practise(name, rig).model) if self.practises else start

@@ -15,6 +15,9 @@ from leapgap.jumping.models.deviation_model import DeviationModel, PlannedSteps
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.logs.pair_force import FORCES, per_axis
 
+REGRESSORS = 1 + 6 + FORCES
+"""What h, C and G multiply: 1, the errors and the forces."""
+
 
 @dataclass
 class DeviationKernelConfig(ModelSettings):
@@ -32,7 +35,9 @@ class DeviationKernelConfig(ModelSettings):
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""
-        if not all(0 < one < np.inf for one in (self.phase_s, self.target_m, self.ridge, self.force_unit_n, *self.error_unit)):
+        if not all(
+            0 < one < np.inf for one in (self.phase_s, self.target_m, self.ridge, self.force_unit_n, *self.error_unit)
+        ):
             raise ValueError("deviation_kernel: all above 0")
 
 
@@ -48,7 +53,7 @@ class ModePart:
 
 @dataclass(frozen=True)
 class DeviationKernel(DeviationModel):
-    """k((s, w), (s', w')) = exp(−‖s − s'‖²/2) w·w', s of phase and target, w = (1, e, du) scaled: affine in e and du."""
+    """k((s, w), (s', w')) = exp(−‖s − s'‖²/2) w·w', s of phase and target, w = (1, e, du) in units."""
 
     body: RigidBody
     scale: np.ndarray
@@ -61,16 +66,21 @@ class DeviationKernel(DeviationModel):
 
     def residual(self, steps: PlannedSteps) -> AffineModel:
         """See ``DeviationModel``."""
-        found = np.zeros((len(steps), 11, 3))
+        found = np.zeros((len(steps), REGRESSORS, 3))
         modes = mode_of(steps)
         learned = steps.time_s < self.landing_s - BALLISTIC_S - 1e-6
         for name, part in self.modes.items():
             mine = np.flatnonzero((modes == name) & learned)
             if len(mine):
                 similar = gauss(places(steps, self.scale)[mine], part.place)
-                found[mine] = (similar @ part.weights).reshape(len(mine), 11, 3)
+                found[mine] = (similar @ part.weights).reshape(len(mine), REGRESSORS, 3)
         found[:, 1:] /= self.unit[:, None]
         return AffineModel(found[:, 0], found[:, 7:].transpose(0, 2, 1), found[:, 1:7].transpose(0, 2, 1))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Units, and by mode the places and the weights."""
+        parts = {f"{name}/{key}": value for name, part in self.modes.items() for key, value in vars(part).items()}
+        return {"scale": self.scale, "unit": self.unit} | parts
 
 
 def mode_of(steps: PlannedSteps) -> np.ndarray:
@@ -101,8 +111,11 @@ def fit(jumps: Sequence[DeviatingJump], body: RigidBody, config: DeviationKernel
         for name in np.unique(modes[learned]):
             mine = (modes == name) & learned
             rows.setdefault(str(name), []).append(tuple(values[mine] for values in measured))
-    modes_found = {name: fit_mode(*map(np.concatenate, zip(*parts, strict=True)), config.ridge) for name, parts in rows.items()}
-    return DeviationKernel(body, scale, unit, modes_found, landing_s)
+    found = {}
+    for name, parts in rows.items():
+        place, known, residual, weight = (np.concatenate(one) for one in zip(*parts, strict=True))
+        found[name] = fit_mode(place, known, residual, weight, config.ridge)
+    return DeviationKernel(body, scale, unit, found, landing_s)
 
 
 def fit_mode(place: np.ndarray, known: np.ndarray, residual: np.ndarray, weight: np.ndarray, ridge: float) -> ModePart:
