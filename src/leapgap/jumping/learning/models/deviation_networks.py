@@ -81,7 +81,7 @@ class DeviationNetworks(DeviationModel):
 
 
 def initial_networks(
-    task: DeviationTask, config: DeviationNetworksConfig, random: np.random.Generator
+    task: DeviationTask, config: DeviationNetworksConfig, landing_s: float, random: np.random.Generator
 ) -> DeviationNetworks:
     """Before training: outputs near zero, so that training starts near the rigid body."""
     sizes = [3, *config.hidden, OUTPUTS]
@@ -92,7 +92,7 @@ def initial_networks(
         np.array([1.0, *config.error_unit, *[config.force_unit_n] * FORCES]),
         np.array(config.acceleration_unit),
         networks,
-        float(max(jump.steps.end_s[-1] for jump in task.jumps)),
+        landing_s,
     )
 
 
@@ -107,5 +107,6 @@ class DeviationNetworksRecipe(DeviationRecipe):
         from leapgap.jumping.learning import deviation_training
 
         config = task.settings(DeviationNetworksConfig)
-        start = initial_networks(task, config, np.random.default_rng(task.seed))
+        landing_s = float(max(jump.steps.end_s[-1] for jump in task.jumps))
+        start = initial_networks(task, config, landing_s, np.random.default_rng(task.seed))
         return deviation_training.fit(start, task.jumps, config.horizon, config.fitting, task.seed)
