@@ -40,7 +40,7 @@ VIEWER := rerun-notebook
 # The environment of the demo, which needs no more than the instrument; the full one where that is there already.
 DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 
-.PHONY: demo run full kicked data test test-all lint docs renderer blind hostile robots bench
+.PHONY: demo run full kicked paper data test test-all lint docs renderer blind hostile robots bench
 
 .venv/ready: pyproject.toml constraints.txt
 	$(ENVIRONMENT)
@@ -69,13 +69,7 @@ run: .venv/ready
 # After make run: all models, methods, time grids and robots at the published counts (size=full), hours on two cores. Killed,
 # it goes on where it was. Figures: metrics/learning_full.json, metrics/landing_full.json.
 FULL := data/full
-STEPS_25_25_k22 := chunk.flight_step_s=0.025 chunk.steps=22
-STEPS_50_50 := chunk.contact_step_s=0.05 chunk.flight_step_s=0.05
-STEPS_25_80 := chunk.flight_step_s=0.08
-GRIDS := grid_25_25_k22 grid_50_50 grid_25_80
-.PHONY: $(GRIDS)
-
-full: $(GRIDS)
+full: run
 	python -m stages.train size=full train.windows=data/windows/simulated train.out=$(FULL)/models
 	python -m stages.evaluate size=full evaluate.windows=data/windows/simulated evaluate.models=$(FULL)/models \
 	  evaluate.fixed_windows=data/windows/simulated_25_25 evaluate.fixed_models=data/models/simulated_25_25 \
@@ -93,11 +87,13 @@ kicked: run
 	python -m stages.draws $(KICKED) metrics/landing_kicked.json
 	python -m stages.made_with metrics/landing_kicked.json
 
-# Networks for a further time grid. Only landings use them, so that no jump is held out: one fold is none.
-$(GRIDS): grid_%: run
-	python -m stages.chunk chunk.logs=data/jumps/simulated chunk.out=$(FULL)/windows/$* $(STEPS_$*)
-	python -m stages.train train.windows=$(FULL)/windows/$* train.out=data/models/simulated_$* \
-	  train.folds=1 train.sessions=null 'train.models=[networks]'
+# After make run: the paper's comparison on eight robots by three draws of practice, two hours of two cores:
+# metrics/landing_paper.json, and the table of docs/paper.md. Killed, it goes on where it was.
+PAPER := data/paper
+paper: run
+	python -m stages.land -m experiment=paper land.seed=6,7,8 hydra.sweep.dir=$(PAPER)/draws
+	python -m stages.draws $(PAPER) metrics/landing_paper.json
+	python -m stages.made_with metrics/landing_paper.json
 
 # The published jumps into data/raw, at the commit that imports/ names; needs a network. Without one: a message, exit code 2.
 data: .venv/ready

@@ -47,9 +47,10 @@ def land(config: DictConfig) -> dict[str, float]:
     out = claim_folder(output_folder(settings.out, STAGE, (*inputs, config.robot.model), kept=True), STAGE)
     for name in (FIGURES, TABLE, PAGE):  # results of an earlier call, so that none are left if this one fails
         (out / name).unlink(missing_ok=True)
-    cache = ResultCache(out / RUNS)
+    cache, earlier = ResultCache(out / RUNS), ResultCache(Path(settings.practised or out) / RUNS)
     with executor.pool() as pool:
-        scored = experiment.run(TrialRunner(cache, pool.map, print_trial, pool.map_last, side_by_side=True))
+        runner = TrialRunner(cache, pool.map, print_trial, pool.map_last, side_by_side=True, earlier=earlier)
+        scored = experiment.run(runner)
     cache.sweep()
     figures = landing_figures(scored, settings.single, settings.seed)
     rows = [row for one in scored for row in one.rows()]

@@ -51,6 +51,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/hostile.json": (*library("logs", "robot", "jumping/control"), *KEPT_WHOLE, "tests/hostile"),
     "metrics/landing_full.json": ("stages.land", "conf/land", "conf/size/full.yaml"),
     "metrics/landing_kicked.json": ("stages.land", "conf/land", "conf/experiment/kicked.yaml"),
+    "metrics/landing_paper.json": ("stages.land", "conf/land", "conf/experiment/paper.yaml"),
     "metrics/learning_full.json": ("stages.train", "stages.evaluate", "conf/train", "conf/size/full.yaml"),
     "metrics/timing/diagnose.json": (DIAGNOSIS, "tests/benchmarks/diagnose.py"),
     "metrics/timing/sysid.json": (DIAGNOSIS, "tests/benchmarks/sysid.py"),

@@ -17,7 +17,7 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy and torch read it
 import argparse
 import gc
 import platform
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,14 +30,16 @@ from leapgap.jumping.control.mpc import ForcePlan, MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.experiments.on_policy import LearnedMpcConfig
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import PredictionModel
+from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
 from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.plain_mpc import Plain
-from tests.benchmarks.tick.random_networks import PAPER, SMALL, Networks, Weights, exported
+from tests.benchmarks.tick.random_networks import PAPER, SMALL, Networks, Weights, along_plan, exported
 from tests.benchmarks.tick.recorded_states import recorded_jumps
 from tests.benchmarks.tick.timings import Timings, busy_cores, load
 from tests.jumping.control.test_qp import by_least_distance
@@ -45,6 +47,8 @@ from tests.jumping.control.test_qp import by_least_distance
 GRIDS = {"k10": TimeGrid(0.025, 0.1, 10), "k22": TimeGrid(0.025, 0.025, 22)}
 """As in the paper: variable steps, and fixed ones that see the landing too."""
 ROUNDS = 2
+LEARNED = LearnedMpcConfig().mpc
+"""Weights and limits of the learned MPC, in deviations from the plan."""
 TINY_STATES = 4
 """States of the one jump of a run that only shows that it starts."""
 PLAIN_WHERE_BARS_WERE_SET_US = 1708.0
@@ -68,14 +72,16 @@ def measure(
 ) -> dict[str, VersionTimings]:
     """All versions at all recorded states, taking turns jump by jump."""
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
-    kinds: dict[str, tuple[PredictionModel, MpcConfig]] = {
+    kinds: dict[str, tuple[PredictionModel | DeviationModel, MpcConfig]] = {
         "daqp": (Networks(weights), MpcConfig(grid)),
         "osqp": (Networks(weights), MpcConfig(grid, qp=QpConfig("osqp"))),
         "daqp_small_networks": (Networks(small), MpcConfig(grid)),
+        "daqp_along_plan": (along_plan(), replace(LEARNED, grid=grid)),
     }
     if compiler.AVAILABLE:
         kinds["compiled"] = (exported(weights, GRIDS["k10"]), MpcConfig(grid, compiled=True))
         kinds["compiled_small_networks"] = (exported(small, GRIDS["k10"]), MpcConfig(grid, compiled=True))
+        kinds["compiled_along_plan"] = (along_plan(), replace(LEARNED, grid=grid, compiled=True))
     plain_kinds = {"torch_osqp": weights, "torch_osqp_small_networks": small}
     timed = {name: VersionTimings() for name in (*plain_kinds, *kinds)}
     for reference, told in jumps * rounds:
@@ -121,7 +127,7 @@ def judge(
     plans: dict[str, list[ForcePlan]], forces: dict[str, list[np.ndarray]], timed: dict[str, VersionTimings]
 ) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
-    for name in ("daqp", "daqp_small_networks"):
+    for name in ("daqp", "daqp_small_networks", "daqp_along_plan"):
         same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "compiled", "torch_osqp")]
         for i, exact in enumerate(plans[name]):
             if exact.solution is None:

@@ -6,6 +6,12 @@ from itertools import pairwise
 import numpy as np
 
 from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase
+from leapgap.jumping.learning.deviation_recipe import DeviationTask
+from leapgap.jumping.learning.models.deviation_networks import (
+    DeviationNetworks,
+    DeviationNetworksConfig,
+    initial_networks,
+)
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, rows, selection
 from leapgap.jumping.models.rigid_body import GRAVITY
@@ -91,3 +97,9 @@ def as_perceptron(net: Layers, outputs: slice, scale: float) -> Perceptron:
     last, last_bias = np.zeros((len(net[-1][0][0]), 15), np.float32), np.zeros(15, np.float32)
     last[:, outputs], last_bias[outputs] = net[-1][0].T * scale, net[-1][1] * scale
     return Perceptron(tuple((np.ascontiguousarray(w), b) for w, b in [*hidden, (last, last_bias)]))
+
+
+def along_plan() -> DeviationNetworks:
+    """Networks of the size of the learned MPC's, three members of 64 units a mode, with random weights."""
+    config = DeviationNetworksConfig()
+    return initial_networks(DeviationTask((), A1_BODY), config, 1.2, np.random.default_rng(0))

@@ -16,12 +16,15 @@ from tests.conftest import A1_BODY
 
 WEIGHTS = np.array([50, 2.5, 50, 10, 0.2, 10.0])
 FORCE_WEIGHT = 1e-4
+LIMITS = ForceLimits()
 
 
 class Case:
     """A random problem: horizon, model at each step, state, targets."""
 
-    def __init__(self, steps: Horizon, seed: int, curvature: float = 0.0) -> None:
+    def __init__(
+        self, steps: Horizon, seed: int, curvature: float = 0.0, linearised: bool = False, limits: ForceLimits = LIMITS
+    ) -> None:
         self.curvature = curvature
         rng = np.random.default_rng(seed)
         n = len(steps)
@@ -33,17 +36,20 @@ class Case:
         self.model = AffineModel(plain.bias, plain.by_force * np.repeat(steps.share, 2, axis=1)[:, None])
         self.state, self.target = rng.normal(size=6), rng.normal(size=(n, 6))
         self.force = rng.normal(size=(n, 4)) * 50
-        later = AffineModel(plain.bias[1:], plain.by_force[1:])
-        self.rest = prepare_qp(steps, later, self.target, self.force, WEIGHTS, FORCE_WEIGHT, ForceLimits(), curvature)
-        self.qp = self.rest.qp(self.state, AffineModel(plain.bias[:1], plain.by_force[:1]))
+        self.slope = rng.normal(size=(n, 3, 6)) * 2 if linearised else np.zeros((n, 3, 6))
+        self.weights = WEIGHTS * (1 + rng.random((n, 1))) if linearised else np.tile(WEIGHTS, (n, 1))
+        later = AffineModel(plain.bias[1:], plain.by_force[1:], self.slope[1:] if linearised else None)
+        self.rest = prepare_qp(steps, later, self.target, self.force, self.weights, FORCE_WEIGHT, limits, curvature)
+        here = plain.bias[:1] + self.slope[0] @ self.state
+        self.qp = self.rest.qp(self.state, AffineModel(here, plain.by_force[:1]))
 
     def cost(self, force: np.ndarray) -> float:
         """By rolling out: Σ ‖x − x*‖²_Q + w ‖u − u*‖² over what pushes."""
         state, total = self.state, 0.0
         for k, step_s in enumerate(self.steps.step_s):
-            acceleration = self.model.bias[k] + self.model.by_force[k] @ force[k]
+            acceleration = self.model.bias[k] + self.slope[k] @ state + self.model.by_force[k] @ force[k]
             state = advance(state, acceleration, step_s, self.curvature)
-            total += (state - self.target[k]) @ (WEIGHTS * (state - self.target[k]))
+            total += (state - self.target[k]) @ (self.weights[k] * (state - self.target[k]))
             pushing = self.rest.pushing[k]
             total += FORCE_WEIGHT * np.sum((force[k] - self.force[k])[pushing] ** 2)
         return total
@@ -54,9 +60,11 @@ TIMES = [0.0, 0.33, 0.487, 0.65, 0.775, 0.79]
 
 @pytest.mark.parametrize("time_s", TIMES)
 @pytest.mark.parametrize("schedule", [ContactSchedule(), ContactSchedule(0.51, 0.29, 0.37)])
-@pytest.mark.parametrize("curvature", [0.0, 0.5])
-def test_cost_is_that_of_the_roll_out(time_s: float, schedule: ContactSchedule, curvature: float) -> None:
-    case = Case(horizon(TimeGrid(), schedule, time_s), 1, curvature)
+@pytest.mark.parametrize(("curvature", "linearised"), [(0.0, False), (0.5, False), (0.0, True), (0.5, True)])
+def test_cost_is_that_of_the_roll_out(
+    time_s: float, schedule: ContactSchedule, curvature: float, linearised: bool
+) -> None:
+    case = Case(horizon(TimeGrid(), schedule, time_s), 1, curvature, linearised)
     rng = np.random.default_rng(2)
     x, y = rng.normal(size=(2, len(case.qp.gradient))) * 80
     by_roll_out = case.cost(case.rest.forces(x)) - case.cost(case.rest.forces(y))
@@ -123,3 +131,18 @@ def test_forces_are_inside_the_cone_and_zero_in_the_air() -> None:
         assert (np.abs(force[:, FORCE_X]) <= 0.6 * force[:, FORCE_Z] + 1e-6).all()
         assert ((force[:, FORCE_Z] >= -1e-6) & (force[:, FORCE_Z] <= 350 + 1e-6)).all()
         assert (force[np.repeat(case.steps.share == 0, 2, axis=1)] == 0).all()
+
+
+def test_forces_stay_near_the_plan_where_that_is_asked_for() -> None:
+    near = ForceLimits(from_plan_n=30.0)
+    for time_s in TIMES:
+        case = Case(horizon(TimeGrid(), ContactSchedule(), time_s), 5, limits=near)
+        force = case.rest.forces(solver(QpConfig()).solve(case.qp).x)
+        # The plan here is random: what is near is the force within bounds and cone that is nearest to it.
+        meant = case.force.copy()
+        meant[:, FORCE_Z] = np.clip(meant[:, FORCE_Z], 0, 350)
+        meant[:, FORCE_X] = np.clip(meant[:, FORCE_X], -0.6 * meant[:, FORCE_Z], 0.6 * meant[:, FORCE_Z])
+        off = np.abs(force - meant)[np.repeat(case.steps.share > 0, 2, axis=1)]
+        assert off.max() <= 30 + 1e-6
+        assert (np.abs(force[:, FORCE_X]) <= 0.6 * force[:, FORCE_Z] + 1e-6).all()
+    assert np.isclose(off, 30).any(), "the limit does not act: tests little"

@@ -64,7 +64,7 @@ def test_frame_gives_back_the_planar_state_and_turns_forces(jump_reference: Refe
 
 def test_the_force_is_held_between_updates_and_mapped_at_every_tick(jump_reference: Reference, robot: Robot) -> None:
     controller = mpc(jump_reference, robot)
-    counted: list[int] = controller.planner.model.asked  # type: ignore[attr-defined]
+    counted: list[int] = controller.planner.formulation.model.asked  # type: ignore[attr-defined]
     counted.clear()
     commands = [controller.command(estimate_at(jump_reference, tick / 1000, off=0.01)) for tick in range(60)]
     assert counted == [1, 1, 1], "updates at 0, 25 and 50 ms"
@@ -79,7 +79,7 @@ def test_the_force_is_held_between_updates_and_mapped_at_every_tick(jump_referen
 
 def test_a_slower_update_is_honoured(jump_reference: Reference, robot: Robot) -> None:
     controller = mpc(jump_reference, robot, period_s=0.05)
-    counted: list[int] = controller.planner.model.asked  # type: ignore[attr-defined]
+    counted: list[int] = controller.planner.formulation.model.asked  # type: ignore[attr-defined]
     counted.clear()
     for tick in range(0, 201):
         controller.command(estimate_at(jump_reference, tick / 1000))

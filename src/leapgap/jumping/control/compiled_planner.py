@@ -9,13 +9,13 @@ import numpy as np
 from leapgap.jumping.control.compiler import require_compiler
 from leapgap.jumping.control.condensed_qp import PreparedQp
 from leapgap.jumping.control.dual_qp import FAILED, INACCURATE, NOT_FINITE, SOLVED, dual_tables, solve_update
-from leapgap.jumping.control.first_step_model import first_step
 from leapgap.jumping.control.guarded_solve import NOT_FINITE as REASON_NOT_FINITE
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, Solved, microseconds
 from leapgap.jumping.control.qp import FAILED as REASON_FAILED
 from leapgap.jumping.control.qp import OUT_OF_TIME
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.models.affine_model import PredictionModel
+from leapgap.jumping.models.deviation_model import DeviationModel
 
 FAULTS = {SOLVED: None, NOT_FINITE: REASON_NOT_FINITE, INACCURATE: "inaccurate", FAILED: REASON_FAILED}
 
@@ -23,16 +23,17 @@ FAULTS = {SOLVED: None, NOT_FINITE: REASON_NOT_FINITE, INACCURATE: "inaccurate",
 class CompiledPlanner(ForcePlanner):
     """Plans as ``ForcePlanner`` with an exact solver does, to rounding; everything is compiled when it is made."""
 
+    compiled = True
+
     def __init__(
         self,
         reference: Reference,
-        model: PredictionModel,
+        model: PredictionModel | DeviationModel,
         config: MpcConfig,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         require_compiler("mpc.compiled")
         super().__init__(reference, model, config, clock)
-        self._first_step = first_step(model)
         self._tables = {key: self._update_tables(key / 1e6, ready) for key, ready in self._prepared.items()}
 
     def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
@@ -40,8 +41,8 @@ class CompiledPlanner(ForcePlanner):
         deadline_s = self.config.demands.deadline_s
         began = 0.0 if deadline_s is None else self.clock()
         tables = self._tables.get(microseconds(time_s)) or self._update_tables(time_s, prepared)
-        state, foot = np.array(state, float), np.array(foot, float)  # of the layout that was compiled for
-        model = self._first_step(state, foot, time_s)
+        state, foot = np.array(self.formulation.start(time_s, state), float), np.array(foot, float)  # as compiled for
+        model = self.first_step(state, foot, time_s)
         if deadline_s is not None and self.clock() - began >= deadline_s:
             return Solved(None, None, OUT_OF_TIME)
         status, x, _, _ = solve_update(state, foot, model, self.config.qp.max_iterations, *tables)
@@ -53,7 +54,7 @@ class CompiledPlanner(ForcePlanner):
         """Arguments of ``solve_update``; at first those rows are active that are so at the reference."""
         demands, row = self.config.demands, self.reference.row(time_s)
         tables = dual_tables(prepared, demands.primal_tolerance_n, demands.relative_dual_tolerance)
-        state, foot = self.reference.state[row].copy(), self.reference.foot[row].copy()
-        model = self._first_step(state, foot, time_s)
+        state, foot = self.formulation.start(time_s, self.reference.state[row]).copy(), self.reference.foot[row].copy()
+        model = self.first_step(state, foot, time_s)
         status, _, active, size = solve_update(state, foot, model, self.config.qp.max_iterations, *tables.arguments)
         return replace(tables, start=active[:size].copy()).arguments if status == SOLVED else tables.arguments

@@ -1,14 +1,12 @@
 """The MPC's condensed QP in the contact forces, with everything but its first step prepared ahead of time.
 
-The prediction is ζ⁺ = ζ + Δt (b + B u), q⁺ = q + Δt ζ + c Δt² (b + B u) with b and B given at each step (paper,
-residual and MPC; there c = 0).
-The states after the first step are x₁ and, from there, affine in x₁ and the later forces U:
+The prediction is ζ⁺ = ζ + Δt a, q⁺ = q + Δt ζ + c Δt² a with a = b + C x + B u, and b, C and B given at each step
+(paper, residual and MPC; there c = 0 and C = 0). The states after the first step are x₁ and, from there, affine in x₁
+and the later forces U.
 
-    q_k = q₁ + (t_k − t₁) ζ₁ + Σ_{1≤j<k} (t_k − t_{j+1} + c Δt_j) Δt_j (b_j + B_j u_j)
-    ζ_k = ζ₁ + Σ_{1≤j<k} Δt_j (b_j + B_j u_j)
-
-b_j and B_j for j ≥ 1 are taken at the reference, so the cost of the whole rest of the horizon is one quadratic function
-of (x₁, U). It is a constant of the jump, the ``PreparedQp``. Online, only x₁ = free + E u₀ is substituted into it.
+b_j, C_j and B_j for j ≥ 1 are taken at the reference, so the cost of the whole rest of the horizon is one quadratic
+function of (x₁, U). It is a constant of the jump, the ``PreparedQp``. Online, only x₁ = free + E u₀ is substituted into
+it.
 """
 
 from dataclasses import dataclass
@@ -32,10 +30,14 @@ class ForceLimits:
     friction: float = 0.6
     largest_n: float = 350.0
     smallest_n: float = 0.0
+    from_plan_n: float | None = None
+    """Largest departure of each force from the planned one; None: any."""
 
     def __post_init__(self) -> None:
         if not (0 < self.friction < np.inf and 0 <= self.smallest_n < self.largest_n < np.inf):
             raise ValueError(f"{self}: friction above 0 and 0 <= smallest_n < largest_n")
+        if self.from_plan_n is not None and not 0 < self.from_plan_n < np.inf:
+            raise ValueError(f"{self}: from_plan_n finite and above 0, or none")
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class PreparedQp:
 
 def scale_by_share(affine: AffineModel, share: np.ndarray) -> AffineModel:
     """The model with the effect of each pair's force scaled by its share of the step in contact, (n, 2)."""
-    return AffineModel(affine.bias, affine.by_force * per_axis(share)[:, None, :])
+    return AffineModel(affine.bias, affine.by_force * per_axis(share)[:, None, :], affine.by_state)
 
 
 def prepare_qp(
@@ -119,13 +121,13 @@ def prepare_qp(
     """Prepare Σ_{k=1..n} ‖x_k − target_k‖²_Q + w Σ_{k=0..n−1} ‖u_k − force_k‖² for any first state.
 
     ``later`` is the model at the steps 1…n − 1; ``target`` (n, 6) the target states at the ends of the
-    steps; ``force`` (n, 4) in N; ``state_weight`` (6,) the diagonal of Q; at least one step.
+    steps; ``force`` (n, 4) in N; ``state_weight`` the diagonal of Q, (6,) or of each step (n, 6); at least one step.
     """
     pushing = per_axis(horizon.share > 0)
     by_state, by_force, drift = after_first_step(horizon, scale_by_share(later, horizon.share[1:]), curvature)
     by_force = by_force[:, :, pushing[1:]]
     z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
-    weight = np.tile(state_weight, len(horizon))[:, None]
+    weight = np.broadcast_to(state_weight, target.shape).reshape(-1, 1)
     quadratic = 2 * z.T @ (weight * z)
     linear = 2 * z.T @ (weight[:, 0] * (drift - target).ravel())
     of_forces = np.arange(STATES, len(linear))
@@ -133,7 +135,7 @@ def prepare_qp(
     linear[STATES:] -= 2 * force_weight * force[1:][pushing[1:]]
     first = np.flatnonzero(pushing[0])
     push_s = horizon.step_s[0] * per_axis(horizon.share[0])[first]
-    limited = constraints(pushing, limits)
+    limited = constraints(pushing, limits, force)
     return PreparedQp(
         horizon, quadratic, linear, pushing, first, push_s, curvature, force_weight, force[0][first], *limited
     )
@@ -143,23 +145,33 @@ def after_first_step(
     horizon: Horizon, later: AffineModel, curvature: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States at the ends of the steps as by_state x₁ + by_force U + drift: (n, 6, 6), (n, 6, n − 1, 4), (n, 6)."""
-    n, end = len(horizon), horizon.time_s[1:]
-    reach = end[:, None] - end[None, 1:]  # how long a push of step j (1…n−1) has moved the body when step k ends
-    acts = reach > -1e-9
-    impulse = horizon.step_s[1:, None] * later.bias
-    impulse_by_force = horizon.step_s[1:, None, None] * later.by_force
-    by_state = np.tile(np.eye(STATES), (n, 1, 1))
-    by_state[:, POSITION, VELOCITY] += (end - end[0])[:, None, None] * np.eye(3)
-    by_force = np.zeros((n, STATES, n - 1, FORCES))
-    moves = acts * (reach + curvature * horizon.step_s[1:])
-    by_force[:, POSITION] = np.einsum("kj,jia->kija", moves, impulse_by_force)
-    by_force[:, VELOCITY] = np.einsum("kj,jia->kija", acts, impulse_by_force)
-    drift = np.concatenate([moves @ impulse, acts @ impulse], axis=1)
+    n = len(horizon)
+    by_state, by_force, drift = (
+        np.zeros((n, STATES, STATES)),
+        np.zeros((n, STATES, n - 1, FORCES)),
+        np.zeros((n, STATES)),
+    )
+    by_state[0] = np.eye(STATES)
+    for j, step_s in enumerate(horizon.step_s[1:]):  # from the end of step j to that of step j + 1
+        enters = np.concatenate([curvature * step_s**2 * np.eye(3), step_s * np.eye(3)])  # of an acceleration, (6, 3)
+        moves = np.eye(STATES)
+        moves[POSITION, VELOCITY] += step_s * np.eye(3)
+        if later.by_state is not None:
+            moves += enters @ later.by_state[j]
+        by_state[j + 1] = moves @ by_state[j]
+        by_force[j + 1] = np.tensordot(moves, by_force[j], axes=1)
+        by_force[j + 1, :, j] = enters @ later.by_force[j]
+        drift[j + 1] = moves @ drift[j] + enters @ later.bias[j]
     return by_state, by_force, drift
 
 
-def constraints(pushing: np.ndarray, limits: ForceLimits) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Bounds and friction cone of the forces that are variables: lower, upper, rows, row_upper."""
+def constraints(
+    pushing: np.ndarray, limits: ForceLimits, planned: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Bounds and friction cone of the forces that are variables: lower, upper, rows, row_upper.
+
+    ``planned`` (n, 4), N: where a plan lies outside of bounds and cone, the nearest force within is meant.
+    """
     count = int(pushing.sum())
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     is_z = np.zeros_like(pushing)
@@ -167,6 +179,12 @@ def constraints(pushing: np.ndarray, limits: ForceLimits) -> tuple[np.ndarray, n
     z = np.flatnonzero(is_z[pushing])
     x = z - 1  # F_x of the same pair stands just before it
     lower[z], upper[z] = limits.smallest_n, limits.largest_n
+    if limits.from_plan_n is not None:
+        middle = planned[pushing]
+        middle[z] = np.clip(middle[z], limits.smallest_n, limits.largest_n)
+        middle[x] = np.clip(middle[x], -limits.friction * middle[z], limits.friction * middle[z])
+        lower = np.maximum(lower, middle - limits.from_plan_n)
+        upper = np.minimum(upper, middle + limits.from_plan_n)
     rows = np.zeros((2 * len(z), count))
     up, down = np.arange(0, len(rows), 2), np.arange(1, len(rows), 2)
     rows[up, x], rows[down, x] = 1.0, -1.0

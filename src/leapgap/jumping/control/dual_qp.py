@@ -79,7 +79,7 @@ class DualTables:
 def limits_as_rows(ready: PreparedQp) -> tuple[np.ndarray, np.ndarray]:
     """All limits as rows ≤ bounds, (c, n) and (c,); F_z ≥ 0 is left out, since the friction cone implies it."""
     eye = np.eye(len(ready.lower))
-    above, below = np.isfinite(ready.upper), ready.lower > 0
+    above, below = np.isfinite(ready.upper), np.isfinite(ready.lower) & (ready.lower != 0)
     rows = np.concatenate([ready.rows, eye[above], -eye[below]])
     return rows, np.concatenate([ready.row_upper, ready.upper[above], -ready.lower[below]])
 

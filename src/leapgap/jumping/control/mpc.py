@@ -4,17 +4,19 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from leapgap.jumping.control.condensed_qp import ForceLimits, PreparedQp, prepare_qp
+from leapgap.jumping.control.condensed_qp import ForceLimits, PreparedQp
+from leapgap.jumping.control.formulation import AlongPlan, AsMeasured
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S, Horizon, horizon
 from leapgap.jumping.control.qp import Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
+from leapgap.jumping.models.affine_model import AffineModel, PredictionModel
+from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.logs.pair_force import FORCES, per_axis
 
 
@@ -43,6 +45,8 @@ class MpcConfig:
     period_s: float = 0.025
     """Time between updates; the first force is held in between."""
     weights: StateWeights = field(default_factory=StateWeights)
+    landing_weights: StateWeights | None = None
+    """In place of ``weights`` at the planned landing, where the horizon reaches it; None: the same there."""
     force_weight: float = 1e-6
     """Cost of a force's difference from the reference, per N²."""
     limits: ForceLimits = field(default_factory=ForceLimits)
@@ -56,7 +60,7 @@ class MpcConfig:
 
     def __post_init__(self) -> None:
         positive = (self.period_s, self.force_weight)
-        weights = self.weights.diagonal
+        weights = np.concatenate([one.diagonal for one in (self.weights, self.landing_weights) if one])
         if not (all(0 < one < np.inf for one in positive) and (weights >= 0).all() and np.isfinite(weights).all()):
             raise ValueError("period_s and force_weight finite and above 0, weights finite and not below 0")
         if not 0 <= self.plan_valid_s < np.inf:
@@ -94,26 +98,31 @@ class ForcePlanner:
     Everything that does not depend on the measured state is computed beforehand, for every update of the jump.
     """
 
+    compiled: ClassVar[bool] = False
+
     def __init__(
         self,
         reference: Reference,
-        model: PredictionModel,
+        model: PredictionModel | DeviationModel,
         config: MpcConfig,
         clock: Callable[[], float] = time.perf_counter,
         qp_solver: QpSolver | None = None,
     ) -> None:
-        self.reference, self.model, self.config, self.clock = reference, model, config, clock
+        self.reference, self.config, self.clock = reference, config, clock
+        along = isinstance(model, DeviationModel)
+        self.formulation = (AlongPlan if along else AsMeasured)(reference, model, config)  # type: ignore[arg-type]
+        self.first_step = self.formulation.first_step(self.compiled)
         self.solver = qp_solver or solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self._good: ForcePlan | None = None
         updates = np.arange(0.0, reference.schedule.take_off_s - ROUNDING_S, config.period_s)
-        self._prepared = {microseconds(t): self._prepare(float(t)) for t in updates}
+        self._prepared = {microseconds(t): self.formulation.prepare(float(t)) for t in updates}
 
     def plan(self, time_s: float, state: np.ndarray, foot: np.ndarray) -> ForcePlan:
         """Plan at a time since the start from a measured state (6,) and foot − base (4,), both in the start frame."""
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
-        prepared = self._prepared.get(microseconds(time_s)) or self._prepare(time_s)
+        prepared = self._prepared.get(microseconds(time_s)) or self.formulation.prepare(time_s)
         x, solution, fault = self._solve(time_s, prepared, state, foot)
         if fault is None and x is not None:
             self._good = ForcePlan(prepared.horizon, prepared.forces(x), solution)
@@ -125,15 +134,16 @@ class ForcePlanner:
     def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
         """Solve the update of this time from a measured state and feet."""
         result = guarded_solve(
-            lambda: self._problem(prepared, state, foot), self.solver, self.config.demands, self.clock
+            lambda: self._problem(time_s, prepared, state, foot), self.solver, self.config.demands, self.clock
         )
         return Solved(None if result.solution is None else result.solution.x, result.solution, result.fault)
 
-    def _problem(self, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
+    def _problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):
             return None
-        now = Situation(state[None], foot[None], prepared.horizon.time_s[:1], state[None])
-        return prepared.qp(state, self.model.affine(now, IN_CONTACT))
+        start = self.formulation.start(time_s, state)
+        model = self.first_step(start, foot, time_s)
+        return prepared.qp(start, AffineModel(model[None, :3], model[3:].reshape(1, 3, FORCES)))
 
     def _substitute(self, steps: Horizon) -> np.ndarray:
         """Fallback forces: the last plan shifted to these steps while it is valid, else the reference's forces."""
@@ -144,29 +154,6 @@ class ForcePlanner:
         within = begin < good.horizon.time_s[-1] - ROUNDING_S
         shifted = np.array([good.at(float(t)) for t in begin])
         return np.where(within[:, None], shifted, planned) * per_axis(steps.share > 0)
-
-    def _prepare(self, time_s: float) -> PreparedQp:
-        """Evaluate model and reference at all but the first step, and compute their part of the QP."""
-        config, reference = self.config, self.reference
-        steps = horizon(config.grid, reference.schedule, time_s)
-        rows = reference.rows(steps.time_s)
-        later = rows[1:-1]
-        start = np.tile(reference.state[rows[0]], (len(later), 1))
-        there = Situation(reference.state[later], reference.foot[later], steps.time_s[1:-1], start)
-        affine = self.model.affine(there, steps.contact[1:]) if len(later) else AffineModel(np.zeros((0, 3)), NO_STEPS)
-        return prepare_qp(
-            steps,
-            affine,
-            reference.state[rows[1:]],
-            reference.mean_force(steps.time_s),
-            config.weights.diagonal,
-            config.force_weight,
-            config.limits,
-            self.model.curvature,
-        )
-
-
-NO_STEPS, IN_CONTACT = np.zeros((0, 3, FORCES)), np.array([True])
 
 
 def microseconds(time_s: float) -> int:

@@ -13,6 +13,7 @@ from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner, MpcConfig
 from leapgap.jumping.control.reference import Reference, StartFrame
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.affine_model import PredictionModel
+from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
@@ -26,7 +27,7 @@ class JumpMpc(JumpController):
     """Plans at the MPC's period from the measured state, holds the first force, maps it to torques at every tick.
 
     Gravity, momentum and pitch are planned as a planar body along the heading of the start; ``model`` is the nominal
-    ``RigidBodyModel`` or a learned one. ``plan_now`` is the latest plan.
+    ``RigidBodyModel``, a learned one, or one of the deviation from the plan. ``plan_now`` is the latest plan.
     """
 
     def __init__(
@@ -34,7 +35,7 @@ class JumpMpc(JumpController):
         reference: Reference,
         robot: Robot,
         gains: PhaseGains,
-        model: PredictionModel,
+        model: PredictionModel | DeviationModel,
         config: MpcConfig,
         level_m: float | None = 0.0,
         clock: Callable[[], float] = time.perf_counter,

@@ -1,6 +1,6 @@
 """A planned jump in the form that controllers follow: planar motion, forces and joints, in the frame of its start."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.learning.window_extraction import feet, states
-from leapgap.jumping.task import ContactSchedule, schedule_of
+from leapgap.jumping.task import ContactSchedule, Target, schedule_of, target_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import by_pair, flat, per_axis
 from leapgap.robot.model import Robot
@@ -33,6 +33,8 @@ class Reference:
     joint_vel: np.ndarray
     torque: np.ndarray
     """(rows, joints) each, rad, rad/s, N·m, joint order of the robot."""
+    target: Target = field(default_factory=lambda: Target(0.0))
+    """Where it lands, from its start, m."""
 
     @staticmethod
     def of(jump: Log, robot: Robot) -> "Reference":
@@ -61,6 +63,7 @@ class Reference:
             joint_pos=jump.per_joint("cmd_pos", robot.joints),
             joint_vel=jump.per_joint("cmd_vel", robot.joints),
             torque=jump.per_joint("cmd_tau", robot.joints),
+            target=target_of(jump),
         )
 
     def row(self, time_s: float) -> int:

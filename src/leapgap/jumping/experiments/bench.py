@@ -41,6 +41,8 @@ class TrialRunner:
     """``map`` for trials whose results no further trial waits for; None: ``map``."""
     side_by_side: bool = False
     """Whether threads may share ``map``, so that methods are prepared side by side."""
+    earlier: ResultCache | None = None
+    """Of another stage: results that are there are read, and none is written."""
     _running: "dict[str, Future[None]]" = field(default_factory=dict)
     """Places that a thread computes."""
     _lock: Any = field(default_factory=threading.Lock)
@@ -59,7 +61,7 @@ class TrialRunner:
                 if self.progress is not None:
                     with self._lock:
                         self.progress(trial, result)
-        return [self._read(trial) for trial in trials]
+        return [self._read(trial, keys[trial.place]) for trial in trials]
 
     def value(self, place: str, make: Callable[..., Mapping[str, Any]], *inputs: Any) -> Mapping[str, Any]:
         """``make(*inputs)``, from the cache where it is there; JSON must be able to hold it."""
@@ -69,7 +71,7 @@ class TrialRunner:
                 made = self.call(make, *inputs)
                 with self.cache.store(place, key) as folder:
                     write_json(folder / f"{Path(place).name}.json", made)
-        return read_json(self._json(place))
+        return read_json(self._path(place, key).with_suffix(".json"))
 
     def call(self, make: Callable[..., Any], *inputs: Any) -> Any:
         """``make(*inputs)``, on a worker where threads share them, so that this process is free to give them work."""
@@ -86,7 +88,7 @@ class TrialRunner:
         """
         done: Future[None] = Future()
         with self._lock:
-            missing = [place for place, key in wanted.items() if self.cache.get(place, key) is None]
+            missing = [place for place, key in wanted.items() if self._found(place, key) is None]
             others = {self._running[place] for place in missing if place in self._running}
             claimed = {place for place in missing if place not in self._running}
             self._running.update(dict.fromkeys(claimed, done))
@@ -111,13 +113,20 @@ class TrialRunner:
             if result.log is not None:
                 jump_log.write_log(result.log, path.with_suffix(".parquet"))
 
-    def _read(self, trial: TrialSpec) -> TrialResult:
-        path = self._json(trial.place)
+    def _read(self, trial: TrialSpec, key: str) -> TrialResult:
+        path = self._path(trial.place, key)
         log = jump_log.read_log(path.with_suffix(".parquet")) if trial.with_log else None
-        return TrialResult.from_json(read_json(path), log)
+        return TrialResult.from_json(read_json(path.with_suffix(".json")), log)
 
-    def _json(self, place: str) -> Path:
-        return self.cache.folder / f"{place}.json"
+    def _path(self, place: str, key: str) -> Path:
+        found = self._found(place, key)
+        assert found is not None, f"{place} was made"
+        return found
+
+    def _found(self, place: str, key: str) -> Path | None:
+        """Path of a result without its ending, where it is."""
+        own = self.cache.get(place, key)
+        return own if own or self.earlier is None else self.earlier.get(place, key)
 
 
 def apply_to(call: tuple[Callable[..., Any], Sequence[Any]]) -> Any:

@@ -13,6 +13,7 @@ from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS
 from leapgap.jumping.experiments.method import Method, References, crouch
 from leapgap.jumping.experiments.methods.base import MethodSettings, PlanSource
+from leapgap.jumping.experiments.on_policy import LearnedMpcConfig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import PracticeConfig
 from leapgap.jumping.learning.windows import TimeGrid
@@ -54,12 +55,15 @@ class LandSettings:
     metrics: str | None
     single: list[str]
     tasks: dict[str, Any]
+    practised: str | None
+    """Folder of stage ``practise``."""
     grids: dict[str, Any]
     """Steps of the MPC by name, each the fields of a ``TimeGrid``."""
     method_settings: dict[str, Any]
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
     mpc: MpcConfig = field(default_factory=MpcConfig)
     practice: PracticeConfig = field(default_factory=PracticeConfig)
+    learned: LearnedMpcConfig = field(default_factory=LearnedMpcConfig)
     adapt: AdaptConfig = field(default_factory=AdaptConfig)
     limits: Limits = AIMING_LIMITS
     """Limits of the plans of ``ours``."""

@@ -79,13 +79,16 @@ class Learner(lightning.LightningModule):
 
     def configure_optimizers(self) -> Any:
         """AdamW, with the learning rate along a cosine where that is configured."""
-        optimiser = torch.optim.AdamW(
-            self.parameters(), lr=self.fitting.learning_rate, weight_decay=self.fitting.weight_decay
-        )
-        if not self.fitting.cosine_decay:
-            return optimiser
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.fitting.steps)
-        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+        return optimiser_of(self.parameters(), self.fitting)
+
+
+def optimiser_of(parameters: Iterator[torch.nn.Parameter], fitting: Fitting) -> Any:
+    """AdamW, with the learning rate along a cosine where that is configured, in Lightning's form."""
+    optimiser = torch.optim.AdamW(parameters, lr=fitting.learning_rate, weight_decay=fitting.weight_decay)
+    if not fitting.cosine_decay:
+        return optimiser
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, fitting.steps)
+    return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
 
 class EmptySteps(torch.utils.data.IterableDataset):

@@ -34,16 +34,33 @@ class Situation:
 
 @dataclass(frozen=True)
 class AffineModel:
-    """Accelerations affine in the force: (v̇x, v̇z, ω̇) = bias + by_force u, at n moments."""
+    """Accelerations affine in the force, and maybe in the state: (v̇x, v̇z, ω̇) = bias + by_force u + by_state x.
+
+    At n moments.
+    """
 
     bias: np.ndarray
     """(n, 3), m/s² and rad/s²."""
     by_force: np.ndarray
     """(n, 3, 4), per N of front x z, rear x z."""
+    by_state: np.ndarray | None = None
+    """(n, 3, 6), per unit of the state; None where a model is evaluated at a state, and not linearised there."""
+
+    def at(self, which: Any) -> "AffineModel":
+        """The moments that a mask or slice selects."""
+        return AffineModel(
+            self.bias[which], self.by_force[which], None if self.by_state is None else self.by_state[which]
+        )
 
     def acceleration(self, force: np.ndarray) -> np.ndarray:
-        """Accelerations, (n, 3), under forces (n, 4)."""
+        """Accelerations, (n, 3), under forces (n, 4), of a model without ``by_state``."""
         return self.bias + np.einsum("nij,nj->ni", self.by_force, force)
+
+    def seen_from(self, state: np.ndarray) -> "AffineModel":
+        """The same at known states (n, 6): without ``by_state``."""
+        if self.by_state is None:
+            return self
+        return AffineModel(self.bias + np.einsum("nij,nj->ni", self.by_state, state), self.by_force)
 
 
 class PredictionModel(ABC):

@@ -13,6 +13,7 @@ from leapgap.jumping.experiments.methods.base import MethodSettings, PlanSource
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.learning.windows import Purpose
 from leapgap.jumping.models.affine_model import PredictionModel
+from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 class MpcMethod(Method):
     """The paper's MPC with a prediction model."""
 
-    model: PredictionModel | None = None
+    model: PredictionModel | DeviationModel | None = None
     config: MpcConfig = field(default_factory=MpcConfig)
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:

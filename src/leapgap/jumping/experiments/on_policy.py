@@ -1,0 +1,197 @@
+"""Practice of the learned MPC: jumps by the nominal MPC, then rounds by the MPC that was learned from them all.
+
+What a model says is true near the jumps it was learned from. So each round jumps with the model of all rounds before,
+and these jumps count more. A round that lands elsewhere than its model predicted shows that the model is not yet to be
+trusted there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from leapgap.jumping.control.condensed_qp import ForceLimits
+from leapgap.jumping.control.excitation import Excitation, ExcitedController
+from leapgap.jumping.control.gains import JointGains, PhaseGains
+from leapgap.jumping.control.mpc import MpcConfig, StateWeights
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.experiments.bench import Bench
+from leapgap.jumping.experiments.method import Method, References
+from leapgap.jumping.experiments.methods.mpc import MpcMethod
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.trial_spec import TrialSpec
+from leapgap.jumping.learning.deviation_recipe import DeviationTask
+from leapgap.jumping.learning.deviations import DeviatingJump, deviating_jump, rolled_out
+from leapgap.jumping.learning.recipe import ModelSettings
+from leapgap.jumping.learning.registry import deviation_recipes
+from leapgap.jumping.models.deviation_model import DeviationModel
+from leapgap.jumping.task import Target
+
+
+@dataclass(frozen=True)
+class PracticeRounds:
+    """How many jumps are made, to which targets, and with which random forces; all on flat ground."""
+
+    distances_m: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.75)
+    first_jumps: int = 2
+    """Jumps to each target by the nominal MPC."""
+    rounds: int = 7
+    """Of one jump to each target by the learned MPC."""
+    first: Excitation = field(default_factory=lambda: Excitation(40.0))
+    later: Excitation = field(default_factory=lambda: Excitation(15.0))
+    on_policy_weight: float = 5.0
+    """How much a jump of the learned MPC counts beside one of the nominal MPC."""
+    block_m: tuple[float, float] = (0.0, 0.0)
+    """Height of a block under the front feet in every second jump, drawn evenly."""
+    slope_rad: tuple[float, float] = (-0.005, 0.005)
+    trusted_cm: float = 5.0
+    """Largest mean |landing − prediction| of the last round with which the model of all jumps is kept; beyond, that of
+    the round whose landings were predicted best."""
+
+    def __post_init__(self) -> None:
+        """Refuse a practice from which nothing can be learned."""
+        if self.first_jumps < 1 or self.rounds < 0 or not self.distances_m:
+            raise ValueError(
+                "one distance, and one jump to each of them by the nominal MPC, or more; rounds not below 0"
+            )
+
+
+@dataclass(frozen=True)
+class LearnedMpcConfig:
+    """Control, model and practice of the learned MPC."""
+
+    model: str = "deviation_kernel"
+    """Name of a recipe in ``learning/models``."""
+    gains: PhaseGains = field(
+        default_factory=lambda: PhaseGains(JointGains(100.0, 2.0), JointGains(300.0, 3.0), JointGains(100.0, 2.0))
+    )
+    mpc: MpcConfig = field(
+        default_factory=lambda: MpcConfig(
+            weights=StateWeights(50.0, 100.0, 5.0, 10.0, 10.0, 1.0),
+            landing_weights=StateWeights(5000.0, 500.0, 50.0, 0.0, 0.0, 5.0),
+            force_weight=1e-5,
+            limits=ForceLimits(from_plan_n=120.0),
+        )
+    )
+    practice: PracticeRounds = field(default_factory=PracticeRounds)
+
+
+@dataclass(frozen=True)
+class ExcitedMethod(Method):
+    """Another method's controllers with random forces added."""
+
+    inner: Method | None = None
+    excitation: Excitation = field(default_factory=Excitation)
+    seed: int = 0
+
+    def __call__(self, task: JumpTask) -> Sequence[JumpController]:
+        """New controllers of the task's jumps, in their order."""
+        assert self.inner is not None
+        rng = np.random.default_rng(self.seed)
+        return [ExcitedController(one, self.excitation, rng) for one in self.inner(task)]
+
+    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
+        """One of them."""
+        (found,) = self(replace(task, jumps=1))
+        return found
+
+
+@dataclass(frozen=True)
+class Round:
+    """What the jumps of one round showed; ``landed`` beside the plan, ``predicted`` beside the model that made them."""
+
+    jumps: int
+    landed_cm: float
+    """Mean |landing − plan| along x, cm."""
+    predicted_cm: float
+    """Mean |landing − prediction| along x from the states 150 ms before take-off, cm."""
+    pitch_deg: float
+    """Mean |pitch − plan| at the landing."""
+
+    def __str__(self) -> str:
+        told = f"{self.landed_cm:.1f} cm beside the plan, {self.predicted_cm:.1f} cm beside the prediction"
+        return f"{self.jumps} jumps land {told}, pitched {self.pitch_deg:.0f} degrees"
+
+
+@dataclass(frozen=True)
+class Practised:
+    """The model that is kept, and how the rounds went."""
+
+    model: DeviationModel
+    name: str
+    """Of its recipe."""
+    kept: int
+    """Number of rounds whose jumps it was fitted to."""
+    rounds: tuple[Round, ...]
+
+
+def practise(
+    bench: Bench,
+    nominal: MpcMethod,
+    plans: References,
+    config: LearnedMpcConfig,
+    settings: Mapping[str, ModelSettings],
+    folder: str,
+) -> Practised:
+    """Make all jumps of practice on one robot, and fit the model to them.
+
+    ``nominal`` is the MPC with the nominal model; the learned one departs from it by its model alone. ``plans`` holds
+    those of the practised targets, ``settings`` those of the models by their section.
+    """
+    practice, grid = config.practice, nominal.config.grid
+    rng = np.random.default_rng([bench.seed, 23])
+    assert isinstance(nominal.model, DeviationModel)
+    models, jumps, rounds = [nominal.model], list[DeviatingJump](), list[Round]()
+    for number in range(practice.rounds + 1):
+        method = replace(nominal, model=models[-1], references=plans)
+        trials = round_trials(bench, method, practice, number, rng, folder)
+        weight = practice.on_policy_weight if number else 1.0
+        logs = [result.log for result in bench.runner.results(trials)]
+        made = [
+            deviating_jump(log, trial.reference, grid, bench.robot, weight)
+            for trial, log in zip(trials, logs, strict=True)
+            if log is not None
+        ]
+        rounds.append(judged(made, models[-1]))
+        jumps += made
+        models.append(
+            deviation_recipes()[config.model].fit(DeviationTask(jumps, nominal.model.body, settings, bench.seed))
+        )
+    learned = [one.predicted_cm for one in rounds[1:]]
+    kept = len(rounds) if not learned or learned[-1] <= practice.trusted_cm else 1 + int(np.argmin(learned))
+    return Practised(models[kept], config.model, kept, tuple(rounds))
+
+
+def round_trials(
+    bench: Bench, method: MpcMethod, practice: PracticeRounds, number: int, rng: np.random.Generator, folder: str
+) -> list[TrialSpec]:
+    """The jumps of a round; round 0 is the nominal MPC's."""
+    excitation, repeats = (practice.later, 1) if number else (practice.first, practice.first_jumps)
+    trials = []
+    for i, x_m in enumerate(practice.distances_m * repeats):
+        block = practice.block_m if (i + number) % 2 else (0.0, 0.0)
+        task, target = JumpTask("practice", x_m, block_m=block, slope_rad=practice.slope_rad), Target(x_m)
+        force_seed, seed = (int(one) for one in rng.integers(2**31, size=2))
+        excited = ExcitedMethod(method.robot, {}, inner=method, excitation=excitation, seed=force_seed)
+        place = f"{bench.hardware}/{folder}/round_{number}_{i:02d}"
+        plan: Any = method.references[target]
+        trials.append(TrialSpec(place, task, excited, plan, bench.effects, bench.world, seed, with_log=True))
+    return trials
+
+
+BEFORE_TAKE_OFF_S = 0.15
+"""Time before take-off from which landings are predicted: the learned MPC has little left to decide then."""
+
+
+def judged(jumps: Sequence[DeviatingJump], model: DeviationModel) -> Round:
+    """Landings of some jumps beside their plans, and beside what the model predicts late in the push."""
+    landed, predicted = np.array([jump.error[-1] for jump in jumps]), []
+    for jump in jumps:
+        take_off_s = jump.steps.end_s[np.flatnonzero(jump.steps.pushing.any(axis=1))[-1]]
+        first = int(np.searchsorted(jump.steps.time_s, take_off_s - BEFORE_TAKE_OFF_S - 1e-6))
+        predicted.append(rolled_out(jump, model.along(jump.steps), first)[-1])
+    off = np.abs(landed - np.array(predicted))
+    x_cm, pitch_deg = 100 * np.abs(landed[:, 0]), np.rad2deg(np.abs(landed[:, 2]))
+    return Round(len(jumps), float(x_cm.mean()), float(100 * off[:, 0].mean()), float(pitch_deg.mean()))
