@@ -158,7 +158,13 @@ def test_a_csv_of_a_stranger_is_read_by_a_map_of_columns(folder: Path) -> None:
 
 def test_checks_need_no_robot(folder: Path) -> None:
     alone, with_robot = lg.check(folder / "logs"), lg.check(folder / "logs", folder / "arm.xml")
-    assert [one.name for one in alone.results] == ["velocity_channel", "row_clock", "joint_clock", "even_clock"]
+    assert [one.name for one in alone.results] == [
+        "velocity_channel",
+        "row_clock",
+        "joint_clock",
+        "even_clock",
+        "set_points",
+    ]
     assert alone.passed and with_robot.passed
     assert str(alone).startswith("passed  velocity_channel: velocities of the joints are those of their positions")
     assert "passed  row_clock: rows last equally long" in str(alone)

@@ -37,7 +37,7 @@ class SetPoints(Check):
         """Hold set points against positions, and against the integrals of their velocities."""
         joints = [joint for joint in logs[0].joints if all(joint in log.joints for log in logs)]
         acting = [j for j in joints if all(log[f"cmd_kp/{j}"].any() and f"joint_pos/{j}" in log for log in logs)]
-        if not acting:
+        if not any(np.ptp(log[f"cmd_pos/{joint}"]) > 0 for log in logs for joint in acting):
             return None
         copies = [j for j in acting if all(is_copy(log, f"cmd_pos/{j}", f"joint_pos/{j}") for log in logs)]
         ratios = {j: ratio for j in acting if (ratio := ratio_of(logs, j)) is not None}

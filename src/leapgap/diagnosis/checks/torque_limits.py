@@ -62,6 +62,8 @@ class TorqueLimits(Check):
             return None
         limits = robot.torque_limits[[robot.joints.index(joint) for joint in joints]]
         asked = [commanded_torque(log, joints) for log in logs]
+        if not any(of_log.any() for of_log in asked) or min(map(len, asked)) < ROWS:
+            return None
         beyond = [np.abs(of_log) > limits + NOISE * noise(of_log) for of_log in asked]
         per_log = {log.name: float(rows.any(axis=1).mean()) for log, rows in zip(logs, beyond, strict=True)}
         every = np.concatenate(beyond)

@@ -16,6 +16,8 @@ PIECES, LENGTH_S, ROWS = 12, 0.05, 4
 """Pieces of all logs together; they last so long and have so many rows at least."""
 SEEN = 5.0
 """A joint tells something where it departs from even motion by so many standard deviations of its noise."""
+STILL = 1e-9
+"""A joint that departs from even motion by less, rad or m, counts as if it did by that."""
 UNEXPLAINED = 0.9
 """A joint is in doubt where replays miss so much of its departure from even motion, in the median of the logs: with
 columns of something else they miss all of it or more."""
@@ -120,9 +122,13 @@ def judged(pieces: Pieces, read: Callable[[Log], Log]) -> Judged:
     square = (moved**2).mean(axis=1)
     names = np.array(pieces.of_log)
     of_logs = [names == name for name in dict.fromkeys(pieces.of_log)]
-    tiny = np.finfo(float).tiny
-    by_log = np.sqrt([wrong[own].sum(axis=0) / np.maximum(square[own].sum(axis=0), tiny) for own in of_logs])
-    return Judged(np.sqrt(wrong.sum(axis=0) / np.maximum(square.sum(axis=0), tiny)), by_log)
+    by_log = [missed_of(wrong[own], square[own]) for own in of_logs]
+    return Judged(missed_of(wrong, square), np.array(by_log))
+
+
+def missed_of(wrong: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Root mean square of errors over that of motions, (joints,), from mean squares (pieces, joints)."""
+    return np.asarray(np.sqrt(wrong.sum(axis=0) / np.maximum(square.sum(axis=0), STILL**2)))
 
 
 def logs_of(missed: np.ndarray) -> np.ndarray:
