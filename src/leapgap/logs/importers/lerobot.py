@@ -15,6 +15,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 INFO, EPISODE, TIME = "meta/info.json", "episode_index", "timestamp"
+LARGEST_INFO = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,8 @@ class LeRobot(TableFormat):
 def features_of(path: Path) -> dict[str, list[str]]:
     """Names of the components of each vector, from ``meta/info.json``."""
     try:
+        if (path / INFO).stat().st_size > LARGEST_INFO:
+            raise ValueError(f"more than {LARGEST_INFO} bytes")
         info = json.loads((path / INFO).read_text(encoding="utf-8"))
         version = str(info["codebase_version"])
         features = {name: component_names(one.get("names")) for name, one in info["features"].items()}
