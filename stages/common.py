@@ -22,7 +22,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException, ValidationError
 
 from leapgap.atomic_io import read_json, write_json
-from leapgap.errors import InputError, did_you_mean
+from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.import_closure import PACKAGE, SourceTree
 from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
 from stages.help import CONF, answered_at_once
@@ -99,7 +99,7 @@ def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -
             returned = stage(config)
             found[FIGURES] = returned if isinstance(returned, dict) else {}
         except Exception as error:
-            message = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            message = str(error) if isinstance(error, InputError) else printable(f"{type(error).__name__}: {error}")
             print(f"failed: {message}", file=sys.stderr)
             found[FAILED] = message
         finally:

@@ -15,6 +15,8 @@ from leapgap.errors import InputError
 HOST = re.sub(r"[^A-Za-z0-9]", "", socket.gethostname())[:20] or "host"
 PARTIAL = re.compile(r"\.(?P<name>.+)\.(?P<host>[A-Za-z0-9]{1,20})-(?P<pid>\d+)-[0-9a-f]{8}(\.replaced)?\.partial")
 """Names of temporary files and folders."""
+LARGEST_JSON = 256 << 20
+"""Bytes of a JSON file that is read."""
 LONGEST_NAME = 150
 """Characters of a name that its temporary name repeats, so that it stays a valid one."""
 TEMPORARY: set[Path] = set()
@@ -87,6 +89,10 @@ def read_json(path: Path | str) -> Mapping:
     path = Path(path)
     if path.exists() and not path.is_file():  # a pipe would wait for ever
         raise InputError(path, "no plain file", "a JSON file", "name a file")
+    if path.exists() and path.stat().st_size > LARGEST_JSON:
+        raise InputError(
+            path, f"{path.stat().st_size >> 20} MiB", f"{LARGEST_JSON >> 20} MiB at most", "write it again"
+        )
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -37,7 +37,7 @@ ELEMENT_BYTES, LEVEL_BYTES, NUMBER_BYTES = 500, 40, 8
 """What an element takes in a compiled model, more for each level above it, and a number."""
 VERTEX_BYTES, PIXEL_BYTES, CELL_BYTES = 450, 4, 4
 """What a vertex of a built-in mesh takes with its hull, a pixel of a texture and a cell of a height field."""
-ORDINARY_ELEMENTS, ORDINARY_BYTES = 3000, 64 << 20
+ORDINARY_ELEMENTS, ORDINARY_BYTES, ORDINARY_FILE_BYTES = 3000, 64 << 20, 128 << 20
 """A model that is no larger than this, and of elements that make nothing else large, compiles in seconds."""
 COPIES = {"replicate": ("count", 1), "composite": ("count", 3), "flexcomp": ("count", 5)}
 """Elements that stand for as many as the product of an attribute says, times the elements of each."""
@@ -71,7 +71,7 @@ NUMBER = re.compile(r"([0-9][0-9.]*(?:[eE][-+]?[0-9]+)?)\s*([kKmMgGtTpPeE]?)(?![
 CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ufffd]")
 """What no name holds: characters that move the cursor or turn the direction of a line, and bytes that are no text."""
 UNUSUAL = {
-    *("replicate", "composite", "flexcomp", "attach", "model", "hfield", "skin", "flex", "deformable", "lengthrange"),
+    *("replicate", "composite", "flexcomp", "attach", "model", "skin", "flex", "deformable", "lengthrange"),
     *("plugin", "extension", "config", "instance"),
 }
 """Elements whose cost does not show in their number."""
@@ -133,7 +133,7 @@ class Count:
     def is_ordinary(self) -> bool:
         """Whether it surely compiles in seconds and in little memory."""
         small = self.elements <= ORDINARY_ELEMENTS and self.total_bytes() <= ORDINARY_BYTES
-        return small and not self.unusual and self.file_bytes <= ORDINARY_BYTES
+        return small and not self.unusual and self.file_bytes <= ORDINARY_FILE_BYTES
 
 
 @dataclass

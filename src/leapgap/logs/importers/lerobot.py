@@ -28,7 +28,7 @@ TICKS = 4095
 """What LeRobot divides a turn into where it turns ticks of a motor into degrees."""
 NORMALISED = re.compile(r"so_?10[01]|koch|lekiwi|omx|hope_?jr")
 """Types of robots that LeRobot records as shares of their range unless told otherwise."""
-LONGEST_FILE = 1_000_000
+LONGEST_FILE = 10_000_000
 
 
 @dataclass(frozen=True)
