@@ -29,6 +29,7 @@ from leapgap.cache import ResultCache, result_key
 from leapgap.diagnosis.report import round_floats
 from leapgap.errors import InputError
 from leapgap.executor import Executor
+from leapgap.import_closure import code_hash
 from leapgap.logs.log import read_logs
 from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
@@ -37,13 +38,12 @@ from leapgap.validation.bench_table import line, markdown, row_of, row_without_a
 from leapgap.validation.case import published_case, write_case
 from leapgap.validation.outcome import truth_in_words
 from leapgap.validation.realised_reduction import realised_closure
-from leapgap.validation.seal import SEALS, open_truth
+from leapgap.validation.seal import SEALS, open_truth, seal
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings
 from stages.robot import load_robot, own_model
 from stages.robots import robots
 from stages.score import ScoreSettings, open_outcome
-from stages.withhold import write_truth
 
 STAGE = "stages.bench"
 VERDICTS, ROWS, TIMES = "verdicts", "rows", "times.json"
@@ -150,7 +150,9 @@ def write_published(raw: str, folder: Path, logs: Path, truths: Path) -> None:
     halves = published_case(found, len(found))
     seals = {}
     for name, case in {"halves": halves, "all": replace(halves, logs=tuple(found), proof=())}.items():
-        seals[name] = write_truth(write_case(case, logs / name, truths / name), truths, name)
+        truth = write_case(case, logs / name, truths / name)
+        write_json(truths / f"{name}.json", truth)
+        seals[name] = seal(truth)
     write_json(logs / SEALS, seals)
 
 
@@ -171,7 +173,8 @@ def judge(cache: ResultCache, limit_s: int, robot: Robot, job: Job) -> tuple[str
             write_json(folder / job.name / TIMES, diagnosed(job, folder / job.name, limit_s))
     truths = job.logs.parent.parent / "truth"
     place = f"{ROWS}/{job.logs.parent.parent.name}/{job.name}"
-    of_row = result_key(realised_closure, [key, read_json(truths / f"{job.name}.json"), read_json(verdict / TIMES)])
+    scored_from = [key, read_json(truths / f"{job.name}.json"), read_json(verdict / TIMES)]
+    of_row = result_key(realised_closure, [*scored_from, code_hash(row_of.__module__)])
     path = cache.folder / f"{place}.json"
     if cache.get(place, of_row) is None:
         row = scored(job, verdict, truths, robot)
