@@ -25,6 +25,8 @@ from leapgap.logs.map_proposal.unit_readings import (
 )
 
 GRIPPER = "gripper"
+ODD = 0.3
+"""Logarithm of a ratio that is no longer noise."""
 LATE_VELOCITY_S, LATE_ROBOT_S = 0.15, 0.3
 """How late velocities may come after the motion, and a robot after its set points."""
 EXACT = 0.95
@@ -64,8 +66,9 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
             proposal.say(MISSING, "measured positions of the joints: map columns.joint_pos/*")
         return None
     order_velocities(evidence, proposal)
+    numbers = numbers_of(evidence)
     found = readings(
-        numbers_of(evidence),
+        numbers,
         evidence.robot,
         evidence.time_units,
         units_in_names(evidence, proposal),
@@ -82,6 +85,7 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
     if asked:
         ask_for_calibration(evidence, proposal)
         return best
+    tell_odd_rates(best, numbers, evidence, proposal)
     turn_round(best, evidence, proposal)
     scale("joint_pos", best.position, evidence, proposal)
     evidence.position_unit, evidence.certainty = (
@@ -99,6 +103,17 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
     if best.position.name in (NORMALISED, PERCENT):
         proposal.say(GUESSED, "range of each joint: that of the model; the robot's own calibration may have another")
     return best
+
+
+def tell_odd_rates(reading: Reading, numbers: Numbers, evidence: Evidence, proposal: Proposal) -> None:
+    """Name the joints whose velocities are not the rates of their positions, while those of the others are."""
+    if numbers.rate is None or reading.velocity is None:
+        return
+    unit = UNITS["s"][reading.time] * UNITS["rad/s"][reading.velocity]
+    ratio = numbers.rate * reading.position.factor / unit
+    for i in np.flatnonzero(np.isfinite(ratio) & (np.abs(np.log(np.where(ratio > 0, ratio, 1.0))) > ODD)):
+        says = f"{evidence.robot.joints[i]}'s position changes {ratio[i]:.3g} times as fast as its velocity says"
+        proposal.say(GUESSED, f"{says}, unlike the others': one of the two is of another scale; check it")
 
 
 def open_grippers(evidence: Evidence, proposal: Proposal) -> None:
