@@ -95,6 +95,7 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
     "train": (fit_task, export.write),
     "diagnose_withheld": (diagnose_folder,),
     "revisit": (diagnose_folder, further_jumps),
+    "practise": (TrialSpec.run, identify_effects_config),
     "land": (TrialSpec.run, identify_effects_config),
     "land_corrected": (TrialSpec.run, identify_effects_config),
 }
@@ -180,7 +181,7 @@ def test_keys_cover_the_library_code_that_dvc_lists(stage: str) -> None:
     covered = {dependency(name) for make in MAKERS[stage] for name in closure(make.__module__)}
     listed = {dep for dep in stages()[stage]["deps"] if dep.startswith("src/")} - NO_PART_OF_RESULTS
     # The page of landings is written anew in every run; plans of further jumps are inputs, hashed by their content.
-    besides = {"land": REPORTS, "land_corrected": REPORTS, "revisit": PLANS}.get(stage, ())
+    besides = {"practise": REPORTS, "land": REPORTS, "land_corrected": REPORTS, "revisit": PLANS}.get(stage, ())
     assert listed - {f"src/leapgap/{name}" for name in besides} <= covered
 
 

@@ -61,6 +61,10 @@ CALLS = (
     StageCall("collect", (*TINY, "collect.jumps=8", f"collect.{REFERENCES}", "collect.out={out}")),
     StageCall("land", (*TINY, *LAND, f"land.{REFERENCES}", "land.out={out}")),
     StageCall(
+        "practise",
+        (*TINY, "land.methods=[learned_variable]", f"land.{REFERENCES}", "practise.out={out}"),
+    ),
+    StageCall(
         "train",
         (*TRAIN, "train.windows={inputs}/windows", "train.out={out}"),
     ),

@@ -64,7 +64,7 @@ def test_the_page_fits_its_window_and_its_figures_are_drawn(
     found = Browser(size, dark).evaluate(page, script, tmp_path)
     assert found["empty"] == []
     assert found["wide"] <= found["window"], "the page is wider than its window"
-    assert found["columns"] == (1 if size == PHONE else 3)
+    assert found["columns"] == (1 if size == PHONE else 2)  # four channels, two by two
     assert found["ink"] == ("rgb(230, 233, 239)" if dark else "rgb(17, 24, 39)")
     assert found["nominal"] == ("#f27a58" if dark else "#e2542f")
     tops = found["tiles"]

@@ -97,11 +97,11 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
     for effect in inside:
         if effect.structure is not None and type(effect).change_drive is Effect.change_drive:
             effect.change_spec(changed, robot)
-    own = [body.simple for body in changed.bodies]
+    own = {body.name: body.simple for body in changed.bodies}
     keep_inertia_changeable(changed)
     model = changed.compile()
-    for body, simple in zip(changed.bodies, own, strict=True):
-        body.simple = simple
+    for body in changed.bodies:  # compilation joins bodies without joints
+        body.simple = own[body.name]
     if any(effect.structure is not None for effect in inside) and model.nq != spec.copy().compile().nq:
         return "it needs a joint that the model of the makers does not have"
     makers = [getattr(model, name).copy() for name in ACTUATORS]
