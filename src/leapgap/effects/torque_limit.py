@@ -20,7 +20,7 @@ class TorqueLimit(Effect):
     along_joints = True
     needs_motor = True
 
-    scale: float = parameter(1.0, "1", 0.2, 5.0, 0.5, limits=(0.0, inf), logarithmic=True)
+    scale: float = parameter(1.0, "1", 0.02, 5.0, 0.5, limits=(0.0, inf), logarithmic=True)
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:

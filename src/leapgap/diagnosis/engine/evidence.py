@@ -6,7 +6,7 @@ closed form. Each block has the level of the force without a name that suits it 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class Evidence:
     """Log determinants of the innovations' covariances, (levels, blocks)."""
     log_of_block: np.ndarray
     """(blocks,)"""
+    places: Sequence[tuple[int, int, int]]
+    """Chunk, first interval and the one after the last of each block."""
     levels: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     """Index of the level of each block, (blocks,)."""
 
@@ -45,6 +47,17 @@ class Evidence:
         return self.gram[self.levels[chosen], chosen].sum(axis=0), float(
             self.constant[self.levels[chosen], chosen].sum()
         )
+
+    def only(self, columns: np.ndarray) -> "Evidence":
+        """The same with some of the columns, which are told by their indices."""
+        at = np.concatenate([[0], 1 + columns])
+        return replace(self, gram=self.gram[:, :, at[:, None], at], levels=self.levels.copy())
+
+    def without_each(self, parts: np.ndarray) -> list[tuple[np.ndarray, float]]:
+        """Sums as in ``total`` over all blocks but those of one part, for each part; ``parts`` are numbers, (blocks,)."""
+        own = [self.total(parts == part) for part in range(int(parts.max()) + 1)]
+        gram, constant = np.sum([g for g, _ in own], axis=0), sum(c for _, c in own)
+        return [(gram - g, constant - c) for g, c in own]
 
     def posterior(
         self,
@@ -96,20 +109,40 @@ def inner_products(
     per_block: int,
 ) -> Evidence:
     """Inner products of whitened columns (chunks, longest, channels, 1 + columns) of each level, block by block."""
-    chunks = len(valid)
+    lengths = valid.sum(axis=1).tolist()
     places = [
-        (c, a, b)
-        for c in range(chunks)
-        for part in np.array_split(np.arange(int(valid[c].sum())), max(1, round(int(valid[c].sum()) / per_block)))
-        for a, b in [(int(part[0]), int(part[-1]) + 1)]
+        (chunk, int(part[0]), int(part[-1]) + 1)
+        for chunk, length in enumerate(lengths)
+        for part in np.array_split(np.arange(length), max(1, round(length / per_block)))
     ]
     columns = whitened[0].shape[3]
     gram = np.zeros((len(whitened), len(places), columns, columns))
     constant = np.zeros((len(whitened), len(places)))
     for level, (values, logs) in enumerate(zip(whitened, determinants, strict=True)):
-        for k, (c, a, b) in enumerate(places):
-            own = values[c, a:b].reshape(-1, columns)
+        for k, (chunk, first, end) in enumerate(places):
+            own = values[chunk, first:end].reshape(-1, columns)
             gram[level, k] = own.T @ own
-            constant[level, k] = logs[c, a:b].sum()
-    log_of_block = log_of_chunk[[c for c, _, _ in places]]
-    return Evidence(gram, constant, log_of_block, np.full(len(places), len(whitened) // 2))
+            constant[level, k] = logs[chunk, first:end].sum()
+    log_of_block = log_of_chunk[[chunk for chunk, _, _ in places]]
+    return Evidence(gram, constant, log_of_block, places, np.full(len(places), len(whitened) // 2))
+
+
+def exchanged(
+    before: Evidence, kept: np.ndarray, kept_columns: Sequence[np.ndarray], changed: Sequence[np.ndarray]
+) -> Evidence:
+    """Evidence of other errors and further columns (column 0 and those behind it of ``changed``) beside kept ones.
+
+    ``kept`` are indices in the inner products of the whitened ``kept_columns``; their products among themselves stay.
+    """
+    number, new = len(kept), changed[0].shape[3]
+    gram = np.zeros((*before.gram.shape[:2], number + new, number + new))
+    gram[:, :, 1 : 1 + number, 1 : 1 + number] = before.gram[:, :, kept[:, None], kept]
+    at = np.concatenate([[0], np.arange(1 + number, number + new)])
+    for level, (others, own) in enumerate(zip(kept_columns, changed, strict=True)):
+        for k, (chunk, first, end) in enumerate(before.places):
+            mine = own[chunk, first:end].reshape(-1, new)
+            cross = mine.T @ others[chunk, first:end].reshape(-1, number)
+            gram[level, k, at, 1 : 1 + number] = cross
+            gram[level, k, 1 : 1 + number, at] = cross
+            gram[level, k, at[:, None], at] = mine.T @ mine
+    return replace(before, gram=gram, levels=before.levels.copy())

@@ -8,7 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
-from leapgap.diagnosis.engine.evidence import BLOCK_S, Evidence, inner_products
+from leapgap.diagnosis.engine.evidence import BLOCK_S, Evidence, exchanged, inner_products
 from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
@@ -28,8 +28,8 @@ DIFFERENCE = 0.1
 """Numbers of effects that act are differenced by this share of a moderate departure."""
 ABSENT = 1e-9
 """Prior standard deviation of the numbers of an effect that is taken out of a set."""
-PRIOR = 3.0
-"""Standard deviation of a number's prior in moderate departures."""
+PRIOR, OF_RANGE = 3.0, 0.25
+"""Standard deviation of a number's prior in moderate departures, and at least as a share of the way to its limits."""
 SMALL = {
     "encoder_bias.bias_rad": 5e-4,
     "foot_compliance.time_constant_s": 0.002,
@@ -114,7 +114,7 @@ class Point:
         for m, (h, numbers) in enumerate(self.acting):
             size = len(h.parameters)
             parts.append(own[:, at : at + size])
-            deviation += [ABSENT] * size if m in without else [*(PRIOR * np.abs(h.moderate))]
+            deviation += [ABSENT] * size if m in without else [*prior_of(h)]
             centre += [*(h.nominal - numbers)]
             at += size
         for h in further:
@@ -122,7 +122,7 @@ class Point:
             for k in range(len(h.parameters)):
                 part[basis.columns.at(h, k), k] = 1
             parts.append(part)
-            deviation += [*(PRIOR * np.abs(h.moderate))]
+            deviation += [*prior_of(h)]
             centre += [0.0] * len(h.parameters)
         return Sums(np.concatenate(parts, axis=1), np.array(deviation), np.array(centre), len(basis.deviation))
 
@@ -201,10 +201,9 @@ class Bench:
                 if size > 0:
                     together.append([i])
                     deviation.append(size)
-        for name in LATE:
-            if name in self.kinds:
-                together.append(columns.at(replace(self.kinds[name], location="all"), 0))
-                deviation.append(QUARTER * self.states[0].log.info.sample_period_s)
+        late = [i for i, key in enumerate(columns.keys) if key.effect in LATE]
+        together += [[i] for i in late]
+        deviation += [QUARTER * self.states[0].log.info.sample_period_s] * len(late)
         together.append([len(columns.keys)])
         deviation.append(1.0)
         found = np.zeros((len(columns.keys) + 1, len(together)))
@@ -244,12 +243,8 @@ class Bench:
         """Evidence of a robot with some effects at just these numbers, nats, without columns of its effects."""
         here, basis = self.followed(near, acting), near.basis
         used = np.flatnonzero(basis.nuisances.any(axis=1))
-        whitened = [
-            np.concatenate([self.errors(here, basis, of), w[:, :, :, 1 + used]], axis=3)
-            for of, w in zip(basis.filters, near.whitened, strict=True)
-        ]
-        evidence = self.products(basis, whitened)
-        evidence.levels = near.evidence.levels.copy()
+        errors = [self.errors(here, basis, of) for of in basis.filters]
+        evidence = exchanged(near.evidence, 1 + used, [w[:, :, :, 1 + used] for w in near.whitened], errors)
         priors = basis.nuisances[used], basis.deviation, np.zeros(len(basis.deviation))
         evidence.choose_levels(*priors)
         return evidence.posterior(*priors).evidence
@@ -269,14 +264,21 @@ class Bench:
             np.stack([change[log] / size for change, size in zip(changes, sizes, strict=True)], axis=2)
             for log in range(len(here.courses))
         ]
-        stacked, kept = self.chunks.stack(slopes), len(basis.columns.keys) + 2
-        whitened = tuple(
-            np.concatenate([self.errors(here, basis, of), w[:, :, :, 1:kept], -of.whiten(stacked)], axis=3)
-            for of, w in zip(basis.filters, near.whitened, strict=True)
-        )
-        evidence = self.products(basis, whitened)
-        evidence.levels = near.evidence.levels.copy()
+        stacked, kept = self.chunks.stack(slopes), np.arange(1, len(basis.columns.keys) + 2)
+        new = [np.concatenate([self.errors(here, basis, of), -of.whiten(stacked)], axis=3) for of in basis.filters]
+        stay = [w[:, :, :, kept] for w in near.whitened]
+        evidence = exchanged(near.evidence, kept, stay, new)
+        pairs = zip(new, stay, strict=True)
+        whitened = tuple(np.concatenate([n[..., :1], k, n[..., 1:]], axis=3) for n, k in pairs)
         return Point(acting, here, basis, whitened, evidence)
+
+
+def prior_of(h: Hypothesis) -> np.ndarray:
+    """Standard deviations of the numbers of a hypothesis about nominal, before any log, (numbers,)."""
+    lower, upper = h.bounds
+    return np.asarray(
+        np.maximum(PRIOR * np.abs(h.moderate), OF_RANGE * np.maximum(upper - h.nominal, h.nominal - lower))
+    )
 
 
 def small_steps(h: Hypothesis, numbers: np.ndarray) -> list[float]:

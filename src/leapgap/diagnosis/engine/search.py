@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.points import PRIOR, Acting, Bench, Point
+from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import overrides
 
 LEAST_GAIN = 30.0
-"""Evidence on held-out logs that a cause has to gain, nats: g₀."""
+"""Evidence on held-out logs that each number of a cause has to gain, nats: g₀."""
 LEAST_SHARE = 0.2
 """A cause takes this share of the evidence of a force without a name, or leaves little of it."""
 MUCH = 1000.0
@@ -49,6 +49,13 @@ class Found:
     evidence: float
     predictive: float
     """Log probability of each fold by the others, summed, nats."""
+    rivals: tuple[tuple[str, Hypothesis, float], ...] = ()
+    """Label of a member, what was replayed in its place as it was found, and by how much that was worth less, nats."""
+
+    @property
+    def worth(self) -> float:
+        """Log probability of the folds less what the numbers of the set have to gain, nats."""
+        return self.predictive - LEAST_GAIN * len(self.numbers)
 
     @property
     def unnamed(self) -> float:
@@ -100,38 +107,41 @@ class Search:
             now = path[-1]
             worth = [h for gain, h in screen(now.point) if gain > WORTH_A_LOOK]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
-            linear.sort(key=lambda one: -one.predictive)
+            linear.sort(key=lambda one: -one.worth)
             tried = [self.settle(one) for one in linear[:CLOSELY]]
             if replay and not now.members:
                 tried += self.replayed(now)
             if not tried:
                 break
-            best = max(tried, key=lambda one: one.predictive)
+            best = max(tried, key=lambda one: one.worth)
             self.progress(f"{describe(best)}: gains {best.predictive - now.predictive:.1f}")
-            if best.predictive - now.predictive < LEAST_GAIN:
+            if best.worth <= now.worth:
                 break
+            newest = best.members[-1]
+            others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
+            rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
             if best.unnamed > MUCH:
                 best = self.exchanged(self.linearised(best))
             if best.unnamed > max(MUCH, (1 - LEAST_SHARE) * now.unnamed):
                 break
-            path.append(self.without_idle(best))
+            path.append(replace(self.without_idle(best), rivals=rivals))
         return path
 
     def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""
         sums = point.sums(further, without)
-        evidence = replace(point.evidence, levels=point.evidence.levels.copy())
-        evidence.choose_levels(*sums.priors)
-        whole = evidence.posterior(*sums.priors)
+        used = np.flatnonzero(sums.transform.any(axis=1))
+        evidence, priors = point.evidence.only(used), (sums.transform[used], sums.deviation, sums.centre)
+        evidence.choose_levels(*priors)
+        whole = evidence.posterior(*priors)
         predictive, folds = 0.0, []
-        for fold in range(int(self.folds.max()) + 1):
-            rest = evidence.total(self.folds[evidence.log_of_block] != fold)
-            other = evidence.posterior(*sums.priors, rest)
+        for rest in evidence.without_each(self.folds[evidence.log_of_block]):
+            other = evidence.posterior(*priors, rest)
             predictive += whole.evidence - other.evidence
             folds.append(other.mean[sums.nuisances :])
         at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
         return Found(
-            replace(point, evidence=evidence),
+            replace(point, evidence=replace(point.evidence, levels=evidence.levels)),
             (*(h for h, _ in point.acting), *further),
             at + whole.mean[sums.nuisances :],
             whole.covariance[sums.nuisances :, sums.nuisances :],
@@ -181,8 +191,8 @@ class Search:
                 linear = self.judge(found.point, [h], [m])
                 order = [k if k != m else len(found.members) for k in range(len(found.members))]
                 other = self.settle(linear.with_members(order))
-                self.progress(f"{h.label} for {found.members[m].label}: {other.predictive - found.predictive:.1f}")
-                if other.predictive > found.predictive:
+                self.progress(f"{h.label} for {found.members[m].label}: {other.worth - found.worth:.1f}")
+                if other.worth > found.worth:
                     found = other
                     break
         return found
@@ -191,12 +201,13 @@ class Search:
         """The set without members that the others have made needless."""
         while len(found.members) > 1:
             members = range(len(found.members))
-            losses = [found.predictive - self.judge(found.point, (), [m]).predictive for m in members]
+            sizes = [LEAST_GAIN * len(h.parameters) for h in found.members]
+            losses = [found.predictive - self.judge(found.point, (), [m]).predictive - sizes[m] for m in members]
             least = int(np.argmin(losses))
-            if losses[least] >= LEAST_GAIN:
+            if losses[least] > 0:
                 break
             fewer = self.settle(found.with_members([m for m in members if m != least]))
-            if found.predictive - fewer.predictive >= LEAST_GAIN:
+            if fewer.worth < found.worth:
                 break
             self.progress(f"without {found.members[least].label}")
             found = fewer
@@ -223,7 +234,7 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
     for h in point.basis.hypotheses:
         if h.name in present or h.label in same:
             continue
-        size = PRIOR * np.abs(h.moderate)
+        size = prior_of(h)
         part = np.zeros((len(gram) - 1, len(size)))
         for k, own in enumerate(size):
             part[point.basis.columns.at(h, k), k] = own

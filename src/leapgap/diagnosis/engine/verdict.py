@@ -18,7 +18,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.engine.search import Found, Search, screen
+from leapgap.diagnosis.engine.search import LEAST_GAIN, Found, Search, screen
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 
@@ -26,7 +26,7 @@ UNNAMED = 20.0
 """Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
 SINGLES = 8
 """Number of single effects that a report lists beside the answer."""
-APART = 10.0
+APART = LEAST_GAIN
 """Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
 
 
@@ -78,11 +78,15 @@ class Rival:
 
 
 def rivals_of(found: Found, member: int) -> list[Rival]:
-    """The likeliest effects in place of a member, the best first; none of them is another place of the same effect."""
+    """The likeliest effects in place of a member, the best first: those that were replayed, and by columns the others.
+
+    None of them is another place of the same effect.
+    """
+    own = found.members[member]
     less = found.evidence_without([member])
-    name = found.members[member].name
-    near = [(gain, h) for gain, h in screen(found.point, [member]) if h.name != name][:3]
-    return sorted((Rival(h, found.evidence - less - gain) for gain, h in near), key=lambda rival: rival.loss)
+    near = [Rival(h, found.evidence - less - gain) for gain, h in screen(found.point, [member]) if h.name != own.name]
+    replayed = [Rival(h, loss) for label, h, loss in found.rivals if label == own.label]
+    return sorted([*near[:3], *replayed], key=lambda rival: rival.loss)
 
 
 def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
