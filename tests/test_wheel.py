@@ -94,9 +94,8 @@ def test_the_guide_lists_every_extra() -> None:
 
 def test_changelog_and_citation_are_of_this_version() -> None:
     version = project()["version"]
-    newest = re.search(r"^## \[([^\]]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert newest
-    assert newest[1] == version
+    headings = re.findall(r"^## \[([^\]]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert [heading for heading in headings if heading != "Unreleased"][0] == version
     assert str(OmegaConf.load(ROOT / "CITATION.cff").version) == version
 
 
