@@ -95,7 +95,7 @@ def test_the_guide_lists_every_extra() -> None:
 def test_changelog_and_citation_are_of_this_version() -> None:
     version = project()["version"]
     headings = re.findall(r"^## \[([^\]]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert [heading for heading in headings if heading != "Unreleased"][0] == version
+    assert next(heading for heading in headings if heading != "Unreleased") == version
     assert str(OmegaConf.load(ROOT / "CITATION.cff").version) == version
 
 

@@ -186,8 +186,8 @@ def prepare(
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
     judged, replayer = given, Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
     clock = own_clock(judged, checks, settings.sizes)
-    # By a clock of their own, rows are not known well enough to tell accelerations of a push. Evidence has a force of its
-    # own for what has no name.
+    # By a clock of their own, rows are not known well enough to tell accelerations of a push. The evidence has a force
+    # of its own for what has no name.
     is_left = clock is not None or settings.engine == "evidence"
     outside = OutsideForces() if is_left else find_outside_forces(judged, replayer, settings.outside)
     if outside.logs:

@@ -54,7 +54,7 @@ class Evidence:
         return replace(self, gram=self.gram[:, :, at[:, None], at], levels=self.levels.copy())
 
     def without_each(self, parts: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """Sums as in ``total`` over all blocks but those of one part, for each part; ``parts`` are numbers, (blocks,)."""
+        """Sums as in ``total`` over the blocks of all parts but one, for each; ``parts`` are numbers, (blocks,)."""
         own = [self.total(parts == part) for part in range(int(parts.max()) + 1)]
         gram, constant = np.sum([g for g, _ in own], axis=0), sum(c for _, c in own)
         return [(gram - g, constant - c) for g, c in own]
