@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from leapgap.export.base import CorrectedRobot
+from leapgap.export.base import CorrectedRobot, exactly, literal
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,10 @@ class ActuatorSettings:
                 for joint, own in delay.items()
             },
         )
+
+    def source(self) -> dict[str, str]:
+        """Each setting as Python source, by its name; simulators take the joints' names as expressions."""
+        return {key: literal({exactly(joint): value for joint, value in of.items()}) for key, of in vars(self).items()}
 
     @property
     def missing(self) -> str | None:

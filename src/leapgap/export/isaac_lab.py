@@ -121,11 +121,10 @@ class IsaacLab(Export):
     def write(self, folder: Path, corrected: CorrectedRobot) -> None:
         """Write the Python file."""
         settings = ActuatorSettings.of(corrected)
-        named = {key: {exactly(joint): value for joint, value in of.items()} for key, of in vars(settings).items()}
         write_text(
             folder / self.name,
             SOURCE.format(
-                **{key: literal(of) for key, of in named.items()},
+                **settings.source(),
                 ranges=literal(body_ranges(corrected)),
                 varies=literal([key for key in ("damping", "friction", "armature") if key in corrected.joint_ranges]),
                 steps=STEPS,

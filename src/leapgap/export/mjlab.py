@@ -97,7 +97,6 @@ class Mjlab(Export):
     def write(self, folder: Path, corrected: CorrectedRobot) -> None:
         """Write the Python file."""
         settings = ActuatorSettings.of(corrected)
-        named = {key: {exactly(joint): value for joint, value in of.items()} for key, of in vars(settings).items()}
         ranges = corrected.joint_ranges | corrected.body_ranges
         if corrected.foot_ranges:
             ranges["foot_friction"] = corrected.foot_ranges
@@ -105,7 +104,7 @@ class Mjlab(Export):
         write_text(
             folder / self.name,
             SOURCE.format(
-                **{key: literal(of) for key, of in named.items()},
+                **settings.source(),
                 ranges=literal(plain),
                 steps=STEPS,
             ),

@@ -76,11 +76,10 @@ class Pace(Export):
     def write(self, folder: Path, corrected: CorrectedRobot) -> None:
         """Write the Python file."""
         settings = ActuatorSettings.of(corrected)
-        named = {key: {exactly(joint): value for joint, value in of.items()} for key, of in vars(settings).items()}
         write_text(
             folder / self.name,
             SOURCE.format(
-                **{key: literal(of) for key, of in named.items()},
+                **settings.source(),
                 names=literal({joint: exactly(joint) for joint in settings.armature}),
             ),
         )
