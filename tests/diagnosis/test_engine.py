@@ -1,9 +1,12 @@
 """The engine beside references of its own: dense Gaussians, plain MuJoCo, and arms that plain MuJoCo simulates."""
 
+import json
 from pathlib import Path
 
 import mujoco
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.stats import multivariate_normal
 
@@ -145,11 +148,6 @@ def test_a_force_that_no_effect_has_is_unknown(tmp_path: Path) -> None:
 
 def write_tugged(folder: Path, xml: str) -> None:
     """Four logs of an arm whose elbow feels 0.5 sin 6q N·m beside its joint PD."""
-    import json
-
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     model = mujoco.MjModel.from_xml_string(xml)
     for seed in range(4):
         columns = plain_arm.swing(seed)

@@ -133,10 +133,10 @@ class Intervals:
         own = self.courses[0]
         return float(own.every * own.states.log.info.sample_period_s)
 
-    def with_references(self, references: Sequence[Motion], acting: Sequence[Effects]) -> "Intervals":
-        """The same intervals from other states, by a robot with other effects."""
+    def with_references(self, references: Sequence[Motion]) -> "Intervals":
+        """The same intervals from other states."""
         courses = tuple(replace(own, reference=new) for own, new in zip(self.courses, references, strict=True))
-        return replace(self, courses=courses, acting=tuple(acting))
+        return replace(self, courses=courses)
 
     @cached_property
     def predicted(self) -> list[Motion]:
@@ -163,6 +163,7 @@ class Intervals:
         if all(len(own) == len(all_of) for own, all_of in zip(plain, self.acting, strict=True)):
             return [np.zeros((own.intervals, 2 * self.robot.model.nv)) for own in self.courses]
         base = replace(self, acting=tuple(plain))
+        _ = base._long_predicted  # before several threads ask for it
         return base.each(logs, lambda log: base.change(log, self.acting[log], transitions[log]))
 
     def innovations(self) -> list[np.ndarray]:

@@ -14,6 +14,7 @@ from leapgap.diagnosis.engine.responses import Columns, Linearisation
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.sensitivities import tolerance, usable
+from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
@@ -22,8 +23,6 @@ INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
 LEAST_IN_BLOCK = 5
 """Number of intervals of a block at least."""
-FINE = 0.255
-"""Steps of the finer simulation as a share of the usual: what they change is a nuisance."""
 DIFFERENCE = 0.1
 """Numbers of effects that act are differenced by this share of a moderate departure."""
 ABSENT = 1e-9
@@ -63,7 +62,7 @@ class Basis:
     """One for each level of the force without a name."""
     columns: Columns
     nuisances: np.ndarray
-    """Sums of columns that are off a little in every robot and simulation, (columns + 1, nuisances).
+    """Columns of what is off a little in every robot and simulation, as ones, (columns + 1, nuisances).
 
     The last column is that of finer steps.
     """
@@ -181,15 +180,14 @@ class Bench:
         basis = Basis(self.hypotheses, linearisation, filters, columns, *self.nuisances(columns))
         steps = self.finer_steps(intervals)
         stacked = self.chunks.stack([np.concatenate(pair, axis=2) for pair in zip(columns.values, steps, strict=True)])
-        whitened = tuple(
-            np.concatenate([self.errors(intervals, basis, own), -own.whiten(stacked)], axis=3) for own in filters
-        )
+        pairs = zip(self.errors(intervals, basis), filters, strict=True)
+        whitened = tuple(np.concatenate([errors, -own.whiten(stacked)], axis=3) for errors, own in pairs)
         plain = Point((), intervals, basis, whitened, self.products(basis, whitened))
         return self.moved(plain, acting) if acting else plain
 
     def nuisances(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-        """Sums of columns, and their standard deviations, of what is off a little in every robot and simulation."""
-        together: list[list[int]] = []
+        """Columns, and their standard deviations, of what is off a little in every robot and simulation."""
+        at: list[int] = []
         deviation: list[float] = []
         for name, share in {**self.tolerances, **SMALL}.items():
             effect, _, parameter = name.partition(".")
@@ -199,29 +197,25 @@ class Bench:
                 kind = self.kinds[effect].kind
                 size = share if name in SMALL else tolerance(kind, self.robot, key.place, parameter, share)
                 if size > 0:
-                    together.append([i])
+                    at.append(i)
                     deviation.append(size)
         late = [i for i, key in enumerate(columns.keys) if key.effect in LATE]
-        together += [[i] for i in late]
-        deviation += [QUARTER * self.states[0].log.info.sample_period_s] * len(late)
-        together.append([len(columns.keys)])
-        deviation.append(1.0)
-        found = np.zeros((len(columns.keys) + 1, len(together)))
-        for k, at in enumerate(together):
-            found[at, k] = 1
-        return found, np.array(deviation)
+        at += [*late, len(columns.keys)]
+        deviation += [*[QUARTER * self.states[0].log.info.sample_period_s] * len(late), 1.0]
+        return np.eye(len(columns.keys) + 1)[:, at], np.array(deviation)
 
     def finer_steps(self, intervals: Intervals) -> list[np.ndarray]:
-        """What finer steps of the simulation change, (intervals, 2 nv, 1) a log."""
+        """What finer steps of the simulation change, a nuisance, (intervals, 2 nv, 1) a log."""
         replayer = intervals.replayer
         fine = replace(intervals, replayer=replayer.with_steps(FINE * replayer.largest_step_s))
         pairs = zip(fine.predicted, intervals.predicted, strict=True)
         return [tangent_difference(a, b, self.robot)[:, :, None] for a, b in pairs]
 
-    def errors(self, intervals: Intervals, basis: Basis, own: Filter) -> np.ndarray:
-        """Whitened errors, (chunks, longest, channels, 1)."""
+    def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:
+        """Whitened errors at each level, (chunks, longest, channels, 1)."""
         steps = self.chunks.stack(intervals.defects(basis.linearisation.transitions))[..., None]
-        return own.whiten(steps, self.chunks.stack(intervals.innovations())[..., None])
+        measured = self.chunks.stack(intervals.innovations())[..., None]
+        return [own.whiten(steps, measured) for own in basis.filters]
 
     def products(self, basis: Basis, whitened: Sequence[np.ndarray]) -> Evidence:
         """Inner products of whitened errors and columns."""
@@ -243,8 +237,8 @@ class Bench:
         """Evidence of a robot with some effects at just these numbers, nats, without columns of its effects."""
         here, basis = self.followed(near, acting), near.basis
         used = np.flatnonzero(basis.nuisances.any(axis=1))
-        errors = [self.errors(here, basis, of) for of in basis.filters]
-        evidence = exchanged(near.evidence, 1 + used, [w[:, :, :, 1 + used] for w in near.whitened], errors)
+        kept = [w[:, :, :, 1 + used] for w in near.whitened]
+        evidence = exchanged(near.evidence, 1 + used, kept, self.errors(here, basis))
         priors = basis.nuisances[used], basis.deviation, np.zeros(len(basis.deviation))
         evidence.choose_levels(*priors)
         return evidence.posterior(*priors).evidence
@@ -265,7 +259,8 @@ class Bench:
             for log in range(len(here.courses))
         ]
         stacked, kept = self.chunks.stack(slopes), np.arange(1, len(basis.columns.keys) + 2)
-        new = [np.concatenate([self.errors(here, basis, of), -of.whiten(stacked)], axis=3) for of in basis.filters]
+        levels = zip(self.errors(here, basis), basis.filters, strict=True)
+        new = [np.concatenate([errors, -of.whiten(stacked)], axis=3) for errors, of in levels]
         stay = [w[:, :, :, kept] for w in near.whitened]
         evidence = exchanged(near.evidence, kept, stay, new)
         pairs = zip(new, stay, strict=True)

@@ -8,6 +8,7 @@ import numpy as np
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.engine.intervals import Intervals
 from leapgap.diagnosis.hypotheses import Hypothesis, places
+from leapgap.diagnosis.short_rollouts import ROUGH
 from leapgap.effects.base import Effect
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
@@ -22,12 +23,8 @@ SHARE = 0.1
 """A unit of the force without a name: this share of the robot's weight, or of the torque that a joint's motor gave."""
 
 
-ROUGH = 2.0
-"""Long steps as a share of the usual ones of a floating robot; a held one's are short already."""
-
-
 def rough_steps(intervals: Intervals) -> Intervals:
-    """The intervals by long steps of the simulation."""
+    """The intervals by long steps of the simulation; those of a held robot keep theirs, which are short already."""
     replayer = intervals.replayer
     if not intervals.robot.has_free_base:
         return intervals

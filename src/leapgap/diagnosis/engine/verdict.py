@@ -18,7 +18,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.engine.search import LEAST_GAIN, Found, Search, screen
+from leapgap.diagnosis.engine.search import LEAST_GAIN, Found, Search, few_of_each, screen
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 
@@ -124,13 +124,7 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
 
 
 def single_effects(search: Search, start: Found, found: Found) -> list[tuple[Candidate, float]]:
-    """Fits of the likeliest single effects, one a name, with their probability beside one another."""
+    """Fits of the likeliest single effects that the set has not, one a name, with the probability 0 of what is out."""
     known = {h.name for h in found.members}
-    fits = []
-    for gain, h in screen(start.point):
-        if h.name not in known and gain > 0:
-            known.add(h.name)
-            fits.append((candidate_of(search.judge(start.point, [h])), gain))
-        if len(fits) == SINGLES:
-            break
-    return [(fit, 0.0) for fit, _ in fits]
+    likely = few_of_each([h for gain, h in screen(start.point) if gain > 0 and h.name not in known], 1)
+    return [(candidate_of(search.judge(start.point, [h])), 0.0) for h in likely[:SINGLES]]

@@ -79,8 +79,6 @@ class Filter:
     log_determinant: np.ndarray
     """Of that covariance, (chunks, longest)."""
     entries: np.ndarray
-    covariances: tuple[np.ndarray, np.ndarray] | None = None
-    """Predicted and updated covariances, each (chunks, longest, N, N), where a smoother needs them."""
 
     @staticmethod
     def of(
@@ -91,7 +89,6 @@ class Filter:
         entries: np.ndarray,
         level: float,
         interval_s: float,
-        keep: bool = False,
     ) -> "Filter":
         """Gains for transitions (chunks, longest, n, n), force responses (…, n, nv), noise (chunks, channels).
 
@@ -112,7 +109,6 @@ class Filter:
         gains = np.zeros((chunks, longest, size, len(entries)))
         roots = np.zeros((chunks, longest, len(entries), len(entries)))
         determinants = np.zeros((chunks, longest))
-        kept = (np.zeros((chunks, longest, size, size)), np.zeros((chunks, longest, size, size))) if keep else None
         of_noise = np.zeros((chunks, len(entries), len(entries)))
         of_noise[:, range(len(entries)), range(len(entries))] = noise**2
         eye = np.eye(len(entries))
@@ -125,13 +121,9 @@ class Filter:
             gain = (covariance[:, :, entries] @ inverse.transpose(0, 2, 1)) @ inverse
             gains[:, k], roots[:, k] = gain, inverse
             determinants[:, k] = 2 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-            if kept is not None:
-                kept[0][:, k] = covariance
             covariance = covariance - gain @ covariance[:, entries]
             covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
-            if kept is not None:
-                kept[1][:, k] = covariance
-        return Filter(full, gains, roots, determinants, entries, kept)
+        return Filter(full, gains, roots, determinants, entries)
 
     def whiten(self, steps: np.ndarray, measured: np.ndarray | None = None) -> np.ndarray:
         """Whitened innovations (chunks, longest, channels, columns).
@@ -153,27 +145,6 @@ class Filter:
             state += self.gain[:, k] @ innovation
         return found
 
-    def smooth(self, steps: np.ndarray, measured: np.ndarray, valid: np.ndarray) -> np.ndarray:
-        """Smoothed departures and forces at the end of each interval, (chunks, longest, N); needs the covariances."""
-        assert self.covariances is not None
-        predicted, updated = self.covariances
-        chunks, longest, n, _ = steps.shape
-        size = self.transition.shape[2]
-        state = np.zeros((chunks, size, 1))
-        before, after = np.zeros((chunks, longest, size, 1)), np.zeros((chunks, longest, size, 1))
-        for k in range(longest):
-            state = self.transition[:, k] @ state
-            state[:, :n] += steps[:, k]
-            before[:, k] = state
-            state = state + self.gain[:, k] @ (measured[:, k] - state[:, self.entries])
-            after[:, k] = state
-        found = after.copy()
-        for k in range(longest - 2, -1, -1):
-            back = np.linalg.solve(predicted[:, k + 1], self.transition[:, k + 1] @ updated[:, k]).transpose(0, 2, 1)
-            smoothed = after[:, k] + back @ (found[:, k + 1] - before[:, k + 1])
-            found[:, k] = np.where(valid[:, k + 1, None, None], smoothed, after[:, k])
-        return found[..., 0]
-
 
 def start_deviation(intervals: Intervals, chunks: Chunks) -> np.ndarray:
     """Standard deviation of the first state of each chunk about its reference, (chunks, 2 nv)."""
@@ -186,21 +157,13 @@ def start_deviation(intervals: Intervals, chunks: Chunks) -> np.ndarray:
     return np.maximum(start, 1e-6)
 
 
-def filters_of(
-    intervals: Intervals,
-    linearisation: Linearisation,
-    chunks: Chunks,
-    keep: bool = False,
-    levels: tuple[float, ...] = LEVELS,
-) -> list[Filter]:
+def filters_of(intervals: Intervals, linearisation: Linearisation, chunks: Chunks) -> list[Filter]:
     """The filter at every level."""
     entries = intervals.channels.state_entries
     transitions, forces = (chunks.stack(list(of)) for of in (linearisation.transitions, linearisation.forces))
     noise = np.array([intervals.courses[log].noise[: len(entries)] for log in chunks.log])
     start = start_deviation(intervals, chunks)
-    return [
-        Filter.of(transitions, forces, noise, start, entries, level, intervals.interval_s, keep) for level in levels
-    ]
+    return [Filter.of(transitions, forces, noise, start, entries, level, intervals.interval_s) for level in LEVELS]
 
 
 @dataclass
@@ -278,7 +241,7 @@ class Following:
     @property
     def result(self) -> Intervals:
         """The intervals from the states that were followed."""
-        return self.intervals.with_references([self.motion(one) for one in self.references], self.intervals.acting)
+        return self.intervals.with_references([self.motion(one) for one in self.references])
 
 
 def zero_entries(intervals: Intervals) -> np.ndarray:
