@@ -113,7 +113,7 @@ EVENTS = _events()
 
 
 class IsaacLab(Export):
-    """Python for Isaac Lab."""
+    """Actuators and events for Isaac Lab, as Python."""
 
     name = "for_isaac_lab.py"
     says = "actuators (`DelayedPDActuatorCfg`) and events for Isaac Lab 2.3"

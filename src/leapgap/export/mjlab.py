@@ -85,7 +85,7 @@ EVENTS = _events()
 
 
 class Mjlab(Export):
-    """Python for mjlab."""
+    """Actuators and events for mjlab, as Python."""
 
     name = "for_mjlab.py"
     says = "actuators with delay, friction and armature, and events, for mjlab 1.6"

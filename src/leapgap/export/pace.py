@@ -61,7 +61,7 @@ NAMES = {names}
 
 
 class Pace(Export):
-    """Python for PACE."""
+    """Actuator and vector of parameters for PACE, as Python."""
 
     name = "for_pace.py"
     says = "the actuator (`PaceDCMotorCfg`) and the vector of parameters of PACE 0.2"

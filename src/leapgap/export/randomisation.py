@@ -17,13 +17,13 @@ HEAD = f"""\
 
 
 class Randomisation(Export):
-    """YAML of ranges."""
+    """Ranges of the identified numbers as YAML, for simulators without a file of their own here."""
 
     name = "randomisation.yaml"
     says = "95 % ranges of the identified numbers, by joint, body and foot"
 
     def write(self, folder: Path, corrected: CorrectedRobot) -> None:
-        """Write the ranges."""
+        """Write numbers with their correlations, and the ranges by joint, body and foot."""
         posterior = corrected.posterior
         spread = np.sqrt(np.diag(posterior.covariance))
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -69,7 +69,7 @@ class Header:
         return self.structure(0), self.at
 
     def byte(self) -> int:
-        """The next byte."""
+        """The byte at the present place, which goes on by one."""
         self.at += 1
         return self.data[self.at - 1]
 

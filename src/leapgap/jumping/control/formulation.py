@@ -90,7 +90,7 @@ class AlongPlan(Formulation):
         return self.problem(steps, affine.at(slice(1, None)), np.zeros((len(steps), 6)), CURVATURE)
 
     def start(self, time_s: float, state: np.ndarray) -> np.ndarray:
-        """The measured deviation."""
+        """The measured state less that of the plan at this time, (6,)."""
         return state - self.reference.state[self.reference.row(time_s)]
 
     def first_step(self, compiled: bool) -> FirstStep:

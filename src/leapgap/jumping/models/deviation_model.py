@@ -68,7 +68,7 @@ class NominalDeviation(DeviationModel):
     body: RigidBody
 
     def residual(self, steps: PlannedSteps) -> AffineModel:
-        """Zeros."""
+        """Zero h, G and C at n steps."""
         n = len(steps)
         return AffineModel(np.zeros((n, 3)), np.zeros((n, 3, 4)), np.zeros((n, 3, 6)))
 

@@ -65,7 +65,7 @@ class DeviationKernel(DeviationModel):
     landing_s: float
 
     def residual(self, steps: PlannedSteps) -> AffineModel:
-        """See ``DeviationModel``."""
+        """h, G and C by kernel ridge; zero in the last flight step, in which feet touch down."""
         found = np.zeros((len(steps), REGRESSORS, 3))
         modes = mode_of(steps)
         learned = steps.time_s < self.landing_s - BALLISTIC_S - 1e-6

@@ -60,7 +60,7 @@ class DeviationNetworks(DeviationModel):
     landing_s: float
 
     def residual(self, steps: PlannedSteps) -> AffineModel:
-        """See ``DeviationModel``."""
+        """h, G and C, the mean over members; zero in the last flight step, in which feet touch down."""
         found = np.zeros((len(steps), 3, REGRESSORS))
         modes, inputs = mode_of(steps), places(steps, self.scale).astype(np.float32)
         learned = steps.time_s < self.landing_s - BALLISTIC_S - 1e-6
