@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
+from leapgap.diagnosis.engine.evidence import posterior_of
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -60,13 +61,13 @@ class Found:
     @property
     def unnamed(self) -> float:
         """Evidence of a force without a name beside the set, nats: u."""
-        evidence, sums = self.point.evidence, self.point.sums()
-        by_level = evidence.by_level(sums.transform @ evidence.posterior(*sums.priors).mean)
+        evidence = self.point.evidence
+        by_level = evidence.by_level(evidence.posterior(*self.point.priors()).mean)
         return float((by_level.max(axis=0) - by_level[0]).sum())
 
     def evidence_without(self, members: Sequence[int]) -> float:
         """Evidence of the set with some members at nominal, by its linearisation, nats."""
-        return self.point.evidence.posterior(*self.point.sums((), members).priors).evidence
+        return self.point.evidence.posterior(*self.point.priors((), members)).evidence
 
     def with_members(self, kept: Sequence[int]) -> "Found":
         """The set with some of its members, not yet replayed."""
@@ -129,26 +130,28 @@ class Search:
 
     def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""
-        sums = point.sums(further, without)
-        used = np.flatnonzero(sums.transform.any(axis=1))
-        evidence, priors = point.evidence.only(used), (sums.transform[used], sums.deviation, sums.centre)
-        evidence.choose_levels(*priors)
+        priors, first = point.priors(further, without), point.nuisances
+        evidence = point.evidence_with(further).at_best_levels(*priors)
         whole = evidence.posterior(*priors)
         predictive, folds = 0.0, []
-        for rest in evidence.without_each(self.folds[evidence.log_of_block]):
-            other = evidence.posterior(*priors, rest)
+        for rest in evidence.without_each(self.folds[evidence.blocks.log]):
+            other = posterior_of(*rest, *priors)
             predictive += whole.evidence - other.evidence
-            folds.append(other.mean[sums.nuisances :])
+            folds.append(other.mean[first:])
         at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
         return Found(
             replace(point, evidence=replace(point.evidence, levels=evidence.levels)),
             (*(h for h, _ in point.acting), *further),
-            at + whole.mean[sums.nuisances :],
-            whole.covariance[sums.nuisances :, sums.nuisances :],
+            at + whole.mean[first:],
+            whole.covariance[first:, first:],
             at + np.array(folds),
             whole.evidence,
             predictive,
         )
+
+    def moved(self, near: Point, acting: Acting) -> Found:
+        """A set at some numbers, replayed."""
+        return self.judge(self.bench.moved(near.intervals, near.basis, acting))
 
     def settle(self, found: Found) -> Found:
         """The set at the numbers that its own replays give."""
@@ -156,7 +159,7 @@ class Search:
             numbers = split_numbers(found.members, found.numbers)
             acting = tuple((h, h.clip(n)) for h, n in zip(found.members, numbers, strict=True))
             before = np.concatenate([n for _, n in acting])
-            found = self.judge(self.bench.moved(found.point, acting))
+            found = self.moved(found.point, acting)
             spread = np.sqrt(np.diag(found.covariance))
             if (np.abs(found.numbers - before) <= SETTLED * spread + 1e-3 * np.abs(before)).all():
                 break
@@ -174,7 +177,7 @@ class Search:
                     acting = (*now.point.acting, (h, numbers))
                     trials.append((self.bench.glance(now.point, acting), acting))
         trials.sort(key=lambda pair: -pair[0])
-        return [self.settle(self.judge(self.bench.moved(now.point, acting))) for _, acting in trials[:2]]
+        return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
 
     def linearised(self, found: Found) -> Found:
         """The set with everything linearised about it."""
@@ -220,14 +223,13 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
     In closed form: columns and errors less what the nuisances and the point's own numbers can do for them. Members
     ``without`` are taken back to nominal, and others of their effect may take their place.
     """
-    sums = point.sums((), without)
-    gram, _ = point.evidence.total()
-    shifted = np.eye(len(gram))
-    shifted[1:, 0] = -(sums.transform @ sums.centre)
-    gram = shifted.T @ gram @ shifted
-    scaled = sums.transform * sums.deviation
-    cross = gram[:, 1:] @ scaled
-    left = gram - cross @ np.linalg.solve(np.eye(len(sums.deviation)) + scaled.T @ gram[1:, 1:] @ scaled, cross.T)
+    deviation, centre = point.priors((), without)
+    levels, used = point.evidence.levels, len(deviation)
+    stacked = [point.basis.blocks.at_levels(own, levels) for own in (point.whitened, point.basis.whitened)]
+    stacked[0][:, 0] -= stacked[0][:, 1:] @ centre
+    known, columns = stacked[0][:, 1:] * deviation, np.concatenate([stacked[0][:, :1], stacked[1]], axis=1)
+    cross = columns.T @ known
+    left = columns.T @ columns - cross @ np.linalg.solve(np.eye(used) + known.T @ known, cross.T)
     present = {h.name for m, (h, _) in enumerate(point.acting) if m not in without}
     same = {h.label for h, _ in point.acting}
     found = []
@@ -235,7 +237,7 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
         if h.name in present or h.label in same:
             continue
         size = prior_of(h)
-        part = np.zeros((len(gram) - 1, len(size)))
+        part = np.zeros((len(left) - 1, len(size)))
         for k, own in enumerate(size):
             part[point.basis.columns.at(h, k), k] = own
         normal, slope = np.eye(len(size)) + part.T @ left[1:, 1:] @ part, part.T @ left[1:, 0]
