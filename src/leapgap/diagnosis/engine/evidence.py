@@ -13,6 +13,9 @@ import numpy as np
 BLOCK_S = 0.1
 """Length of a block, s: the force without a name has one level in it."""
 
+ROUNDS = 8
+"""Most rounds in which levels and numbers are told in turn."""
+
 Whitened = Sequence[np.ndarray]
 """Columns at each level, (chunks, longest, channels, columns)."""
 
@@ -111,25 +114,30 @@ class Evidence:
         at = self.levels[chosen], chosen
         return self.gram[at].sum(axis=0), float(self.blocks.constant[at].sum())
 
-    def without_each(self, parts: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """Sums as in ``total`` over the blocks of all parts but one, for each; ``parts`` are numbers, (blocks,)."""
-        own = [self.total(parts == part) for part in range(int(parts.max()) + 1)]
-        gram, constant = np.sum([g for g, _ in own], axis=0), sum(c for _, c in own)
-        return [(gram - g, constant - c) for g, c in own]
+    def of_each(self, parts: np.ndarray) -> list[tuple[np.ndarray, float]]:
+        """Sums as in ``total`` over the blocks of each part; ``parts`` are numbers, (blocks,)."""
+        return [self.total(parts == part) for part in range(int(parts.max()) + 1)]
 
     def posterior(self, deviation: np.ndarray, centre: np.ndarray) -> Posterior:
         """The posterior of all columns, by prior deviations and means (columns,)."""
         return posterior_of(*self.total(), deviation, centre)
 
-    def at_best_levels(self, deviation: np.ndarray, centre: np.ndarray, rounds: int = 3) -> "Evidence":
-        """The same with each block at its likeliest level, given the numbers that all blocks tell."""
-        found = self
-        for _ in range(rounds):
-            mean = found.posterior(deviation, centre).mean
-            before, found = found.levels, replace(found, levels=np.argmax(found.by_level(mean), axis=0))
-            if (before == found.levels).all():
-                break
-        return found
+    def at_best_levels(self, deviation: np.ndarray, centre: np.ndarray) -> "Evidence":
+        """The same with each block at its likeliest level, given the numbers that all blocks tell.
+
+        Levels and numbers are told in turn, from the levels as they are and from the least one, at which a set that
+        explains everything shows; the likelier end stays.
+        """
+        ends = []
+        for levels in (self.levels, np.zeros_like(self.levels)):
+            found = replace(self, levels=levels)
+            for _ in range(ROUNDS):
+                mean = found.posterior(deviation, centre).mean
+                before, found = found.levels, replace(found, levels=np.argmax(found.by_level(mean), axis=0))
+                if (before == found.levels).all():
+                    break
+            ends.append(found)
+        return max(ends, key=lambda one: one.posterior(deviation, centre).evidence)
 
     def by_level(self, weights: np.ndarray) -> np.ndarray:
         """Log likelihood of each block at each level, (levels, blocks), for weights of the columns (columns,)."""
@@ -148,3 +156,18 @@ def posterior_of(gram: np.ndarray, constant: float, deviation: np.ndarray, centr
     back = np.linalg.inv(root)
     covariance = (back.T @ back) * deviation[:, None] * deviation
     return Posterior(float(evidence), centre + deviation * (back.T @ half), covariance)
+
+
+def predictive(gram: np.ndarray, constant: float, deviation: np.ndarray, told: Posterior) -> float:
+    """Log probability of errors, by their inner products, where the last numbers are as ``told`` by others, nats.
+
+    The first columns are nuisances with prior ``deviation``, of which no other errors tell anything: what is off a
+    little everywhere may not be off by more here because it is elsewhere.
+    """
+    first = len(deviation)
+    scale = np.eye(len(gram))
+    scale[range(1, 1 + first), range(1, 1 + first)] = deviation
+    scale[1 + first :, 1 + first :] = np.linalg.cholesky(told.covariance)
+    scale[1 + first :, 0] = -told.mean
+    scaled = scale.T @ gram @ scale
+    return posterior_of(scaled, constant, np.ones(len(gram) - 1), np.zeros(len(gram) - 1)).evidence

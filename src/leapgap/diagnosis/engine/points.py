@@ -39,6 +39,7 @@ SMALL = {
     "link_com.outward_m": 1e-3,
     "link_inertia.scale": 0.02,
     "position_gain.scale": 0.01,
+    "sample_period.scale": 5e-4,
     "torque_gain.scale": 0.005,
     "velocity_gain.scale": 0.03,
 }
@@ -62,7 +63,7 @@ class Basis:
     """One for each level of the force without a name."""
     columns: Columns
     whitened: Whitened
-    """All columns, and behind them that of finer steps."""
+    """All columns, and behind them those of late logs and of finer steps."""
     nuisances: np.ndarray
     """Indices of those that are off a little in every robot and simulation, (nuisances,)."""
     deviation: np.ndarray
@@ -184,8 +185,8 @@ class Bench:
         filters = tuple(filters_of(intervals, linearisation, self.chunks))
         known, present = None if before is None else before.columns, [h.name for h, _ in acting]
         columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
-        steps = self.finer_steps(intervals)
-        stacked = self.chunks.stack([np.concatenate(pair, axis=2) for pair in zip(columns.values, steps, strict=True)])
+        parts = zip(columns.values, self.late(columns), self.finer_steps(intervals), strict=True)
+        stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
         per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
         basis = Basis(
             self.hypotheses,
@@ -210,10 +211,18 @@ class Bench:
                 size = share if name in SMALL else tolerance(kind, self.robot, key.place, parameter, share)
                 if size > 0:
                     found[i] = float(size)
-        quarter = QUARTER * self.states[0].log.info.sample_period_s
-        found |= {i: quarter for i, key in enumerate(columns.keys) if key.effect in LATE}
-        found[len(columns.keys)] = 1.0
+        quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
+        further = [quarter for name in LATE if name in present] + [1.0]
+        found |= {len(columns.keys) + k: size for k, size in enumerate(further)}
         return np.array([*found]), np.array([*found.values()])
+
+    def late(self, columns: Columns) -> list[np.ndarray]:
+        """What a late log changes, per second, commands and states apart, (intervals, 2 nv, up to two) a log."""
+        at = [[i for i, key in enumerate(columns.keys) if key.effect == name] for name in LATE]
+        return [
+            np.stack([own[:, :, of].sum(axis=2) for of in at if of], axis=2) if any(at) else own[:, :, :0]
+            for own in columns.values
+        ]
 
     def finer_steps(self, intervals: Intervals) -> list[np.ndarray]:
         """What finer steps of the simulation change, a nuisance, (intervals, 2 nv, 1) a log."""
