@@ -55,6 +55,12 @@ DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 	$(PIP) -e ".[view]"
 	touch $@
 
+# What `dvc repro` would run, by the code as it stands: the hashes of code are made anew first.
+.PHONY: status
+status: .venv/ready
+	@python -m stages.code
+	@dvc status -q dvc.yaml || dvc status dvc.yaml
+
 # A simulated robot with a hidden effect is diagnosed; another robot: make demo NUMBER=4
 NUMBER := 3
 demo: $(DEMO_READY)

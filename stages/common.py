@@ -25,10 +25,13 @@ from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.import_closure import PACKAGE, SourceTree
 from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
+from stages.code import check_loaded
 from stages.help import CONF, answered_at_once
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
+PLANS = Path("plans")
+"""Folder of plans of tests: parts of sections that are data files and not parameters, composed from conf/ too."""
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
@@ -66,6 +69,7 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
     try:
         if "DVC_STAGE" in os.environ:
             stage_or_refusal(params_with_overrides(sys.argv[1:], extensible))
+            check_loaded(name, sys.modules)
         else:
             check_options(sys.argv[1:])
             sys.argv[1:] = [with_leave_to_add(argument, extensible) for argument in sys.argv[1:]]
@@ -159,12 +163,14 @@ def with_leave_to_add(argument: str, extensible: str | None) -> str:
 
 
 def params_with_overrides(arguments: list[str], extensible: str | None = None) -> DictConfig:
-    """``params.yaml`` of the working folder, overridden by ``key=value`` arguments.
+    """``params.yaml`` of the working folder with its plans, overridden by ``key=value`` arguments.
 
     ``extensible`` as in ``run_stage``.
     """
     try:
-        params = read_params()
+        params = OmegaConf.merge(
+            read_params(), *({path.stem: OmegaConf.load(path)} for path in sorted(PLANS.glob("*")))
+        )
         OmegaConf.set_struct(params, True)
         if extensible is not None:
             OmegaConf.set_struct(params[extensible], False)
@@ -206,9 +212,8 @@ def config_error(error: Exception) -> InputError:
 
 def nearest_key(key: str) -> str | None:
     """``did you mean …?`` for a key that conf/ does not have; None where none is near."""
-    if not (ROOT / PARAMS).is_file():
-        return None
-    known = keys_below(OmegaConf.to_container(OmegaConf.load(ROOT / PARAMS)))
+    files = [*CONF.glob("*/default.yaml"), CONF / "robot" / "a1.yaml"]
+    known = keys_below({path.parent.name: OmegaConf.to_container(OmegaConf.load(path)) for path in files})
     return did_you_mean(key, [*known, "size"])
 
 

@@ -13,10 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import plotly.offline
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import sha256, write_text
+from leapgap.atomic_io import sha256
 from leapgap.cache import ResultCache, result_key
 from leapgap.content_hash import file_digests
 from leapgap.diagnosis.settings import Settings as Diagnosing
@@ -24,13 +23,12 @@ from leapgap.errors import InputError
 from leapgap.executor import Executor
 from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
+from leapgap.reports.kept import keep
 from leapgap.robot.model import Robot
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot, own_model
 
 STAGE = "stages.diagnose_withheld"
-SCRIPT = "plotly.js"
-"""Script that all reports of a run share, so that thousands of pages stay small."""
 PUBLISHED = "published"
 
 
@@ -45,6 +43,7 @@ class DiagnoseWithheldSettings:
     only: list[str] = field(default_factory=list)
     """Names of the cases; empty: all."""
     published: bool = False
+    pages: bool = True
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,8 @@ class Job:
     settings: Diagnosing
     threads: int | None = None
     """Threads of one diagnosis; None: one per core. They change no result, hence are no part of the key."""
+    pages: bool = True
+    """Whether the page is written too, or data to make it from."""
 
     @property
     def name(self) -> str:
@@ -67,7 +68,7 @@ class Job:
     @property
     def key(self) -> str:
         """Hash of all inputs and of the code, but for recordings, of which a verdict has none."""
-        return result_key(diagnose_folder, [file_digests(self.logs), sha256(self.robot), self.settings])
+        return result_key(diagnose_folder, [file_digests(self.logs), sha256(self.robot), self.settings, self.pages])
 
 
 def diagnose_withheld(config: DictConfig) -> None:
@@ -85,7 +86,10 @@ def diagnose_withheld(config: DictConfig) -> None:
         raise InputError("diagnose_withheld.only", ", ".join(sorted(unknown)), "names of cases", "correct them")
     own = diagnosis_settings(config, settings.settings)
     robot = load_robot(config).path
-    jobs = [Job(name, logs / name, own_model(logs / name) or robot, own) for name in settings.only or cases]
+    jobs = [
+        Job(name, logs / name, own_model(logs / name) or robot, own, pages=settings.pages)
+        for name in settings.only or cases
+    ]
     claim_folder(out, STAGE)
     for name in cases:
         cache.expect(name)
@@ -103,8 +107,10 @@ def diagnosis_settings(config: DictConfig, overrides: Mapping[str, Any]) -> Diag
 
 def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
     """Run the jobs without a finished verdict and print the progress."""
-    for folder in sorted({(cache.folder / job.place).parent for job in jobs}):
-        write_text(folder / SCRIPT, plotly.offline.get_plotlyjs())
+    for folder in sorted({(cache.folder / job.place).parent for job in jobs if job.pages}):
+        from leapgap.reports.pages import write_script
+
+        write_script(folder)
     todo = [job for job in jobs if cache.get(job.place, job.key) is None]
     if executor.workers > 1 and len(todo) > 1:
         todo = [replace(job, threads=1) for job in todo]  # side by side; a single one uses every core itself
@@ -143,10 +149,13 @@ def verdict_of(cache: ResultCache, job: Job) -> str:
         found = diagnose_folder(logs, Robot.load(robot), job.settings, threads=job.threads)
         if found is None:
             raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases anew")
-        found.write(out / job.name)
-        page = out / job.name / "report.html"
-        inline = f"<script>{plotly.offline.get_plotlyjs()}</script>"
-        write_text(page, page.read_text(encoding="utf-8").replace(inline, f'<script src="../{SCRIPT}"></script>'))
+        if job.pages:
+            from leapgap.reports.pages import write_with_shared_script
+
+            found.write_data(out / job.name)
+            write_with_shared_script(found, out / job.name)
+        else:
+            keep(replace(found, robot=Robot.load(job.robot)), out / job.name)  # its copy is about to go
     return found.sentence
 
 

@@ -28,7 +28,7 @@ def index(config: DictConfig) -> None:
     root = Path(section.root)
     if not root.is_dir():
         raise InputError("index.root", f"{root}, which is no folder", "the folder of the project", "name it")
-    parts = results_index.sections(root)
+    parts = results_index.sections(root, section.published)
     write_text(out, results_index.html(parts))
     for part in parts:
         if part.absent:

@@ -11,6 +11,7 @@ Examples:
     python -m stages.made_with "--unchanged=only the message of an error differs" metrics/blind.json
 """
 
+import ast
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from typing import Any
 from leapgap.atomic_io import read_json, sha256, write_json
 from leapgap.content_hash import digest
 from leapgap.errors import InputError, did_you_mean
-from leapgap.import_closure import SourceTree
+from leapgap.import_closure import SourceTree, digest_of
 from stages.common import refuse
 from stages.help import answered_at_once
 from stages.programs import program
@@ -77,8 +78,13 @@ def files_of(root: Path, code: Sequence[str]) -> set[Path]:
 
 
 def fingerprint(root: Path, code: Sequence[str]) -> str:
-    """SHA-256 over names and contents of code, as in ``CODE``."""
-    return digest({str(file.relative_to(root)): sha256(file) for file in files_of(root, code)})
+    """SHA-256 over names and meaning of code, as in ``CODE``: comments and docstrings do not count."""
+    return digest({file.relative_to(root).as_posix(): hash_of(file) for file in files_of(root, code)})
+
+
+def hash_of(file: Path) -> str:
+    """SHA-256 of the meaning of a module, or of the bytes of another file."""
+    return digest_of(ast.parse(file.read_bytes())) if file.suffix == ".py" else sha256(file)
 
 
 def noted(root: Path) -> dict[str, dict[str, Any]]:

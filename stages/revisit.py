@@ -79,7 +79,13 @@ def revisit(config: DictConfig) -> None:
     claim_folder(cache.folder, STAGE)
     ablated = ablation_cases(cases, settings.struck)
     jobs = [
-        Job(f"struck/{case.name}", Path(settings.logs) / case.name, robot.path, without(base, case.first.true[0]))
+        Job(
+            f"struck/{case.name}",
+            Path(settings.logs) / case.name,
+            robot.path,
+            without(base, case.first.true[0]),
+            pages=config.diagnose_withheld.pages,
+        )
         for case in ablated
     ]
     run_jobs(jobs, cache, executor)
@@ -94,7 +100,7 @@ def revisit(config: DictConfig) -> None:
             for case, lines in feasible
         ]
         jobs = [
-            Job(f"{kind}/{case.name}", folder, robot.path, base)
+            Job(f"{kind}/{case.name}", folder, robot.path, base, pages=config.diagnose_withheld.pages)
             for (case, _), folder in zip(feasible, logs, strict=True)
         ]
         run_jobs(jobs, cache, executor)

@@ -19,6 +19,8 @@ from leapgap.diagnosis.report import round_floats
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
 from leapgap.output_folder import whole_folder
+from leapgap.reports.kept import KEPT
+from leapgap.reports.pages import write_kept_pages
 from leapgap.reports.validation import html
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected
@@ -71,6 +73,7 @@ def score(config: DictConfig) -> dict[str, float]:
     with whole_folder(out, STAGE) as folder:
         data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
         write_json(folder / "scores.json", round_floats(data))
+        write_kept_pages([o.case for o in outcomes], Path(settings.verdicts), folder)
         write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
     if settings.metrics:
         write_json(Path(settings.metrics), round_floats(metrics(halves)))
@@ -188,7 +191,7 @@ def page(
             "where_mirrored": o.where_mirrored,
             "counted_against": scoring.counted_against(o),
             "said": verdict_text(o),
-            "report": f"{at}/{o.case}/report.html",
+            "report": f"{'' if (Path(settings.verdicts) / o.case / KEPT).is_file() else f'{at}/'}{o.case}/report.html",
         }
         for o in outcomes
     ]

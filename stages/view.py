@@ -25,7 +25,7 @@ def view(config: DictConfig) -> None:
     print(f"look at them: rerun {out}/*.rrd")
 
 
-def folders_of(view: View) -> list[str]:
+def folders_of(view: View) -> list[str | None]:
     """Every folder that is read."""
     replays = view.replays_damped, view.replays_published
     predictions = view.predictions_simulated, view.predictions_published

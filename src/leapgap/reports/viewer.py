@@ -11,10 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from leapgap.errors import InputError
+from leapgap.reports.diagnosis import VIEWERS
 from leapgap.reports.page import pack
 
-LIGHT, EMBEDDED = "light", "embedded"
-VIEWERS = (LIGHT, EMBEDDED)
 SCRIPT, WASM = "widget.js", "re_viewer_bg.wasm"
 FETCH = re.compile(r"//!<INLINE-MARKER-OPEN>.*?//!<INLINE-MARKER-CLOSE>", re.DOTALL)
 """The part of the viewer's script that loads the WebAssembly."""

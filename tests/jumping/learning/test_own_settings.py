@@ -19,7 +19,7 @@ from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Windows
 from stages.common import with_leave_to_add
-from stages.params import compose_params
+from stages.params import compose_conf
 from stages.train import read_train_config
 from tests.code import ROOT
 from tests.jumping.learning.test_training import config
@@ -192,7 +192,7 @@ def test_only_overrides_inside_a_section_of_the_stage_may_add_keys(argument: str
 
 def section(**changes: object):
     """The section ``train`` of conf/ with changes."""
-    return OmegaConf.merge(OmegaConf.create(compose_params()), {"train": changes}).train
+    return OmegaConf.merge(OmegaConf.create(compose_conf()), {"train": changes}).train
 
 
 def test_a_section_replaces_mappings_and_keeps_the_other_defaults(found) -> None:

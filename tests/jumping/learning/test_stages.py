@@ -16,14 +16,14 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL
 from stages.chunk import chunk
 from stages.evaluate import evaluate
-from stages.params import compose_params
+from stages.params import compose_conf
 from stages.train import train
 from tests.code import ROOT
 
 
 def config(folder: Path, **changes: object) -> DictConfig:
     """The defaults of conf/, with folders below ``folder`` and models that are fitted at once."""
-    conf = OmegaConf.create(compose_params())
+    conf = OmegaConf.create(compose_conf())
     sections = {name: conf[name] for name in ("chunk", "train", "evaluate")}
     places = {
         "chunk.logs": folder / "logs",

@@ -53,6 +53,8 @@ class LandSettings:
     seed: int
     out: str | None
     metrics: str | None
+    pages: bool
+    """Whether the page is written at once; stage ``land_page`` writes it of what is there."""
     single: list[str]
     tasks: dict[str, Any]
     practised: str | None
