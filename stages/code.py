@@ -13,9 +13,9 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from leapgap.atomic_io import read_json, write_text
 from leapgap.errors import InputError
-from leapgap.import_closure import PACKAGE, SourceTree
+from leapgap.runtime.atomic_io import read_json, write_text
+from leapgap.runtime.import_closure import PACKAGE, SourceTree
 from stages.help import answered_at_once
 
 OUT = Path("data/code")

@@ -15,7 +15,6 @@ from omegaconf import DictConfig
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.executor import Executor
 from leapgap.jumping.control.excitation import Excitation
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.mpc import MpcConfig
@@ -32,8 +31,9 @@ from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to
 from leapgap.jumping.task import Target, target_of
 from leapgap.logs import log as jump_log
-from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import whole_folder
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.corrected import read_corrected
 from leapgap.simulation.open_loop import Course

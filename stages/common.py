@@ -21,10 +21,10 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException, ValidationError
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean, printable
-from leapgap.import_closure import PACKAGE, SourceTree
-from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.import_closure import PACKAGE, SourceTree
+from leapgap.runtime.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
 from stages.code import check_loaded
 from stages.help import CONF, answered_at_once
 
@@ -343,7 +343,7 @@ OUTPUTS = ExitStack()
 def output_folder(
     out: Any, by: str, inputs: Iterable[str | Path | None] = (), kept: bool = False, name: str = "out"
 ) -> Path:
-    """The configured output folder, checked and locked until the stage ends; see ``leapgap.output_folder``.
+    """The configured output folder, checked and locked until the stage ends; see ``leapgap.runtime.output_folder``.
 
     By default, outside DVC, it is the folder ``name`` in Hydra's run folder of this job. ``by`` is the stage, and
     ``inputs`` are the files and folders that it reads; ``kept``: the stage adds to the folder instead of replacing it.

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import write_json
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
-from leapgap.output_folder import whole_folder
 from leapgap.reports.diagnosis import PAGE, PageSettings, diagnose_folder
 from leapgap.reports.kept import keep, write_note
+from leapgap.runtime.atomic_io import write_json
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 

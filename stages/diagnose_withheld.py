@@ -15,16 +15,16 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import sha256
-from leapgap.cache import ResultCache, result_key
-from leapgap.content_hash import file_digests
 from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
-from leapgap.executor import Executor
-from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.reports.kept import keep
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import sha256
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.content_hash import file_digests
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import claim_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot, own_model
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.landing_experiment import FIGURES, TABLE
 from leapgap.jumping.experiments.scores import round_value
+from leapgap.runtime.atomic_io import read_json, write_json
 from stages.common import refuse
 from stages.help import answered_at_once
 from stages.params import compose_params

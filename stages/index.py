@@ -10,9 +10,9 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
 from leapgap.jumping.reports import results_index
+from leapgap.runtime.atomic_io import write_text
 from stages.common import run_stage
 
 TITLE = "<title>leapgap: all results</title>"

@@ -12,9 +12,6 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import write_json, write_text
-from leapgap.cache import ResultCache
-from leapgap.executor import Executor
 from leapgap.jumping.experiments.bench import TrialRunner
 from leapgap.jumping.experiments.landing_experiment import FIGURES, PAGE, RUNS, TABLE, LandingExperiment, print_trial
 from leapgap.jumping.experiments.method_registry import known
@@ -22,7 +19,10 @@ from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.jumping.experiments.scores import landing_figures, write_rows
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.output_folder import claim_folder
+from leapgap.runtime.atomic_io import write_json, write_text
+from leapgap.runtime.cache import ResultCache
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.simulation.closed_loop import Sensing
 from stages.common import output_folder, read_config, read_one_of, read_optional, run_stage
 from stages.robot import load_robot

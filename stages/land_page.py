@@ -10,10 +10,10 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import write_text
 from leapgap.jumping.experiments.landing_experiment import PAGE
 from leapgap.jumping.reports.landing import html_of
-from leapgap.output_folder import whole_folder
+from leapgap.runtime.atomic_io import write_text
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 
 STAGE = "stages.land_page"

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import read_json, sha256, write_json
-from leapgap.content_hash import digest
 from leapgap.errors import InputError, did_you_mean
-from leapgap.import_closure import SourceTree, digest_of
+from leapgap.runtime.atomic_io import read_json, sha256, write_json
+from leapgap.runtime.content_hash import digest
+from leapgap.runtime.import_closure import SourceTree, digest_of
 from stages.common import refuse
 from stages.help import answered_at_once
 from stages.programs import program
@@ -30,8 +30,6 @@ NOTED = Path("metrics/made_with.json")
 KINDS = {".py", ".xml", ".yaml", ".c", ".h"}
 """Files of these kinds are code."""
 DIAGNOSIS = "leapgap.diagnosis.diagnose"
-KEPT_WHOLE = ("leapgap.executor", "leapgap.output_folder", "leapgap.guardian", "leapgap.former_results")
-"""What workers and outputs of a killed stage are kept whole by."""
 
 
 def library(*parts: str) -> tuple[str, ...]:
@@ -39,6 +37,8 @@ def library(*parts: str) -> tuple[str, ...]:
     return tuple(f"src/leapgap/{part}" for part in parts)
 
 
+KEPT_WHOLE = library("runtime")
+"""What workers and outputs of a killed stage are kept whole by."""
 BENCH = (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/bench", "stages/bench.py")
 CODE: dict[str, tuple[str, ...]] = {
     "metrics/blind.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),
@@ -60,7 +60,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/timing/optimize.json": (*library("jumping/planning", "robot"), "tests/benchmarks/optimize.py"),
     "metrics/timing/train.json": (*library("jumping/learning"), "tests/benchmarks/train.py"),
     "metrics/timing/scale.json": (DIAGNOSIS, *library("jumping/learning"), "tests/benchmarks/scale.py"),
-    "metrics/timing/ray_workers.json": ("leapgap.executor", "leapgap.demo", "tests/benchmarks/ray_workers.py"),
+    "metrics/timing/ray_workers.json": ("leapgap.runtime.executor", "leapgap.demo", "tests/benchmarks/ray_workers.py"),
     "metrics/timing/mpc_tick.json": (*library("jumping/control", "jumping/models"), "tests/benchmarks/mpc_tick.py"),
     "metrics/timing/exported_tick.json": (*library("jumping/control"), "tests/benchmarks/exported_tick.py"),
     "metrics/timing/goal_shift_tick.json": (*library("jumping/control"), "tests/benchmarks/goal_shift_tick.py"),

@@ -23,8 +23,8 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import write_text
 from stages.common import PARAMS, PLANS, config_error, refuse
 from stages.help import CONF, answered_at_once
 

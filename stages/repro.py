@@ -24,8 +24,8 @@ from typing import Any, TextIO
 import yaml
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import read_json, write_json
 from stages.common import LONGEST_MESSAGE, read_params, refuse
 from stages.help import answered_at_once
 from stages.programs import program

@@ -15,17 +15,17 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
-from leapgap.cache import ResultCache, result_key
-from leapgap.content_hash import file_digests
 from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
-from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
-from leapgap.output_folder import claim_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.content_hash import file_digests
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.validation.case import CaseSetup, further_jumps
 from leapgap.validation.experiments import UNMADE, proposed_logs
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.diagnosis.report import round_floats
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
-from leapgap.output_folder import whole_folder
 from leapgap.reports.kept import KEPT
 from leapgap.reports.pages import write_kept_pages
 from leapgap.reports.validation import html
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json, write_text
+from leapgap.runtime.output_folder import whole_folder
 from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring
 from leapgap.validation.outcome import CaseOutcome, outcome

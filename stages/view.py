@@ -8,7 +8,7 @@ Examples:
 from omegaconf import DictConfig
 
 from leapgap.jumping.reports.record_all import View, record_all
-from leapgap.output_folder import whole_folder
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 

@@ -11,19 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from leapgap import effects, import_closure
-from leapgap.cache import ResultCache, result_key
-from leapgap.content_hash import digest, modules_within
-from leapgap.import_closure import DATA, PACKAGE, SourceTree, code_hash
+from leapgap import effects
 from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.trial_spec import TrialSpec
 from leapgap.jumping.learning import export
 from leapgap.jumping.learning.experiment import fit_task
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime import import_closure
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.content_hash import digest, modules_within
+from leapgap.runtime.import_closure import DATA, PACKAGE, SourceTree, code_hash
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.validation.case import further_jumps
 from stages.code import RENDERS, hashes
 from tests.code import ROOT, TREE, closure, dependency
@@ -102,13 +103,7 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
 }
 """What makes the results of each stage with a cache."""
 PLANS = ("jumping/planning", "jumping/models", "jumping/task.py")
-NO_PART_OF_RESULTS = {
-    f"src/leapgap/{name}.py"
-    for name in (
-        *("cache", "content_hash", "former_results", "import_closure"),
-        *("executor", "interrupt", "output_folder", "processes", "jumping/__init__"),
-    )
-}
+NO_PART_OF_RESULTS = {"src/leapgap/runtime", "src/leapgap/jumping/__init__.py"}
 """What finds results, guards the folder they lie in, or runs and stops what makes them."""
 
 
@@ -125,7 +120,7 @@ class LibraryCopy:
         import_closure.library.cache_clear()
         import_closure.hash_of.cache_clear()
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("leapgap.cache.PACKAGE", self.folder)
+            patch.setattr("leapgap.runtime.cache.PACKAGE", self.folder)
             patch.setattr(import_closure, "PACKAGE", self.folder)
             return [result_key(make, {"settings": 1}) for make in MAKERS[stage]]
 
@@ -176,7 +171,13 @@ def test_a_comment_changes_no_key(added: bytes, library_copy: LibraryCopy) -> No
 @pytest.mark.parametrize("stage", ["train", "diagnose_withheld", "land"])
 @pytest.mark.parametrize(
     "file",
-    ["reports/log_recording.py", "jumping/reports/landing.html", "cache.py", "__init__.py", "validation/scoring.py"],
+    [
+        "reports/log_recording.py",
+        "jumping/reports/landing.html",
+        "runtime/cache.py",
+        "__init__.py",
+        "validation/scoring.py",
+    ],
 )
 def test_code_that_shapes_no_result_changes_no_key(stage: str, file: str, library_copy: LibraryCopy) -> None:
     assert all(one == other for one, other in library_copy.changed_keys(stage, file))
@@ -197,7 +198,7 @@ def test_keys_cover_the_library_code_that_dvc_lists(stage: str) -> None:
 def test_every_stage_that_keeps_results_is_checked_here() -> None:
     """A stage that makes pages reads results and keeps none."""
     own = {name for name in stages() if module_of(name) not in RENDERS}
-    users = {name for name in own if "leapgap.cache" in hashes(module_of(name), TREE)}
+    users = {name for name in own if "leapgap.runtime.cache" in hashes(module_of(name), TREE)}
     assert users == set(MAKERS)
 
 
@@ -345,40 +346,6 @@ def test_files_of_another_place_are_refused(tmp_path: Path) -> None:
         (folder / "other.json").write_text("1")
     with pytest.raises(ValueError, match="has no dot"):
         cache.get("a.b", KEY)
-
-
-FORMER = {
-    "case_0/key.json": {"key": KEY},
-    "case_0/report.json": {"verdict": "none"},
-    "case_0/corrected/effects.json": {"effects": []},
-    "worn/ours/jump_0.json": {"key": KEY, "landings": [], "conduct": {}, "tried": {}},
-    "worn/ours/jump_0.parquet": {},
-    "worn/practice/identified.json": {"key": KEY, "value": {}},
-    "fold_0/kernel.json": {"key": KEY, "format_version": 1, "trained_on": []},
-    "fold_0/kernel.npz": {},
-    "fold_0/kernel.curve.json": {"rows": []},
-    "fold_0/spread.npz": {},
-}
-"""Results as they were kept before there were records."""
-LIKE_FORMER = {
-    "case_0/notes.json": {"key": KEY},
-    "case_1/key.json": {"key": "of my door"},
-    "case_1/report.json": {"verdict": "mine"},
-    "worn/ours/table.json": {"landings": []},
-    "fold_1/kernel.npz": {},
-    "fold_1/spread.npz": {},
-}
-
-
-def test_former_results_are_replaced_and_swept_and_their_likes_are_not(tmp_path: Path) -> None:
-    for name, value in (FORMER | LIKE_FORMER).items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(json.dumps(value))
-    cache = ResultCache(tmp_path)
-    assert cache.get("worn/ours/jump_0", KEY) is None
-    store_result(cache, "worn/ours/jump_0", json="new")
-    cache.sweep()
-    assert names(tmp_path) == {*LIKE_FORMER, "worn/ours/jump_0.json", "worn/ours/jump_0.key"}
 
 
 def test_a_sweep_leaves_another_output_below_it_alone(tmp_path: Path) -> None:

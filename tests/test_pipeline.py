@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json
 from tests.code import ROOT
 from tests.project import DVC, SAID, Project, ran
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json
 from tests.project import Project, ran
 
 pytestmark = [pytest.mark.pipeline, pytest.mark.long]

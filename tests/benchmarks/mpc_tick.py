@@ -23,7 +23,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.control import compiler
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.mpc import ForcePlan, MpcConfig
@@ -36,6 +35,7 @@ from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.controller import StateEstimate
 from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.plain_mpc import Plain

@@ -20,7 +20,6 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.learning import store, torch_rollout
 from leapgap.jumping.learning import windows as windows_module
 from leapgap.jumping.learning.experiment import TrainConfig, fit_task
@@ -31,6 +30,7 @@ from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.runtime.atomic_io import write_json
 from stages.params import compose_conf
 from stages.train import read_train_config
 from tests.benchmarks import run_benchmark

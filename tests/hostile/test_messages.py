@@ -11,8 +11,8 @@ from omegaconf import OmegaConf
 
 from leapgap import cli
 from leapgap.errors import InputError
-from leapgap.executor import Executor
 from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.runtime.executor import Executor
 from stages.help import describe
 from stages.params import compose_conf
 from stages.score import check_judged_logs

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
-from leapgap.cache import ResultCache
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.bench import TrialRunner
 from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.logs import log as jump_log
 from leapgap.robot.terrain import Box
+from leapgap.runtime.atomic_io import read_json
+from leapgap.runtime.cache import ResultCache
 from stages.common import read_config
 from stages.land import experiment_of
 from stages.params import compose_conf

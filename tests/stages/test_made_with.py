@@ -7,8 +7,8 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import read_json
 from stages import made_with
 from tests.code import ROOT
 from tests.project import Project

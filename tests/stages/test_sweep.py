@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.jumping.learning import windows as windows_module
+from leapgap.runtime.atomic_io import read_json, write_json
 from stages.params import compose_conf
 from stages.sweep import HELD, Table
 from tests import plain_arm

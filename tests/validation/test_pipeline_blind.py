@@ -12,14 +12,14 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap import effects
-from leapgap.cache import ResultCache
 from leapgap.errors import InputError
-from leapgap.executor import Executor
 from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.reports.kept import KEPT, keep, kept
 from leapgap.reports.pages import write_kept_pages
 from leapgap.robot.model import Robot
+from leapgap.runtime.cache import ResultCache
+from leapgap.runtime.executor import Executor
 from leapgap.validation.case import CaseSetup, withhold, write_case
 from leapgap.validation.case_draw import Case
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
@@ -99,7 +99,7 @@ def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
     assert views == {f"leapgap.reports.{name}" for name in ("diagnosis", "page", "report", "viewer", *figures)}
     assert hashed >= closure("leapgap.diagnosis.diagnose")
     used = {name for name in closure("stages.diagnose") if name.startswith("leapgap.")}
-    assert used - hashed <= closure("leapgap.reports.pages") | {"leapgap.import_closure"}
+    assert used - hashed <= closure("leapgap.reports.pages") | {"leapgap.runtime.import_closure"}
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from leapgap.atomic_io import sha256, write_json, write_text
-from leapgap.blas import one_blas_thread
 from leapgap.diagnosis.departing_logs import check_motion, without_departing
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.localisation import Place
@@ -24,10 +22,12 @@ from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
 from leapgap.logs.stretches import choose_stretches
-from leapgap.output_folder import merged_folder
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.picture import robot_picture
+from leapgap.runtime.atomic_io import sha256, write_json, write_text
+from leapgap.runtime.blas import one_blas_thread
+from leapgap.runtime.output_folder import merged_folder
 from leapgap.simulation.corrected import NOMINAL, write_corrected
 from leapgap.simulation.replay import Replayer
 

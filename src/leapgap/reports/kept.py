@@ -9,9 +9,9 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from leapgap.atomic_io import whole_file, write_text
 from leapgap.errors import InputError
 from leapgap.reports.diagnosis import BEST, CORRECTED, REPORT, Report
+from leapgap.runtime.atomic_io import whole_file, write_text
 
 KEPT = "report.pickle"
 

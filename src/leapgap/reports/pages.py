@@ -7,11 +7,11 @@ from pathlib import Path
 
 import plotly.offline
 
-from leapgap.atomic_io import write_text
-from leapgap.output_folder import whole_folder
 from leapgap.reports.diagnosis import PAGE, RECORDING, PageSettings, Report
 from leapgap.reports.diagnosis_recording import record_report, write_replays
 from leapgap.reports.kept import KEPT, copy_data, kept, write_note
+from leapgap.runtime.atomic_io import write_text
+from leapgap.runtime.output_folder import whole_folder
 
 REPLAYS = "replays"
 """Folder of the replays inside that of the report, where they have none of their own."""

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import model_grid
 from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.windows import Windows
+from leapgap.runtime.atomic_io import read_json
 from stages.params import compose_conf
 from tests.jumping.learning.test_training import INPUTS, config
 

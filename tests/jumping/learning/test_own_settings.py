@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import model_grid, registry
 from leapgap.jumping.learning import windows as windows_module
@@ -18,6 +17,7 @@ from leapgap.jumping.learning.models.kernel import KernelConfig
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Windows
+from leapgap.runtime.atomic_io import read_json
 from stages.common import with_leave_to_add
 from stages.params import compose_conf
 from stages.train import read_train_config

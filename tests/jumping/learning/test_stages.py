@@ -9,11 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_module
 from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL
+from leapgap.runtime.atomic_io import read_json
 from stages.chunk import chunk
 from stages.evaluate import evaluate
 from stages.params import compose_conf

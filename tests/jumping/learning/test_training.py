@@ -10,7 +10,6 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import (
     evaluation,
@@ -33,6 +32,7 @@ from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
+from leapgap.runtime.atomic_io import read_json
 from stages.params import compose_conf
 from tests.conftest import A1_BODY
 

@@ -9,13 +9,13 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 from pyarrow import csv
 
-from leapgap.atomic_io import read_json
 from leapgap.jumping.experiments.landing_experiment import FIGURES, RUNS, TABLE
 from leapgap.jumping.task import begin_of
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.state import commanded_torque
 from leapgap.reports.page import render_page
 from leapgap.robot.topology import PAIRS
+from leapgap.runtime.atomic_io import read_json
 
 METHODS = {
     "learned_goal_mpc": ("learned goal-shift MPC", "#0e8f9e"),

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from leapgap.atomic_io import read_json, write_text
 from leapgap.errors import InputError
 from leapgap.jumping.reports import references
 from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
@@ -13,6 +12,7 @@ from leapgap.jumping.reports.prediction import record_prediction
 from leapgap.logs.log import Log, read_log
 from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, record_jump
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_text
 
 
 @dataclass(frozen=True)

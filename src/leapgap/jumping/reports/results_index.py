@@ -9,9 +9,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.reports.page import render_page
+from leapgap.runtime.atomic_io import read_json
 
 Metrics = Mapping[str, Any]
 BAR_PX, ROW_PX, LABEL_PX, VALUE_PX = 320, 22, 260, 70

@@ -13,7 +13,7 @@ from functools import cache, cached_property
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parent.parent
 """Folder of the installed library."""
 DATA = (".xml", ".html")
 """Endings of the files beside modules that modules read."""
