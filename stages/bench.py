@@ -10,7 +10,6 @@ Examples:
 """
 
 import multiprocessing
-import resource
 import signal
 import subprocess
 import sys
@@ -209,6 +208,8 @@ def diagnosed(job: Job, folder: Path, limit_s: int) -> dict[str, Any]:
 
 def diagnose_within(job: Job, folder: Path, limit_s: int, send: Connection) -> None:
     """Diagnose a case and write its report; the processor time that it took, and what went wrong, are sent."""
+    import resource  # of POSIX: on Windows this command alone does not run
+
     resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1))
     error = ""
     try:

@@ -24,6 +24,8 @@ PAGES = ("leapgap.reports", "leapgap.jumping.reports")
 """Packages whose modules make pages and recordings."""
 COMPUTES = {"leapgap.reports", "leapgap.reports.diagnosis", "leapgap.reports.kept"}
 """What of them is used without a page."""
+GUARDS = "leapgap.runtime"
+"""What guards a run and shapes no result: `stages/__init__.py` loads it before any stage."""
 RENDERS = {"evaluate", "index", "land_page", "report", "score", "view"}
 """Stages that make pages; of the others no module of ``PAGES`` counts, and ``check_loaded`` holds them to it."""
 RUNS = "run_stage("
@@ -58,7 +60,7 @@ def check_loaded(name: str, loaded: Iterable[str]) -> None:
     path = OUT / f"{name}.json"
     if not path.is_file():
         return
-    ours = {one for one in loaded if one.startswith(("leapgap.", "stages."))}
+    ours = {one for one in loaded if one.startswith(("leapgap.", "stages.")) and not one.startswith(GUARDS)}
     if missing := sorted(ours - set(read_json(path))):
         do = "let the stage do without it, or name the stage in RENDERS of stages/code.py"
         raise InputError(path, f"no {', '.join(missing)}", "all code that the stage has loaded", do)

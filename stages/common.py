@@ -11,8 +11,9 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -150,9 +151,25 @@ def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
     sys.argv.append(f"hydra.job.name={name}")  # names the run folder
     application = hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(stage)
     try:
-        application()
+        with unchecked_help():
+            application()
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise config_error(error) from None
+
+
+@contextmanager
+def unchecked_help() -> Iterator[None]:
+    """Let Hydra 1.3 make its parser: Python 3.14 looks at help texts at once, and one of Hydra's is not a text yet."""
+    parser: Any = ArgumentParser
+    check = getattr(parser, "_check_help", None)
+    if check is None:
+        yield
+        return
+    parser._check_help = lambda *_: None
+    try:
+        yield
+    finally:
+        parser._check_help = check
 
 
 def with_leave_to_add(argument: str, extensible: str | None) -> str:
@@ -221,7 +238,8 @@ def check_options(arguments: Sequence[str]) -> None:
     """Raise ``InputError`` for an option that Hydra does not have; it would print a page of usage."""
     from hydra._internal.utils import get_args_parser
 
-    known = [option for option in get_args_parser()._option_string_actions if option.startswith("--")]
+    with unchecked_help():
+        known = [option for option in get_args_parser()._option_string_actions if option.startswith("--")]
     for argument in arguments:
         option = argument.partition("=")[0]
         if option.startswith("--") and not any(one.startswith(option) for one in known):

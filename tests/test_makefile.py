@@ -48,7 +48,7 @@ def test_without_a_python_that_fits_the_message_says_so(tmp_path: Path) -> None:
     done = make(tmp_path, ".venv/ready", python3="exit 1")
     assert done.returncode != 0
     assert "found neither python3.11 nor another python3" in done.stderr
-    assert "expected Python 3.11, 3.12 or 3.13" in done.stderr
+    assert "expected Python 3.11 to 3.14" in done.stderr
     assert not (tmp_path / ".venv").exists()
 
 
