@@ -22,7 +22,7 @@ OUT = Path("data/code")
 STAGES = Path(__file__).parent
 PAGES = ("leapgap.reports", "leapgap.jumping.reports")
 """Packages whose modules make pages and recordings."""
-COMPUTES = {"leapgap.reports", "leapgap.reports.diagnosis", "leapgap.reports.kept"}
+COMPUTES = {"leapgap.reports", *(f"leapgap.reports.{name}" for name in ("diagnosis", "kept", "verdict_jobs"))}
 """What of them is used without a page."""
 GUARDS = "leapgap.runtime"
 """What guards a run and shapes no result: `stages/__init__.py` loads it before any stage."""
