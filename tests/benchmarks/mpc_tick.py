@@ -25,7 +25,8 @@ import torch
 
 from leapgap.jumping.control import compiler
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.mpc import ForcePlan, MpcConfig
+from leapgap.jumping.control.mpc import ForcePlan
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference

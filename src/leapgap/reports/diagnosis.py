@@ -45,6 +45,12 @@ CAUSES_PRINTED = 5
 PLACES_PRINTED = 4
 
 
+def check_viewer(name: str) -> None:
+    """Raise ``InputError`` for a viewer that is none."""
+    if name not in VIEWERS:
+        raise InputError("report.viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
+
+
 @dataclass(frozen=True)
 class PageSettings:
     """Section ``report`` of the configuration."""
@@ -182,7 +188,6 @@ class Report:
     def write_page(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
         """Write the page into a folder that has the data."""
         from leapgap.reports.report import html
-        from leapgap.reports.viewer import check_viewer
 
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None

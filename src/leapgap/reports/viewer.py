@@ -11,7 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from leapgap.errors import InputError
-from leapgap.reports.diagnosis import VIEWERS
 from leapgap.reports.page import pack
 
 SCRIPT, WASM = "widget.js", "re_viewer_bg.wasm"
@@ -35,12 +34,6 @@ class EmbeddedViewer:
     wasm: str
     recording: str
     """Packed as ``wasm`` is: gzip in base64."""
-
-
-def check_viewer(name: str) -> None:
-    """Raise ``InputError`` for a viewer that is none."""
-    if name not in VIEWERS:
-        raise InputError("report.viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
 
 
 def embedded_viewer(recording: bytes) -> EmbeddedViewer:

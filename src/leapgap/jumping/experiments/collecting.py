@@ -9,7 +9,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.jumping.control.excitation import Excitation
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.experiments.collection import CollectionResult
 from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
