@@ -2,8 +2,8 @@
 # Python or uv. Any Python that fits pyproject.toml does, 3.11 first; PYTHON=<path> chooses. Each is tried, since the name
 # alone proves nothing: a version manager has names for versions that it cannot run, and Debian's Python cannot make an
 # environment until python3-venv is installed. Where none fits, uv brings one.
-FITS := import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
-PYTHONS := python3.11 python3.12 python3.13 python3 python
+FITS := import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 15))
+PYTHONS := python3.11 python3.12 python3.13 python3.14 python3 python
 ifndef PYTHON
 PYTHON := $(shell for name in $(PYTHONS); do $$name -c '$(FITS)' 2>/dev/null && command -v $$name && break; done)
 endif
@@ -11,7 +11,7 @@ UV := $(shell command -v uv 2>/dev/null)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export DVC_NO_ANALYTICS := 1
 
-EXPECTED := expected Python 3.11, 3.12 or 3.13 with ensurepip, or uv; install one (Debian, Ubuntu: apt-get install \
+EXPECTED := expected Python 3.11 to 3.14 with ensurepip, or uv; install one (Debian, Ubuntu: apt-get install \
   python3-venv; Mac: brew install python@3.11), or name it: make PYTHON=<path>
 SAY := import sys, importlib.util as util; print("make: %s is Python %d.%d%s" % (sys.executable, *sys.version_info[:2], \
   "" if util.find_spec("ensurepip") else " without ensurepip: apt-get install python3-venv"))
@@ -22,7 +22,7 @@ $(PYTHON) -m venv .venv
 endef
 else ifneq ($(UV),)
 define ENVIRONMENT
-test -x .venv/bin/pip || $(UV) venv -q --seed --python '>=3.11,<3.14' .venv
+test -x .venv/bin/pip || $(UV) venv -q --seed --python '>=3.11,<3.15' .venv
 endef
 else
 define ENVIRONMENT
@@ -54,6 +54,12 @@ DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 	$(ENVIRONMENT)
 	$(PIP) -e ".[view]"
 	touch $@
+
+# What `dvc repro` would run, by the code as it stands: the hashes of code are made anew first.
+.PHONY: status
+status: .venv/ready
+	@python -m stages.code
+	@dvc status -q dvc.yaml || dvc status dvc.yaml
 
 # A simulated robot with a hidden effect is diagnosed; another robot: make demo NUMBER=4
 NUMBER := 3

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.atomic_io import write_text
+from docs.effect_signatures import moderate_effects
 from leapgap.diagnosis.localisation import phase_names, phase_of_rows
-from leapgap.diagnosis.signature import moderate_effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
+from leapgap.runtime.atomic_io import write_text
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
@@ -30,7 +30,7 @@ CHANNELS = (
     ("vertical velocity", "m/s", 0.05),
     ("pitch rate", "rad/s", 0.1),
 )
-"""What is drawn, its unit, and its scale as in ``leapgap.diagnosis.signature``."""
+"""What is drawn, its unit, and its scale as in ``docs.effect_signatures``."""
 SILENT = 0.1
 """Below this share of a scale a line is drawn flat."""
 WIDTH, HEIGHT, GAP, TOP, BOTTOM = 150, 64, 12, 18, 16

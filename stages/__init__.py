@@ -10,8 +10,8 @@ for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ[f"{library}_NUM_THREADS"] = "1"
 
 if sys.argv[:1] == ["-m"]:  # `python -m stages.<stage>` imports this first: Ctrl-C may come while it imports
-    from leapgap.output_folder import what_is_kept
-    from leapgap.processes import InterruptGuard, tolerate_terminal
+    from leapgap.runtime.output_folder import what_is_kept
+    from leapgap.runtime.processes import InterruptGuard, tolerate_terminal
     from stages.help import answered_at_once
 
     tolerate_terminal()
@@ -25,6 +25,6 @@ if sys.argv[:1] == ["-m"]:  # `python -m stages.<stage>` imports this first: Ctr
         sys.exit(2)
     InterruptGuard(lambda: f"{STAGE}: stopped by Ctrl-C; {what_is_kept()}").install()
 elif "LEAPGAP_PARENT" in os.environ:  # a worker of a stage, which imports the stage before it can do anything else
-    from leapgap.processes import end_with_parent_early
+    from leapgap.runtime.processes import end_with_parent_early
 
     end_with_parent_early()

@@ -10,7 +10,6 @@ Examples:
 """
 
 import multiprocessing
-import resource
 import signal
 import subprocess
 import sys
@@ -24,16 +23,16 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
-from leapgap.cache import ResultCache, result_key
 from leapgap.diagnosis.report import round_floats
 from leapgap.errors import InputError
-from leapgap.executor import Executor
-from leapgap.import_closure import code_hash
 from leapgap.logs.log import read_logs
-from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.import_closure import code_hash
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.validation.bench_table import line, markdown, row_of, row_without_answer, summary
 from leapgap.validation.case import published_case, write_case
 from leapgap.validation.outcome import truth_in_words
@@ -209,6 +208,8 @@ def diagnosed(job: Job, folder: Path, limit_s: int) -> dict[str, Any]:
 
 def diagnose_within(job: Job, folder: Path, limit_s: int, send: Connection) -> None:
     """Diagnose a case and write its report; the processor time that it took, and what went wrong, are sent."""
+    import resource  # of POSIX: on Windows this command alone does not run
+
     resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 1))
     error = ""
     try:

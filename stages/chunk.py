@@ -20,8 +20,8 @@ from leapgap.logs.log import Log
 from leapgap.logs.reading import read_folder
 from leapgap.logs.row_clock import RowClock
 from leapgap.logs.row_clock_estimate import uneven_clocks
-from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 

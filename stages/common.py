@@ -11,8 +11,9 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -21,14 +22,17 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException, ValidationError
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean, printable
-from leapgap.import_closure import PACKAGE, SourceTree
-from leapgap.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.import_closure import PACKAGE, SourceTree
+from leapgap.runtime.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
+from stages.code import check_loaded
 from stages.help import CONF, answered_at_once
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
+PLANS = Path("plans")
+"""Folder of plans of tests: parts of sections that are data files and not parameters, composed from conf/ too."""
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
@@ -66,6 +70,7 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
     try:
         if "DVC_STAGE" in os.environ:
             stage_or_refusal(params_with_overrides(sys.argv[1:], extensible))
+            check_loaded(name, sys.modules)
         else:
             check_options(sys.argv[1:])
             sys.argv[1:] = [with_leave_to_add(argument, extensible) for argument in sys.argv[1:]]
@@ -146,9 +151,25 @@ def run_with_hydra(stage: Callable[[DictConfig], Any], name: str) -> None:
     sys.argv.append(f"hydra.job.name={name}")  # names the run folder
     application = hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(stage)
     try:
-        application()
+        with unchecked_help():
+            application()
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise config_error(error) from None
+
+
+@contextmanager
+def unchecked_help() -> Iterator[None]:
+    """Let Hydra 1.3 make its parser: Python 3.14 looks at help texts at once, and one of Hydra's is not a text yet."""
+    parser: Any = ArgumentParser
+    check = getattr(parser, "_check_help", None)
+    if check is None:
+        yield
+        return
+    parser._check_help = lambda *_: None
+    try:
+        yield
+    finally:
+        parser._check_help = check
 
 
 def with_leave_to_add(argument: str, extensible: str | None) -> str:
@@ -159,12 +180,14 @@ def with_leave_to_add(argument: str, extensible: str | None) -> str:
 
 
 def params_with_overrides(arguments: list[str], extensible: str | None = None) -> DictConfig:
-    """``params.yaml`` of the working folder, overridden by ``key=value`` arguments.
+    """``params.yaml`` of the working folder with its plans, overridden by ``key=value`` arguments.
 
     ``extensible`` as in ``run_stage``.
     """
     try:
-        params = read_params()
+        params = OmegaConf.merge(
+            read_params(), *({path.stem: OmegaConf.load(path)} for path in sorted(PLANS.glob("*")))
+        )
         OmegaConf.set_struct(params, True)
         if extensible is not None:
             OmegaConf.set_struct(params[extensible], False)
@@ -206,9 +229,8 @@ def config_error(error: Exception) -> InputError:
 
 def nearest_key(key: str) -> str | None:
     """``did you mean …?`` for a key that conf/ does not have; None where none is near."""
-    if not (ROOT / PARAMS).is_file():
-        return None
-    known = keys_below(OmegaConf.to_container(OmegaConf.load(ROOT / PARAMS)))
+    files = [*CONF.glob("*/default.yaml"), CONF / "robot" / "a1.yaml"]
+    known = keys_below({path.parent.name: OmegaConf.to_container(OmegaConf.load(path)) for path in files})
     return did_you_mean(key, [*known, "size"])
 
 
@@ -216,7 +238,8 @@ def check_options(arguments: Sequence[str]) -> None:
     """Raise ``InputError`` for an option that Hydra does not have; it would print a page of usage."""
     from hydra._internal.utils import get_args_parser
 
-    known = [option for option in get_args_parser()._option_string_actions if option.startswith("--")]
+    with unchecked_help():
+        known = [option for option in get_args_parser()._option_string_actions if option.startswith("--")]
     for argument in arguments:
         option = argument.partition("=")[0]
         if option.startswith("--") and not any(one.startswith(option) for one in known):
@@ -338,7 +361,7 @@ OUTPUTS = ExitStack()
 def output_folder(
     out: Any, by: str, inputs: Iterable[str | Path | None] = (), kept: bool = False, name: str = "out"
 ) -> Path:
-    """The configured output folder, checked and locked until the stage ends; see ``leapgap.output_folder``.
+    """The configured output folder, checked and locked until the stage ends; see ``leapgap.runtime.output_folder``.
 
     By default, outside DVC, it is the folder ``name`` in Hydra's run folder of this job. ``by`` is the stage, and
     ``inputs`` are the files and folders that it reads; ``kept``: the stage adds to the folder instead of replacing it.

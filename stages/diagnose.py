@@ -11,11 +11,12 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import write_json, write_text
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
-from leapgap.output_folder import whole_folder
-from leapgap.reports.diagnosis import RECORDING, PageSettings, Report, diagnose_folder
+from leapgap.reports.diagnosis import PAGE, PageSettings, diagnose_folder
+from leapgap.reports.kept import keep, write_note
+from leapgap.runtime.atomic_io import write_json
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 
@@ -42,43 +43,22 @@ def diagnose(config: DictConfig) -> dict[str, float] | None:
     report = diagnose_folder(logs, robot, settings, partial(print, flush=True), section.threads, descriptions=others)
     if report is None:
         print(f"no logs in {logs}: nothing to diagnose")
-    from leapgap.reports.diagnosis_recording import record_report  # imports Rerun, which a refusal does without
+    if section.pages:
+        from leapgap.reports.pages import write_pages  # imports Rerun, which a refusal does without
 
-    with whole_folder(out, STAGE) as folder:
-        if report is None:
-            write_note(folder)
-        else:
-            replace(report, record=record_report).write(folder, page.viewer)
-            if section.recordings:
-                record_report(report, folder / RECORDING)
-        if replays is None:
-            write_replays_or_note(report, folder / "replays")
-    if replays is not None:
-        with whole_folder(replays, STAGE) as folder:
-            write_replays_or_note(report, folder)
+        write_pages(report, out, STAGE, replace(page, recordings=section.recordings), replays)
+    else:
+        with whole_folder(out, STAGE) as folder:
+            write_note(folder) if report is None else keep(report, folder)
     if report is None:
         return None
     if section.metrics:
         write_json(Path(section.metrics), report.content.metrics())
     print(report.sentence)
-    print(f"report: {out / 'report.html'}")
+    if section.pages:
+        print(f"report: {out / PAGE}")
     figures = report.content.metrics()
     return {name: figures[name] for name in SWEPT if isinstance(figures[name], float)}
-
-
-def write_replays_or_note(report: Report | None, folder: Path) -> None:
-    """Write the replays of a report, or that there were no logs."""
-    from leapgap.reports.diagnosis_recording import write_replays
-
-    if report is None:
-        write_note(folder)
-    else:
-        write_replays(report, folder)
-
-
-def write_note(folder: Path) -> None:
-    """Write that there were no logs."""
-    write_text(folder / "no_logs.txt", "There were no jump logs to diagnose.\n")
 
 
 if __name__ == "__main__":

@@ -5,32 +5,23 @@ Examples:
     python -m stages.diagnose_withheld 'diagnose_withheld.only=[case_000]' diagnose_withheld.out=verdicts
 """
 
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import plotly.offline
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import sha256, write_text
-from leapgap.cache import ResultCache, result_key
-from leapgap.content_hash import file_digests
 from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
-from leapgap.executor import Executor
-from leapgap.output_folder import claim_folder
-from leapgap.reports.diagnosis import diagnose_folder
-from leapgap.robot.model import Robot
+from leapgap.reports.verdict_jobs import Job, run_jobs
+from leapgap.runtime.cache import ResultCache
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import claim_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot, own_model
 
 STAGE = "stages.diagnose_withheld"
-SCRIPT = "plotly.js"
-"""Script that all reports of a run share, so that thousands of pages stay small."""
 PUBLISHED = "published"
 
 
@@ -45,29 +36,7 @@ class DiagnoseWithheldSettings:
     only: list[str] = field(default_factory=list)
     """Names of the cases; empty: all."""
     published: bool = False
-
-
-@dataclass(frozen=True)
-class Job:
-    """One diagnosis: a folder of logs, the robot and the settings."""
-
-    place: str
-    """Place of the verdict in the cache; its last part is the name of the case."""
-    logs: Path
-    robot: Path
-    settings: Diagnosing
-    threads: int | None = None
-    """Threads of one diagnosis; None: one per core. They change no result, hence are no part of the key."""
-
-    @property
-    def name(self) -> str:
-        """Name of the case, the last part of the place of its verdict."""
-        return Path(self.place).name
-
-    @property
-    def key(self) -> str:
-        """Hash of all inputs and of the code, but for recordings, of which a verdict has none."""
-        return result_key(diagnose_folder, [file_digests(self.logs), sha256(self.robot), self.settings])
+    pages: bool = True
 
 
 def diagnose_withheld(config: DictConfig) -> None:
@@ -85,7 +54,10 @@ def diagnose_withheld(config: DictConfig) -> None:
         raise InputError("diagnose_withheld.only", ", ".join(sorted(unknown)), "names of cases", "correct them")
     own = diagnosis_settings(config, settings.settings)
     robot = load_robot(config).path
-    jobs = [Job(name, logs / name, own_model(logs / name) or robot, own) for name in settings.only or cases]
+    jobs = [
+        Job(name, logs / name, own_model(logs / name) or robot, own, pages=settings.pages)
+        for name in settings.only or cases
+    ]
     claim_folder(out, STAGE)
     for name in cases:
         cache.expect(name)
@@ -99,55 +71,6 @@ def diagnosis_settings(config: DictConfig, overrides: Mapping[str, Any]) -> Diag
     """The settings of stage ``diagnose`` with overrides, without a best simulator: answers are judged."""
     merged = OmegaConf.merge(config.diagnose.settings, overrides)
     return replace(read_config(Diagnosing, merged, "diagnose_withheld.settings"), best=False)
-
-
-def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
-    """Run the jobs without a finished verdict and print the progress."""
-    for folder in sorted({(cache.folder / job.place).parent for job in jobs}):
-        write_text(folder / SCRIPT, plotly.offline.get_plotlyjs())
-    todo = [job for job in jobs if cache.get(job.place, job.key) is None]
-    if executor.workers > 1 and len(todo) > 1:
-        todo = [replace(job, threads=1) for job in todo]  # side by side; a single one uses every core itself
-    print(f"{len(jobs)} cases, {len(jobs) - len(todo)} of them diagnosed already", flush=True)
-    failed = {}
-    for number, (name, sentence, error) in enumerate(executor.map(partial(judge, cache), todo), start=1):
-        print(f"{number}/{len(todo)} {name}: {error or sentence}", flush=True)
-        if error:
-            failed[name] = error
-    if failed:
-        raise InputError(
-            ", ".join(failed),
-            "; ".join(sorted(set(failed.values()))),
-            "a verdict for every case",
-            "mend the diagnosis and run again: the other cases are kept",
-        )
-
-
-def judge(cache: ResultCache, job: Job) -> tuple[str, str, str]:
-    """Name, conclusion and error of one case; an error leaves no verdict and stops no other case."""
-    try:
-        return job.name, verdict_of(cache, job), ""
-    except Exception as error:
-        return job.name, "", f"{type(error).__name__}: {error}"
-
-
-def verdict_of(cache: ResultCache, job: Job) -> str:
-    """Diagnose one case by the very function that stage ``diagnose`` calls; its conclusion.
-
-    The function gets copies in a folder of their own, so that no path it knows leads to anything else.
-    """
-    with tempfile.TemporaryDirectory() as name, cache.store(job.place, job.key) as out:
-        logs, robot = Path(name) / "logs", Path(name) / "robot.xml"
-        shutil.copytree(job.logs, logs)
-        shutil.copyfile(job.robot, robot)
-        found = diagnose_folder(logs, Robot.load(robot), job.settings, threads=job.threads)
-        if found is None:
-            raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases anew")
-        found.write(out / job.name)
-        page = out / job.name / "report.html"
-        inline = f"<script>{plotly.offline.get_plotlyjs()}</script>"
-        write_text(page, page.read_text(encoding="utf-8").replace(inline, f'<script src="../{SCRIPT}"></script>'))
-    return found.sentence
 
 
 if __name__ == "__main__":

@@ -16,15 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.landing_experiment import FIGURES, TABLE
 from leapgap.jumping.experiments.scores import round_value
+from leapgap.runtime.atomic_io import read_json, write_json
 from stages.common import refuse
 from stages.help import answered_at_once
-from stages.params import compose_params
+from stages.params import compose_conf
 
 AMOUNT = re.compile(r"[+-][\d.]+ ")
 Row = Mapping[str, str]
@@ -75,7 +74,7 @@ def grouped(rows: Iterable[Row]) -> dict[tuple[str, str, str], list[Row]]:
 
 def single_tasks() -> list[str]:
     """Tasks of the headline mean, as conf/land states them."""
-    return list(OmegaConf.create(compose_params()).land.single)
+    return list(compose_conf()["land"]["single"])
 
 
 def tables(figures: Mapping[str, Any]) -> str:

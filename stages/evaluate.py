@@ -12,7 +12,6 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.errors import InputError
 from leapgap.jumping.learning import (
     clock_comparison,
@@ -27,8 +26,9 @@ from leapgap.jumping.learning.time_grid_comparison import RollOut
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.reports import learning as page
 from leapgap.logs import log as jump
-from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json, write_text
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 

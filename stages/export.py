@@ -16,9 +16,7 @@ from pathlib import Path
 import numpy as np
 from omegaconf import DictConfig
 
-from leapgap.cache import ResultCache
 from leapgap.errors import InputError
-from leapgap.executor import Executor
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.experiments.bench import TrialRunner
@@ -29,7 +27,9 @@ from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.export.write import write_controller
 from leapgap.jumping.planning.problem import Problem
 from leapgap.jumping.task import Target
-from leapgap.output_folder import whole_folder
+from leapgap.runtime.cache import ResultCache
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.land import experiment_of
 

@@ -22,9 +22,9 @@ import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError, did_you_mean
-from leapgap.output_folder import folder_lock, is_inside
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.output_folder import folder_lock, is_inside
 from stages.common import refuse
 from stages.help import answered_at_once
 from stages.programs import program

@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from leapgap.output_folder import package_version
+from leapgap.runtime.output_folder import package_version
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 WIDTH, KEYS = 110, 46

@@ -15,7 +15,7 @@ from leapgap.jumping import published_a1  # noqa: F401 (found by its entry point
 from leapgap.logs import log as log_file
 from leapgap.logs.importers import log_format
 from leapgap.logs.reading import read_foreign
-from leapgap.output_folder import whole_folder
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 

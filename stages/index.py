@@ -10,9 +10,9 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
 from leapgap.jumping.reports import results_index
+from leapgap.runtime.atomic_io import write_text
 from stages.common import run_stage
 
 TITLE = "<title>leapgap: all results</title>"
@@ -28,7 +28,7 @@ def index(config: DictConfig) -> None:
     root = Path(section.root)
     if not root.is_dir():
         raise InputError("index.root", f"{root}, which is no folder", "the folder of the project", "name it")
-    parts = results_index.sections(root)
+    parts = results_index.sections(root, section.published)
     write_text(out, results_index.html(parts))
     for part in parts:
         if part.absent:

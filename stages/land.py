@@ -12,9 +12,6 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import write_json, write_text
-from leapgap.cache import ResultCache
-from leapgap.executor import Executor
 from leapgap.jumping.experiments.bench import TrialRunner
 from leapgap.jumping.experiments.landing_experiment import FIGURES, PAGE, RUNS, TABLE, LandingExperiment, print_trial
 from leapgap.jumping.experiments.method_registry import known
@@ -22,8 +19,10 @@ from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.jumping.experiments.scores import landing_figures, write_rows
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.jumping.reports import landing as page
-from leapgap.output_folder import claim_folder
+from leapgap.runtime.atomic_io import write_json, write_text
+from leapgap.runtime.cache import ResultCache
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.simulation.closed_loop import Sensing
 from stages.common import output_folder, read_config, read_one_of, read_optional, run_stage
 from stages.robot import load_robot
@@ -55,13 +54,17 @@ def land(config: DictConfig) -> dict[str, float]:
     figures = landing_figures(scored, settings.single, settings.seed)
     rows = [row for one in scored for row in one.rows()]
     write_rows(rows, out / TABLE)
-    write_text(out / PAGE, page.html(figures, rows, settings.single, out / RUNS))
     for path in (out / FIGURES, settings.metrics):
         if path is not None:
             write_json(Path(path), figures)
+    if settings.pages:
+        from leapgap.jumping.reports.landing import html_of
+
+        write_text(out / PAGE, html_of(out, settings.single))
     for key, value in figures["mean_abs_error_cm"].items():
         print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
-    print(f"look at it: {out / PAGE}")
+    if settings.pages:
+        print(f"look at it: {out / PAGE}")
     return {f"mean_abs_error_cm/{name}": value for name, value in figures["mean_abs_error_cm"].items()}
 
 

@@ -11,16 +11,17 @@ Examples:
     python -m stages.made_with "--unchanged=only the message of an error differs" metrics/blind.json
 """
 
+import ast
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import read_json, sha256, write_json
-from leapgap.content_hash import digest
 from leapgap.errors import InputError, did_you_mean
-from leapgap.import_closure import SourceTree
+from leapgap.runtime.atomic_io import read_json, sha256, write_json
+from leapgap.runtime.content_hash import digest
+from leapgap.runtime.import_closure import SourceTree, digest_of
 from stages.common import refuse
 from stages.help import answered_at_once
 from stages.programs import program
@@ -29,8 +30,6 @@ NOTED = Path("metrics/made_with.json")
 KINDS = {".py", ".xml", ".yaml", ".c", ".h"}
 """Files of these kinds are code."""
 DIAGNOSIS = "leapgap.diagnosis.diagnose"
-KEPT_WHOLE = ("leapgap.executor", "leapgap.output_folder", "leapgap.guardian", "leapgap.former_results")
-"""What workers and outputs of a killed stage are kept whole by."""
 
 
 def library(*parts: str) -> tuple[str, ...]:
@@ -38,6 +37,8 @@ def library(*parts: str) -> tuple[str, ...]:
     return tuple(f"src/leapgap/{part}" for part in parts)
 
 
+KEPT_WHOLE = library("runtime")
+"""What workers and outputs of a killed stage are kept whole by."""
 BENCH = (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/bench", "stages/bench.py")
 CODE: dict[str, tuple[str, ...]] = {
     "metrics/blind.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),
@@ -59,7 +60,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/timing/optimize.json": (*library("jumping/planning", "robot"), "tests/benchmarks/optimize.py"),
     "metrics/timing/train.json": (*library("jumping/learning"), "tests/benchmarks/train.py"),
     "metrics/timing/scale.json": (DIAGNOSIS, *library("jumping/learning"), "tests/benchmarks/scale.py"),
-    "metrics/timing/ray_workers.json": ("leapgap.executor", "leapgap.demo", "tests/benchmarks/ray_workers.py"),
+    "metrics/timing/ray_workers.json": ("leapgap.runtime.executor", "leapgap.demo", "tests/benchmarks/ray_workers.py"),
     "metrics/timing/mpc_tick.json": (*library("jumping/control", "jumping/models"), "tests/benchmarks/mpc_tick.py"),
     "metrics/timing/exported_tick.json": (*library("jumping/control"), "tests/benchmarks/exported_tick.py"),
     "metrics/timing/goal_shift_tick.json": (*library("jumping/control"), "tests/benchmarks/goal_shift_tick.py"),
@@ -77,8 +78,13 @@ def files_of(root: Path, code: Sequence[str]) -> set[Path]:
 
 
 def fingerprint(root: Path, code: Sequence[str]) -> str:
-    """SHA-256 over names and contents of code, as in ``CODE``."""
-    return digest({str(file.relative_to(root)): sha256(file) for file in files_of(root, code)})
+    """SHA-256 over names and meaning of code, as in ``CODE``: comments and docstrings do not count."""
+    return digest({file.relative_to(root).as_posix(): hash_of(file) for file in files_of(root, code)})
+
+
+def hash_of(file: Path) -> str:
+    """SHA-256 of the meaning of a module, or of the bytes of another file."""
+    return digest_of(ast.parse(file.read_bytes())) if file.suffix == ".py" else sha256(file)
 
 
 def noted(root: Path) -> dict[str, dict[str, Any]]:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.models.corrected_robot import planar_robot_with
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.batch import metrics, read_targets, timing, write_references
@@ -19,7 +18,8 @@ from leapgap.jumping.planning.reference import Gains, name_of
 from leapgap.jumping.planning.reference_store import select_planar_robot
 from leapgap.jumping.planning.solve import solve_all
 from leapgap.jumping.task import ContactSchedule
-from leapgap.output_folder import whole_folder
+from leapgap.runtime.atomic_io import write_json
+from leapgap.runtime.output_folder import whole_folder
 from leapgap.simulation.corrected import read_corrected
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot

@@ -12,8 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import write_text
 from stages.common import refuse
 from stages.help import answered_at_once
 from stages.programs import program

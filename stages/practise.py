@@ -14,9 +14,6 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import whole_file, write_json
-from leapgap.cache import ResultCache
-from leapgap.executor import Executor
 from leapgap.jumping.experiments.bench import TrialRunner
 from leapgap.jumping.experiments.landing_experiment import RUNS, LandingExperiment, print_trial
 from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
@@ -24,7 +21,10 @@ from leapgap.jumping.experiments.on_policy import Practised
 from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.jumping.experiments.scores import round_value
 from leapgap.jumping.learning.npz_files import write_npz
-from leapgap.output_folder import claim_folder
+from leapgap.runtime.atomic_io import whole_file, write_json
+from leapgap.runtime.cache import ResultCache
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import claim_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.land import experiment_of
 

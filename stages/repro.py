@@ -24,9 +24,9 @@ from typing import Any, TextIO
 import yaml
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
-from stages.common import LONGEST_MESSAGE, refuse
+from leapgap.runtime.atomic_io import read_json, write_json
+from stages.common import LONGEST_MESSAGE, read_params, refuse
 from stages.help import answered_at_once
 from stages.programs import program
 
@@ -36,6 +36,8 @@ OWN = Path(".dvc/tmp/stage_seconds.json")
 """Seconds of each stage on this machine."""
 BEGINS = re.compile(r"Running stage '([^']+)'")
 ENDS = re.compile(r"Stage '([^']+)' (?:didn't change|is cached)")
+PUBLISHED, RAW = Path("published/dvc.yaml"), Path("data/raw")
+"""The pipeline of published jumps, and where their logs are."""
 REDRAWN_EVERY_S = 1.0
 CLEAR = "\r\x1b[K"
 """Moves to the start of the terminal's line and empties it."""
@@ -104,22 +106,37 @@ def in_words(seconds: float) -> str:
 
 
 def stage_names(dvc_yaml: Path) -> tuple[str, ...]:
-    """Names of all stages, ``train@published`` for each entry of a ``foreach``, in the order of the file.
+    """Names of all stages as DVC prints them, ``train@damped`` for each entry of a ``foreach``, in the file's order.
 
     ``InputError`` for a file that is not there or states no stages.
     """
     if not dvc_yaml.is_file():
         raise InputError(dvc_yaml, "no such file", "the stages of a pipeline", "run it in the project's folder")
-    text = dvc_yaml.read_text(encoding="utf-8", errors="replace").replace("${", "$ {")  # of DVC, not of OmegaConf
+    above = "" if dvc_yaml.parent == Path() or dvc_yaml.is_absolute() else f"{dvc_yaml.as_posix()}:"
+    text = dvc_yaml.read_text(encoding="utf-8", errors="replace")
     names: list[str] = []
     try:
-        stages: dict[str, Any] = OmegaConf.to_container(OmegaConf.create(text))["stages"]
+        stages: dict[str, Any] = yaml.safe_load(text)["stages"]
         for name, stage in stages.items():
-            names += [f"{name}@{key}" for key in stage["foreach"]] if "foreach" in stage else [name]
+            runs = entries(stage["foreach"]) if "foreach" in stage else None
+            names += [f"{above}{name}"] if runs is None else [f"{above}{name}@{key}" for key in runs]
     except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         says = " ".join(str(error).split())[:LONGEST_MESSAGE]
         raise InputError(dvc_yaml, f"no stages ({says})", "the stages of a pipeline", "see: dvc stage list") from None
     return tuple(names)
+
+
+def entries(foreach: Any) -> list[str]:
+    """Keys of a ``foreach``, which may name a section of params.yaml: ``${variants.train}``."""
+    if isinstance(foreach, str):
+        foreach = OmegaConf.select(read_params(), foreach.strip("${} "))
+    return [str(key) for key in foreach]
+
+
+def has_published(raw: Path) -> bool:
+    """Whether somebody else's logs are there: any file that is not this project's own."""
+    ours = {"README.md", ".gitignore"}
+    return raw.is_dir() and any(path.is_file() and path.name not in ours for path in raw.rglob("*"))
 
 
 def known_seconds() -> dict[str, float]:
@@ -162,8 +179,14 @@ def follow(output: Iterable[str], progress: Progress, screen: TextIO, lines: boo
 
 
 def repro(arguments: list[str], screen: TextIO = sys.stdout) -> int:
-    """Run ``dvc repro`` with these arguments; its exit code."""
-    progress = Progress(stage_names(Path("dvc.yaml")), known_seconds())
+    """Run ``dvc repro`` with these arguments; its exit code.
+
+    Without any, all that can be made here is: the pipeline of published jumps too, where there are logs of them.
+    """
+    pipelines = [Path("dvc.yaml"), *([PUBLISHED] if has_published(RAW) else [])]
+    if not arguments:
+        arguments = [path.as_posix() for path in pipelines]
+    progress = Progress(tuple(name for path in pipelines for name in stage_names(path)), known_seconds())
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     with subprocess.Popen([program("dvc"), "repro", *arguments], text=True, env=environment, **pipes) as dvc:  # type: ignore[call-overload]

@@ -11,33 +11,39 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
-from leapgap.cache import ResultCache, result_key
-from leapgap.content_hash import file_digests
-from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
-from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
-from leapgap.output_folder import claim_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.content_hash import file_digests
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.validation.case import CaseSetup, further_jumps
-from leapgap.validation.experiments import UNMADE, proposed_logs
-from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
-from leapgap.validation.scoring import is_missed
+from leapgap.validation.experiments import proposed_logs
+from leapgap.validation.outcome import outcome
+from leapgap.validation.revisits import (
+    Seen,
+    ablation_cases,
+    ablation_result,
+    experiment_cases,
+    extension_result,
+    is_feasible,
+    missed_cases,
+    proposed_experiment,
+    without,
+)
 from leapgap.validation.seal import open_truth
 from stages.common import output_folder, read_config, run_stage
 from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
 from stages.robot import load_robot
 
 STAGE = "stages.revisit"
-RUNNABLE = ("target", "targets", "jumps", "block_height_m")
-"""Settings of ``collect`` that the generator can follow for the robot of a case."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +63,6 @@ class RevisitSettings:
     """Settings of ``collect`` that make the jumps which missed cases are diagnosed with."""
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A case with its truth, its report and the outcome of its first verdict."""
-
-    name: str
-    truth: Mapping[str, Any]
-    report: Mapping[str, Any]
-    first: CaseOutcome
-
-
 def revisit(config: DictConfig) -> None:
     """Choose the cases, diagnose them again, and write the results."""
     settings = read_config(RevisitSettings, config.revisit, "revisit")
@@ -79,7 +75,13 @@ def revisit(config: DictConfig) -> None:
     claim_folder(cache.folder, STAGE)
     ablated = ablation_cases(cases, settings.struck)
     jobs = [
-        Job(f"struck/{case.name}", Path(settings.logs) / case.name, robot.path, without(base, case.first.true[0]))
+        Job(
+            f"struck/{case.name}",
+            Path(settings.logs) / case.name,
+            robot.path,
+            without(base, case.first.true[0]),
+            pages=config.diagnose_withheld.pages,
+        )
         for case in ablated
     ]
     run_jobs(jobs, cache, executor)
@@ -94,7 +96,7 @@ def revisit(config: DictConfig) -> None:
             for case, lines in feasible
         ]
         jobs = [
-            Job(f"{kind}/{case.name}", folder, robot.path, base)
+            Job(f"{kind}/{case.name}", folder, robot.path, base, pages=config.diagnose_withheld.pages)
             for (case, _), folder in zip(feasible, logs, strict=True)
         ]
         run_jobs(jobs, cache, executor)
@@ -117,90 +119,6 @@ def read_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen
         if truth["kind"] != "published" and "robot" not in truth:
             cases.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
     return sorted(cases, key=lambda case: case.first.half)  # "reported" before "tuning"
-
-
-def ablation_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Cases of detectable single effects that were named first: one per effect, at most ``number`` (−1: all)."""
-    chosen: dict[str, Seen] = {}
-    for case in cases:
-        first = case.first
-        if first.kind == "single" and first.detectable and first.first == first.true[0]:
-            chosen.setdefault(first.true[0], case)
-    return at_most(number, list(chosen.values()))
-
-
-def at_most(number: int, cases: list[Seen]) -> list[Seen]:
-    """The first ``number`` cases; all of them where it is −1."""
-    return cases if number < 0 else cases[:number]
-
-
-def without(settings: Diagnosing, effect: str) -> Diagnosing:
-    """The diagnosis's settings without one hypothesis."""
-    return replace(settings, without=[*settings.without, effect])
-
-
-def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
-    """Result of a diagnosis without the true effect.
-
-    It is honest where the verdict is ``unknown`` or ``partly``, or the answer holds only causes that the first report
-    called confusable with the true effect, and the localisation is right.
-    """
-    report = read_json(folder / case.name / "report.json")
-    again = outcome(case.name, case.truth, report, None, case.first.sides)
-    effect = case.first.true[0]
-    confusable = {
-        other
-        for cause in case.report["causes"]
-        for other in (cause["effect"], *cause["confusable_with"])
-        if effect in (cause["effect"], *cause["confusable_with"])
-    }
-    accepted = again.verdict in ("unknown", "partly", "none") or again.answered <= confusable
-    return {
-        "effect": effect,
-        "half": case.first.half,
-        "verdict": again.verdict,
-        "answer": [list(names) for names in again.answer],
-        "where_right": again.where_right,
-        "honest": accepted and again.verdict != "none" and again.where_right,
-        "honest_mirrored": accepted and again.verdict != "none" and again.where_mirrored,
-    }
-
-
-def experiment_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Cases of detectable effects of the table with an ambiguous verdict that proposes further jumps."""
-    asking = [
-        case
-        for case in cases
-        if case.first.kind in ("single", "pair", "triple")
-        and case.first.verdict == "ambiguous"
-        and case.first.detectable
-        and is_runnable(case.report.get("next_experiment") or {})
-    ]
-    return at_most(number, asking)
-
-
-def is_runnable(proposal: Mapping[str, Any]) -> bool:
-    """Whether the generator can make a proposal: by settings of ``collect``, or without new sensors."""
-    return bool(proposal.get("collect")) or proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
-
-
-def proposed_experiment(case: Seen) -> list[str]:
-    """The next experiment that a report proposes, as settings of ``collect``; empty for another experiment."""
-    return [str(line) for line in case.report["next_experiment"].get("collect", ())]
-
-
-def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Cases in which an effect of the table shows and was not found (``scoring.is_missed``)."""
-    return at_most(number, [case for case in cases if is_missed(case.first)])
-
-
-def is_feasible(case: Seen, overrides: list[str]) -> bool:
-    """Whether the generator can make the proposed jumps with the robot of the case."""
-    keys = [line.split("=", 1)[0].removeprefix("collect.") for line in overrides]
-    if set(keys) <= set(RUNNABLE):
-        return True
-    print(f"{case.name}: cannot make {', '.join(overrides)}", flush=True)
-    return False
 
 
 def make_experiment(
@@ -256,25 +174,6 @@ def make_proposal(
             for log in proposed_logs(case.truth, proposal, jump_log.read_logs(logs), robot, world):
                 jump_log.write_log(log, made / case.name / f"{log.name}.parquet")
     return cache.folder / place
-
-
-def extension_result(case: Seen, overrides: list[str], folder: Path) -> dict[str, Any]:
-    """Result of a diagnosis of the first and the further jumps together.
-
-    ``resolved``: exactly the true effects are named. ``found``: the answer contains all of them.
-    """
-    again = outcome(case.name, case.truth, read_json(folder / case.name / "report.json"), None)
-    return {
-        "half": case.first.half,
-        "truth": list(again.true),
-        "collect": list(overrides),
-        "settings": (case.report.get("next_experiment") or {}).get("settings"),
-        "before": {"verdict": case.first.verdict, "answer": [list(names) for names in case.first.answer]},
-        "verdict": again.verdict,
-        "answer": [list(names) for names in again.answer],
-        "resolved": again.verdict == "named" and again.answered == set(again.true),
-        "found": again.verdict in CLAIMS and set(again.true) <= again.answered,
-    }
 
 
 if __name__ == "__main__":

@@ -15,14 +15,14 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
-from leapgap.cache import ResultCache, result_key
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.logs.importers.base import LogFormat
-from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import CORRECTED, REPORT, diagnose_logs
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.simulation.corrected import MODEL
 from leapgap.validation.real_robots import RealCase, is_here, outcome_of, published_pushes, read_case
 from stages.common import CONF, output_folder, read_config, run_stage

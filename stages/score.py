@@ -7,22 +7,35 @@ Examples:
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.diagnosis.report import round_floats
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
-from leapgap.output_folder import whole_folder
+from leapgap.reports.kept import KEPT
+from leapgap.reports.pages import write_kept_pages
 from leapgap.reports.validation import html
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json, write_text
+from leapgap.runtime.output_folder import whole_folder
 from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring
+from leapgap.validation.half_scores import (
+    PUBLISHED,
+    REPORTED,
+    TUNING,
+    ScoreSettings,
+    check_judged_logs,
+    metrics,
+    published_metrics,
+    read_revisits,
+    score_half,
+    verdict_text,
+)
 from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import SEALS, open_truth
@@ -30,23 +43,6 @@ from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot, own_model
 
 STAGE = "stages.score"
-REPORTED, TUNING, PUBLISHED = "reported", "tuning", "published"
-
-
-@dataclass(frozen=True)
-class ScoreSettings:
-    """Section ``score`` of the configuration."""
-
-    logs: str
-    truth: str
-    verdicts: str
-    revisits: str | None
-    out: str | None
-    metrics: str | None
-    published_metrics: str | None
-    bootstrap_draws: int
-    bins: int
-    seed: int
 
 
 def score(config: DictConfig) -> dict[str, float]:
@@ -71,6 +67,7 @@ def score(config: DictConfig) -> dict[str, float]:
     with whole_folder(out, STAGE) as folder:
         data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
         write_json(folder / "scores.json", round_floats(data))
+        write_kept_pages([o.case for o in outcomes], Path(settings.verdicts), folder)
         write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
     if settings.metrics:
         write_json(Path(settings.metrics), round_floats(metrics(halves)))
@@ -99,77 +96,6 @@ def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcom
     return outcome(name, truth, report, realised, robot.topology.sides)
 
 
-def check_judged_logs(name: str, truth: Mapping[str, Any], report: Mapping[str, Any]) -> None:
-    """Raise an ``InputError`` for a report on logs other than the sealed ones."""
-    expected = {file.removesuffix(".parquet"): digest for file, digest in truth["logs"].items()}
-    provenance = report.get("provenance")
-    if not isinstance(provenance, Mapping) or provenance.get("logs") != expected:
-        raise InputError(f"report of {name}", "logs other than those sealed", "just those", "diagnose the case anew")
-
-
-def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:
-    """Results of stage ``revisit`` by kind: ablated effects, next experiments, missed cases; empty without a folder."""
-    kinds = ("struck", "experiments", "missed")
-    return {kind: {} if folder is None else read_json(Path(folder) / f"{kind}.json") for kind in kinds}
-
-
-def score_half(
-    outcomes: list[CaseOutcome],
-    half: str,
-    revisits: Mapping[str, Mapping[str, Any]],
-    settings: ScoreSettings,
-    main: str,
-) -> dict[str, Any]:
-    """All scores of one half; ``main`` is the name of the pipeline's own robot."""
-    rng = np.random.default_rng(settings.seed)
-    own = {kind: {n: e for n, e in entries.items() if e["half"] == half} for kind, entries in revisits.items()}
-    return {
-        **scoring.scores(outcomes, settings.bootstrap_draws, settings.bins, rng),
-        "verdicts": scoring.verdict_counts(scoring.of_pipeline(outcomes)),
-        "next_experiment_resolves": scoring.share(bool(e["resolved"]) for e in own["experiments"].values()),
-        "next_experiments_made": len(own["experiments"]),
-        "further_jumps_find": scoring.share(bool(e["found"]) for e in own["missed"].values()),
-        "further_jumps_made": len(own["missed"]),
-        "struck_honest": scoring.share(bool(e["honest"]) for e in own["struck"].values()),
-        "struck_honest_mirrored": scoring.share(bool(e["honest_mirrored"]) for e in own["struck"].values()),
-        "struck_cases": len(own["struck"]),
-        "detection_limit_floors": {
-            n: d["limit_floors"] for n, d in scoring.detection_limits(scoring.of_pipeline(outcomes)).items()
-        },
-        "robots": scoring.scores_by_robot(outcomes, main, settings.bins),
-    }
-
-
-def metrics(halves: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Scores as metrics: the reported half at the top level, the tuning half under its own key."""
-    flat: dict[str, dict[str, Any]] = {}
-    for half in (REPORTED, TUNING):
-        flat[half] = {}
-        for key, value in {**halves[half], **halves[half]["robots"]}.items():
-            if key == "robots":
-                continue
-            if isinstance(value, Mapping) and "ci95" in value:
-                flat[half] |= {key: value["value"], f"{key}_ci95": value["ci95"]}
-            else:
-                flat[half][key] = value
-    return {**flat[REPORTED], TUNING: flat[TUNING]}
-
-
-def published_metrics(o: CaseOutcome) -> dict[str, Any]:
-    """Verdict on the published jumps, with promised and realised closure."""
-    return {
-        "verdict": o.verdict,
-        "answer": " + ".join(" or ".join(names) for names in o.answer),
-        "closure_promised": o.promised,
-        "closure_realised": o.realised,
-    }
-
-
-def verdict_text(o: CaseOutcome) -> str:
-    """Verdict and answer of a case as text."""
-    return o.verdict + (": " + " + ".join(" or ".join(names) for names in o.answer) if o.answer else "")
-
-
 def page(
     outcomes: list[CaseOutcome],
     halves: Mapping[str, Mapping[str, Any]],
@@ -188,7 +114,7 @@ def page(
             "where_mirrored": o.where_mirrored,
             "counted_against": scoring.counted_against(o),
             "said": verdict_text(o),
-            "report": f"{at}/{o.case}/report.html",
+            "report": f"{'' if (Path(settings.verdicts) / o.case / KEPT).is_file() else f'{at}/'}{o.case}/report.html",
         }
         for o in outcomes
     ]

@@ -14,10 +14,10 @@ import plotly.graph_objects as go
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from leapgap.atomic_io import read_json, whole_file, write_text
 from leapgap.errors import InputError
-from leapgap.output_folder import check_output, claim_folder, folder_lock
 from leapgap.reports.page import render_page
+from leapgap.runtime.atomic_io import read_json, whole_file, write_text
+from leapgap.runtime.output_folder import check_output, claim_folder, folder_lock
 from stages.common import FAILED, FIGURES, JOBS, refuse
 
 MOST_FIGURES = 4

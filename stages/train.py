@@ -19,7 +19,7 @@ from leapgap.jumping.learning import evaluation, model_grid, windows
 from leapgap.jumping.learning.experiment import TrainConfig
 from leapgap.jumping.learning.recipe import ModelSettings
 from leapgap.jumping.learning.registry import settings_by_section
-from leapgap.output_folder import claim_folder
+from leapgap.runtime.output_folder import claim_folder
 from stages.common import in_sweep, output_folder, read_config, run_stage
 
 STAGE = "stages.train"

@@ -8,7 +8,7 @@ Examples:
 from omegaconf import DictConfig
 
 from leapgap.jumping.reports.record_all import View, record_all
-from leapgap.output_folder import whole_folder
+from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 
@@ -25,7 +25,7 @@ def view(config: DictConfig) -> None:
     print(f"look at them: rerun {out}/*.rrd")
 
 
-def folders_of(view: View) -> list[str]:
+def folders_of(view: View) -> list[str | None]:
     """Every folder that is read."""
     replays = view.replays_damped, view.replays_published
     predictions = view.predictions_simulated, view.predictions_published

@@ -12,15 +12,15 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import sha256, write_json, write_text
-from leapgap.executor import Executor
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
-from leapgap.output_folder import whole_folder
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import self_contained
+from leapgap.runtime.atomic_io import sha256, write_json, write_text
+from leapgap.runtime.executor import Executor
+from leapgap.runtime.output_folder import whole_folder
 from leapgap.validation.case import CaseSetup, ChosenCase, published_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
 from leapgap.validation.motions import known

@@ -3,7 +3,7 @@
 from functools import cache
 from pathlib import Path
 
-from leapgap.import_closure import SourceTree
+from leapgap.runtime.import_closure import SourceTree
 
 ROOT = Path(__file__).resolve().parent.parent
 TREE = SourceTree((ROOT / "src" / "leapgap", ROOT / "stages"))

@@ -11,23 +11,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from leapgap import effects, import_closure
-from leapgap.cache import ResultCache, result_key
-from leapgap.content_hash import digest, modules_within
-from leapgap.import_closure import DATA, PACKAGE, SourceTree, code_hash
+from leapgap import effects
 from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.trial_spec import TrialSpec
 from leapgap.jumping.learning import export
 from leapgap.jumping.learning.experiment import fit_task
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-from leapgap.output_folder import claim_folder
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime import import_closure
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.content_hash import digest, modules_within
+from leapgap.runtime.import_closure import DATA, PACKAGE, SourceTree, code_hash
+from leapgap.runtime.output_folder import claim_folder
 from leapgap.validation.case import further_jumps
+from stages.code import RENDERS, hashes
 from tests.code import ROOT, TREE, closure, dependency
 from tests.conftest import standing
-from tests.test_pipeline_files import stages
+from tests.test_pipeline_files import stages, word
 
 
 @dataclass(frozen=True)
@@ -100,14 +102,8 @@ MAKERS: dict[str, tuple[Callable, ...]] = {
     "land_corrected": (TrialSpec.run, identify_effects_config),
 }
 """What makes the results of each stage with a cache."""
-REPORTS, PLANS = ("reports", "jumping/reports"), ("jumping/planning", "jumping/models", "jumping/task.py")
-NO_PART_OF_RESULTS = {
-    f"src/leapgap/{name}.py"
-    for name in (
-        *("cache", "content_hash", "former_results", "import_closure"),
-        *("executor", "interrupt", "output_folder", "processes"),
-    )
-}
+PLANS = ("jumping/planning", "jumping/models", "jumping/task.py")
+NO_PART_OF_RESULTS = {"src/leapgap/runtime", "src/leapgap/jumping/__init__.py"}
 """What finds results, guards the folder they lie in, or runs and stops what makes them."""
 
 
@@ -124,17 +120,17 @@ class LibraryCopy:
         import_closure.library.cache_clear()
         import_closure.hash_of.cache_clear()
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("leapgap.cache.PACKAGE", self.folder)
+            patch.setattr("leapgap.runtime.cache.PACKAGE", self.folder)
             patch.setattr(import_closure, "PACKAGE", self.folder)
             return [result_key(make, {"settings": 1}) for make in MAKERS[stage]]
 
-    def changed_keys(self, stage: str, file: str) -> list[tuple[str, str]]:
-        """Each key of a stage, and the same where a file of the library has one byte more."""
+    def changed_keys(self, stage: str, file: str, added: bytes | None = None) -> list[tuple[str, str]]:
+        """Each key of a stage, and the same where a file of the library has a statement or one byte more."""
         if stage not in self.unchanged:
             self.unchanged[stage] = self.keys(stage)
         path = self.folder / file
         content = path.read_bytes()
-        path.write_bytes(content + b"\n")
+        path.write_bytes(content + (added or (b"\nADDED = 1\n" if path.suffix == ".py" else b"\n")))
         try:
             return list(zip(self.unchanged[stage], self.keys(stage), strict=True))
         finally:
@@ -163,14 +159,25 @@ def library_copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LibraryCo
         ("revisit", "validation/off_table/motors.py"),
     ],
 )
-def test_any_byte_of_the_code_changes_the_key(stage: str, file: str, library_copy: LibraryCopy) -> None:
+def test_any_change_of_the_code_changes_the_key(stage: str, file: str, library_copy: LibraryCopy) -> None:
     assert any(one != other for one, other in library_copy.changed_keys(stage, file))
+
+
+@pytest.mark.parametrize("added", [b"\n\n# a comment\n", b'\n"""Words below the last line."""\n'])
+def test_a_comment_changes_no_key(added: bytes, library_copy: LibraryCopy) -> None:
+    assert all(one == other for one, other in library_copy.changed_keys("train", "errors.py", added))
 
 
 @pytest.mark.parametrize("stage", ["train", "diagnose_withheld", "land"])
 @pytest.mark.parametrize(
     "file",
-    ["reports/log_recording.py", "jumping/reports/landing.html", "cache.py", "__init__.py", "validation/scoring.py"],
+    [
+        "reports/log_recording.py",
+        "jumping/reports/landing.html",
+        "runtime/cache.py",
+        "__init__.py",
+        "validation/scoring.py",
+    ],
 )
 def test_code_that_shapes_no_result_changes_no_key(stage: str, file: str, library_copy: LibraryCopy) -> None:
     assert all(one == other for one, other in library_copy.changed_keys(stage, file))
@@ -179,14 +186,19 @@ def test_code_that_shapes_no_result_changes_no_key(stage: str, file: str, librar
 @pytest.mark.parametrize("stage", MAKERS)
 def test_keys_cover_the_library_code_that_dvc_lists(stage: str) -> None:
     covered = {dependency(name) for make in MAKERS[stage] for name in closure(make.__module__)}
-    listed = {dep for dep in stages()[stage]["deps"] if dep.startswith("src/")} - NO_PART_OF_RESULTS
-    # The page of landings is written anew in every run; plans of further jumps are inputs, hashed by their content.
-    besides = {"practise": REPORTS, "land": REPORTS, "land_corrected": REPORTS, "revisit": PLANS}.get(stage, ())
+    listed = {
+        dependency(name) for name in hashes(module_of(stage), TREE) if name in TREE.modules and "leapgap." in name
+    }
+    listed -= NO_PART_OF_RESULTS
+    # Plans of further jumps are inputs, hashed by their content.
+    besides = PLANS if stage == "revisit" else ()
     assert listed - {f"src/leapgap/{name}" for name in besides} <= covered
 
 
 def test_every_stage_that_keeps_results_is_checked_here() -> None:
-    users = {name for name, stage in stages().items() if "src/leapgap/cache.py" in stage["deps"]}
+    """A stage that makes pages reads results and keeps none."""
+    own = {name for name in stages() if module_of(name) not in RENDERS}
+    users = {name for name in own if "leapgap.runtime.cache" in hashes(module_of(name), TREE)}
     assert users == set(MAKERS)
 
 
@@ -244,6 +256,10 @@ def test_a_key_parses_each_file_of_its_code_once(monkeypatch: pytest.MonkeyPatch
     tree = SourceTree((PACKAGE,))
     tree.code_hash("leapgap.logs.log")
     assert len(parsed) == len(tree.closure("leapgap.logs.log"))
+
+
+def module_of(stage: str) -> str:
+    return word("dvc.yaml", stage)
 
 
 def store_result(cache: ResultCache, place: str, key: str = KEY, **texts: str) -> None:
@@ -330,40 +346,6 @@ def test_files_of_another_place_are_refused(tmp_path: Path) -> None:
         (folder / "other.json").write_text("1")
     with pytest.raises(ValueError, match="has no dot"):
         cache.get("a.b", KEY)
-
-
-FORMER = {
-    "case_0/key.json": {"key": KEY},
-    "case_0/report.json": {"verdict": "none"},
-    "case_0/corrected/effects.json": {"effects": []},
-    "worn/ours/jump_0.json": {"key": KEY, "landings": [], "conduct": {}, "tried": {}},
-    "worn/ours/jump_0.parquet": {},
-    "worn/practice/identified.json": {"key": KEY, "value": {}},
-    "fold_0/kernel.json": {"key": KEY, "format_version": 1, "trained_on": []},
-    "fold_0/kernel.npz": {},
-    "fold_0/kernel.curve.json": {"rows": []},
-    "fold_0/spread.npz": {},
-}
-"""Results as they were kept before there were records."""
-LIKE_FORMER = {
-    "case_0/notes.json": {"key": KEY},
-    "case_1/key.json": {"key": "of my door"},
-    "case_1/report.json": {"verdict": "mine"},
-    "worn/ours/table.json": {"landings": []},
-    "fold_1/kernel.npz": {},
-    "fold_1/spread.npz": {},
-}
-
-
-def test_former_results_are_replaced_and_swept_and_their_likes_are_not(tmp_path: Path) -> None:
-    for name, value in (FORMER | LIKE_FORMER).items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(json.dumps(value))
-    cache = ResultCache(tmp_path)
-    assert cache.get("worn/ours/jump_0", KEY) is None
-    store_result(cache, "worn/ours/jump_0", json="new")
-    cache.sweep()
-    assert names(tmp_path) == {*LIKE_FORMER, "worn/ours/jump_0.json", "worn/ours/jump_0.key"}
 
 
 def test_a_sweep_leaves_another_output_below_it_alone(tmp_path: Path) -> None:

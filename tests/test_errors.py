@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from leapgap.errors import InputError, needs
-from leapgap.executor import Executor
+from leapgap.runtime.executor import Executor
 
 
 def test_a_missing_package_names_the_extra_that_brings_it(monkeypatch: pytest.MonkeyPatch) -> None:

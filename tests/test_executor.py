@@ -10,7 +10,7 @@ from functools import cached_property
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.executor import Executor, JobPool
+from leapgap.runtime.executor import Executor, JobPool
 
 
 def square(x: int) -> int:

@@ -7,6 +7,7 @@ import pytest
 from tests.code import ROOT, imports, modules
 
 MAY_IMPORT = {
+    "runtime": set(),
     "robot": set(),
     "logs": {"robot"},
     "effects": {"robot"},
@@ -40,9 +41,8 @@ ONLY_IN = {
     "omegaconf": set(),
     "dvc": set(),
 }
-SHARED = {"registry", "errors", "atomic_io", "output_folder", "processes", "executor", "cache", "content_hash"}
-SHARED |= {"import_closure", "former_results", "blas", "interrupt", "plain_yaml"}
-"""Files beside the packages, which all of them may use."""
+SHARED = {"registry", "errors", "runtime"}
+"""Files beside the packages, and the package of processes, caches and outputs, which all of them may use."""
 LIBRARY = [name for name in modules() if name.startswith("leapgap.")]
 
 
@@ -72,6 +72,11 @@ def test_heavy_libraries_stay_where_they_belong(module: str) -> None:
         lib for lib, homes in ONLY_IN.items() if lib in imports(module) and not {package(module), part(module)} & homes
     }
     assert not misplaced, f"{module} imports {misplaced}"
+
+
+def test_the_front_door_stands_alone_at_the_top() -> None:
+    above = {name for name in LIBRARY if name.count(".") == 1 and modules()[name].name != "__init__.py"}
+    assert above == FRONT | {"leapgap.errors", "leapgap.registry"}
 
 
 def test_every_package_has_a_rule() -> None:

@@ -48,7 +48,7 @@ def test_without_a_python_that_fits_the_message_says_so(tmp_path: Path) -> None:
     done = make(tmp_path, ".venv/ready", python3="exit 1")
     assert done.returncode != 0
     assert "found neither python3.11 nor another python3" in done.stderr
-    assert "expected Python 3.11, 3.12 or 3.13" in done.stderr
+    assert "expected Python 3.11 to 3.14" in done.stderr
     assert not (tmp_path / ".venv").exists()
 
 
@@ -66,7 +66,7 @@ def test_any_name_of_a_python_that_fits_does(tmp_path: Path, name: str) -> None:
 
 def test_uv_brings_a_python_where_none_fits(tmp_path: Path) -> None:
     done = make(tmp_path, "-n", ".venv/ready", python3="exit 1", uv="exit 0")
-    assert f"{tmp_path}/bin/uv venv -q --seed --python '>=3.11,<3.14' .venv" in done.stdout
+    assert f"{tmp_path}/bin/uv venv -q --seed --python '>=3.11,<3.15' .venv" in done.stdout
 
 
 def test_a_debian_python_that_lacks_venv_is_named_with_what_to_install(tmp_path: Path) -> None:

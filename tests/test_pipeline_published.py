@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json
 from tests.project import Project, ran
 
 pytestmark = [pytest.mark.pipeline, pytest.mark.long]
@@ -25,7 +25,7 @@ def published(tmp_path_factory: pytest.TempPathFactory, simulated_run: Path, raw
         shutil.copytree(folder, project.folder / "data/raw/a1_hardware" / folder.name)
     project.dvc("add", "data/raw/a1_hardware")
     project.commit("four published jumps")
-    project.said = project.dvc("repro", "view")  # type: ignore[attr-defined]
+    project.said = project.dvc("repro", "published/dvc.yaml:view", "published/dvc.yaml:report")  # type: ignore[attr-defined]
     project.commit("run")
     return project
 
@@ -38,20 +38,19 @@ def test_published_jumps_go_from_raw_logs_to_report_and_recording(published: Pro
     assert not clock["passed"]  # rows last longer than the log claims, on every jump
     assert min(clock["per_log"].values()) > 1.05
     assert (published.folder / "data/reports/published/diagnosis.rrd").exists()
-    assert list((published.folder / "data/views").glob("published_*.rrd"))
+    assert list((published.folder / "data/views_published").glob("published_*.rrd"))
     assert read_json(published.folder / "metrics/published/learning.json")["jumps"] == 4
     assert "data/reports/published/report.html" in published.run(sys.executable, "-m", "leapgap.reports.print_results")
 
 
 def test_jumps_that_come_later_run_what_depends_on_them_and_nothing_else(published: Project) -> None:
     grids = ("published", "published_25_25")  # recordings show nothing that was learned by the logs' own clock
-    assert ran(published.said) == {  # type: ignore[attr-defined]
+    stages = [
         "import_logs",
         *(f"{stage}@{grid}" for stage in ("chunk", "train") for grid in grids),
-        "evaluate@published",
-        "diagnose@published",
-        "view",
-    }
+        *("evaluate", "diagnose", "report", "view"),
+    ]
+    assert ran(published.said) == {"code", *(f"published/dvc.yaml:{one}" for one in stages)}  # type: ignore[attr-defined]
 
 
 def test_push_and_pull_bring_data_to_a_second_clone(published: Project, tmp_path: Path) -> None:
@@ -66,7 +65,7 @@ def test_push_and_pull_bring_data_to_a_second_clone(published: Project, tmp_path
     of_jumps = ("jumps/published/jump_01.parquet", "reports/published/report.html")
     for name in ("data/raw/a1_hardware/1/pos.txt", *(f"data/{name}" for name in of_jumps)):
         assert (second / name).read_bytes() == (published.folder / name).read_bytes()
-    assert ran(clone.dvc("repro", "view")) == set()
+    assert ran(clone.dvc("repro", "published/dvc.yaml:view")) == {"code"}
 
 
 def test_raw_logs_can_be_imported_from_another_repository(published: Project, tmp_path: Path) -> None:
@@ -80,7 +79,7 @@ def test_raw_logs_can_be_imported_from_another_repository(published: Project, tm
         subprocess.run(["git", *command], cwd=source, check=True)
     published.dvc("import", str(source), "set", "-o", "data/raw/imported")
     assert (published.folder / "data/raw/imported/1/pos.txt").exists()
-    assert "import_logs" in published.dvc("status")
+    assert "import_logs" in published.dvc("status", "published/dvc.yaml")
     shutil.rmtree(published.folder / "data/raw/imported")
     (published.folder / "data/raw/imported.dvc").unlink()
 
@@ -95,12 +94,12 @@ def damage(table: Path) -> None:
 def test_a_damaged_log_is_set_aside_and_named_and_too_few_others_stop_repro(published: Project) -> None:
     raw = published.folder / "data/raw/a1_hardware"
     damage(raw / "2/torque.txt")
-    said = published.dvc("repro", "import_logs")
+    said = published.dvc("repro", "published/dvc.yaml:import_logs")
     assert "torque.txt: found 1 values that are no number, first in row 0" in said
     assert "3 logs imported" in said
     for jump in ("1", "3"):
         damage(raw / jump / "torque.txt")
-    said = published.dvc("repro", "view", code=None)
+    said = published.dvc("repro", "published/dvc.yaml:view", code=None)
     assert said.count("torque.txt: found 1 values that are no number, first in row 0") == 3
     assert "exited with 2" in said
     assert "Traceback" not in said

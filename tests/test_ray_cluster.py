@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.executor import Executor
+from leapgap.runtime.executor import Executor
 
 pytest.importorskip("ray", reason="no ray: pip install 'ray>=2.60,<3' (extra ray)")
 

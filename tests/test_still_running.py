@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from leapgap.still_running import still_running
+from leapgap.runtime.still_running import still_running
 
 
 def test_silence_is_broken_and_talk_is_passed_on() -> None:

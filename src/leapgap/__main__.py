@@ -2,7 +2,7 @@
 
 import sys
 
-from leapgap.interrupt import hear_early
+from leapgap.runtime.interrupt import hear_early
 
 
 def main() -> int:

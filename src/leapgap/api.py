@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import sha256
 from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.checks.base import CheckResult
 from leapgap.diagnosis.provenance import Provenance
@@ -21,6 +20,7 @@ from leapgap.logs.map_proposal.report import first_file
 from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import sha256
 from leapgap.simulation.corrected import read_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from leapgap.errors import InputError, did_you_mean, printable
-from leapgap.interrupt import STOPPED
-from leapgap.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.processes import InterruptGuard, open_closed_streams, tolerate_terminal
-from leapgap.still_running import still_running
+from leapgap.runtime.interrupt import STOPPED
+from leapgap.runtime.output_folder import check_output, merged_folder, system_error, what_is_kept
+from leapgap.runtime.processes import InterruptGuard, open_closed_streams, tolerate_terminal
+from leapgap.runtime.still_running import still_running
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
@@ -357,7 +357,7 @@ def run_effects(chosen: argparse.Namespace) -> None:
 
 def run_report(chosen: argparse.Namespace) -> None:
     """Print the sentence; open the page in the browser unless that is not wanted."""
-    from leapgap.atomic_io import read_json
+    from leapgap.runtime.atomic_io import read_json
 
     data, page = chosen.folder / "report.json", chosen.folder / "report.html"
     if not data.is_file() or not page.is_file():

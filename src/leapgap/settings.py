@@ -16,7 +16,7 @@ import yaml
 
 from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.files import check_file
-from leapgap.plain_yaml import MOST_BYTES, check_size, from_yaml
+from leapgap.runtime.plain_yaml import MOST_BYTES, check_size, from_yaml
 
 Kind = TypeVar("Kind")
 

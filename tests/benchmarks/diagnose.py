@@ -14,13 +14,13 @@ from pathlib import Path
 
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from stages.common import read_config

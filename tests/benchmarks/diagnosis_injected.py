@@ -20,7 +20,6 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from leapgap import effects
-from leapgap.atomic_io import write_json
 from leapgap.diagnosis.checks import clock_of, run_checks
 from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
@@ -33,6 +32,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_log
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop, terrain_slots
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.export.write import write_controller
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, kind_of
 from tests.benchmarks.tick.timings import load

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference_store import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.controller import StateEstimate
 from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, SUDDEN_TICK, UPDATE_TICKS, kind_of

@@ -23,10 +23,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.control import compiler
 from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.mpc import ForcePlan, MpcConfig
+from leapgap.jumping.control.mpc import ForcePlan
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference
@@ -36,6 +36,7 @@ from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.controller import StateEstimate
 from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.plain_mpc import Plain

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import write_json
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.report import round_floats
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.validation.experiments import OpenCase, draw_effect, follow
 from tests.benchmarks import run_benchmark
 

@@ -14,13 +14,13 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.planning.layout import COORDINATES
 from leapgap.jumping.planning.nlp import JumpNlp, Label
 from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.jumping.planning.solve import solve
 from leapgap.jumping.task import ContactSchedule, Target
+from leapgap.runtime.atomic_io import write_json
 from tests.benchmarks import run_benchmark
 from tests.jumping.planning.lagrangian import residual
 

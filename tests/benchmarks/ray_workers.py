@@ -24,8 +24,8 @@ from unittest.mock import patch
 
 import leapgap as lg
 from leapgap import demo
-from leapgap.atomic_io import read_json, write_json
-from leapgap.executor import Executor, JobPool
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.executor import Executor, JobPool
 from tests.benchmarks import run_benchmark
 from tests.code import ROOT
 

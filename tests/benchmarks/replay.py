@@ -15,10 +15,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from leapgap.atomic_io import write_json
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from tests.benchmarks import run_benchmark

@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.atomic_io import write_json
 from leapgap.effects.joint_damping import JointDamping
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference_store import reference_to
@@ -29,6 +28,7 @@ from leapgap.jumping.task import Target
 from leapgap.logs.log import Log, write_log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
 from leapgap.simulation.sensors import SensorNoise
 from tests.benchmarks import run_benchmark

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json
 from tests.benchmarks import run_benchmark
 from tests.benchmarks.diagnose import tiny
 

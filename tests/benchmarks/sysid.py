@@ -23,7 +23,6 @@ from mujoco import sysid
 from omegaconf import OmegaConf
 
 from leapgap import effects
-from leapgap.atomic_io import write_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import diagnose
@@ -37,6 +36,7 @@ from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.replay import Replayer
 from stages.common import read_config
 from tests.benchmarks import run_benchmark

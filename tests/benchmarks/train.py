@@ -20,7 +20,6 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import write_json
 from leapgap.jumping.learning import store, torch_rollout
 from leapgap.jumping.learning import windows as windows_module
 from leapgap.jumping.learning.experiment import TrainConfig, fit_task
@@ -31,7 +30,8 @@ from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
-from stages.params import compose_params
+from leapgap.runtime.atomic_io import write_json
+from stages.params import compose_conf
 from stages.train import read_train_config
 from tests.benchmarks import run_benchmark
 
@@ -115,7 +115,7 @@ def main() -> None:
     windows = windows_module.read(given.windows or WINDOWS[0])
     if not len(windows) and given.windows is None:
         windows = windows_module.read(WINDOWS[1])
-    config = read_train_config(OmegaConf.create(compose_params()).train)
+    config = read_train_config(OmegaConf.create(compose_conf()).train)
     steps = STEPS
     if given.tiny:
         windows = windows.of_jumps(windows.jumps[:2])

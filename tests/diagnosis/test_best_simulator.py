@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.atomic_io import read_json
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.decision_thresholds import DecisionThresholds
@@ -22,6 +21,7 @@ from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json
 from leapgap.simulation.corrected import read_corrected, write_corrected
 from tests.diagnosis.joint_fits import NOMINAL, heldout_gap, noisy_logs, short_rollouts
 from tests.diagnosis.two_link_arm import torque_driven_arm

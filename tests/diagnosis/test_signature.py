@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from docs.effect_signatures import CHANNELS, MARK, Signature, main, moderate_effects, signature
 from leapgap import effects
-from leapgap.diagnosis.signature import CHANNELS, MARK, Signature, main, moderate_effects, signature
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from leapgap.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json
 from tests.code import ROOT
 from tests.docs.tables import table_of
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from leapgap.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json
 from stages.draws import single_tasks, tables
 from tests.code import ROOT
 from tests.docs.tables import cells_of, table_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from leapgap.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json
 from tests.code import ROOT
 from tests.docs.tables import table_of
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.diagnosis.signature import moderate_effects
+from docs.effect_signatures import moderate_effects
 from leapgap.robot.model import Robot
 from tests.code import ROOT
 

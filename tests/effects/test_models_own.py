@@ -241,7 +241,7 @@ def test_the_resistance_is_the_robots(tmp_path: Path) -> None:
 
 
 def test_an_effect_left_to_the_models_own_survives_configuration_and_digest() -> None:
-    from leapgap.content_hash import digest
+    from leapgap.runtime.content_hash import digest
 
     absent = effects.effect("foot_friction", "rear")
     assert absent.values == {} and absent.is_nominal

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from leapgap.atomic_io import write_json
+from leapgap.runtime.atomic_io import write_json
 from tests.code import ROOT
 from tests.hostile import logs as hostile_logs
 from tests.hostile.kills import AT_ONCE, kills_number

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.executor import Executor
 from leapgap.robot.model import Robot
+from leapgap.runtime.executor import Executor
 from tests import plain_arm
 from tests.code import ROOT
 from tests.hostile.kills import (

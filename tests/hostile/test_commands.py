@@ -16,7 +16,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from leapgap import Settings, cli, registry
-from leapgap.atomic_io import write_json, write_text
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
@@ -24,6 +23,7 @@ from leapgap.logs import importers
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.reading import read_folder
 from leapgap.reports.diagnosis import ChosenLogs
+from leapgap.runtime.atomic_io import write_json, write_text
 from tests import plain_arm
 from tests.hostile.kills import environment
 

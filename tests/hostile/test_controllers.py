@@ -10,7 +10,7 @@ from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.gains import JointGains, PhaseGains
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
 from leapgap.jumping.control.landing import LandingConfig
-from leapgap.jumping.control.mpc import MpcConfig, StateWeights
+from leapgap.jumping.control.mpc_config import MpcConfig, StateWeights
 from leapgap.jumping.control.mpc_controller import POSE_NOT_FINITE, JumpMpc
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JointPd

@@ -10,8 +10,8 @@ import pytest
 from leapgap import cli
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
-from leapgap.output_folder import claim_folder, merged_folder, whole_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.output_folder import claim_folder, merged_folder, whole_folder
 from tests import plain_arm
 from tests.conftest import standing
 from tests.logs.test_importers import write_published

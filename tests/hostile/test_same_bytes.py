@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import leapgap as lg
-from leapgap.blas import loaded, one_blas_thread
 from leapgap.reports import diagnosis
+from leapgap.runtime.blas import loaded, one_blas_thread
 from tests import plain_arm
 from tests.code import ROOT
 
@@ -23,7 +23,7 @@ matrix = numpy.random.default_rng(1).normal(size=(3000, 257))
 sums = (matrix.T @ matrix, scipy.linalg.lstsq(matrix, matrix[:, 0] ** 2)[0])
 print(hashlib.sha256(b"".join(numpy.ascontiguousarray(one).tobytes() for one in sums)).hexdigest())
 """
-PINNED = "from leapgap.blas import one_blas_thread; pin = one_blas_thread(); pin.__enter__()"
+PINNED = "from leapgap.runtime.blas import one_blas_thread; pin = one_blas_thread(); pin.__enter__()"
 
 
 def with_threads(number: int, before: str) -> str:

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from leapgap.diagnosis.joint_fit import JointFitSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.models.rigid_body import RigidBody
@@ -17,7 +17,7 @@ from leapgap.settings import from_json
 from leapgap.simulation.closed_loop import Sensing
 from stages.common import params_with_overrides, read_config
 from stages.export import ExportSettings
-from stages.params import compose_params
+from stages.params import compose_conf
 
 NAN = float("nan")
 
@@ -87,13 +87,13 @@ def test_numbers_without_a_meaning_are_refused_where_they_are_read(kind: type, s
 
 
 def test_the_configuration_itself_is_taken() -> None:
-    section = OmegaConf.create(compose_params()).diagnose.settings
+    section = OmegaConf.create(compose_conf()).diagnose.settings
     assert read_config(Settings, section, "diagnose.settings") == Settings()
 
 
 @pytest.mark.parametrize("target", [[0.5], [], [0.5, 0.0, 0.0], [float("inf"), 0.0], [NAN, 0.0], [1e300, 0.0]])
 def test_an_export_without_a_jump_is_refused_before_the_robot_practises(target: list[float]) -> None:
-    section = OmegaConf.create(compose_params()).export
+    section = OmegaConf.create(compose_conf()).export
     section.target = target
     with pytest.raises(InputError, match=r"^(export|jump target: found x 1e\+300 m)"):
         read_config(ExportSettings, section, "export")

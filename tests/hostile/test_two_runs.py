@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import HOST, partial, whole_file, write_text
 from leapgap.errors import InputError
-from leapgap.output_folder import MARKER, claim_folder, folder_lock, whole_folder
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import HOST, partial, whole_file, write_text
+from leapgap.runtime.output_folder import MARKER, claim_folder, folder_lock, whole_folder
 from tests.code import ROOT
 from tests.logs.test_importers import write_published
 from tests.stages.test_by_hand import assert_refused, stage
@@ -21,7 +21,7 @@ TEST = "leapgap test"
 HOLD = """
 import sys, time
 from pathlib import Path
-from leapgap.output_folder import whole_folder
+from leapgap.runtime.output_folder import whole_folder
 with whole_folder(Path(sys.argv[1]), "leapgap test") as folder:
     (folder / "a.txt").write_text("first")
     print("held", flush=True)

@@ -23,7 +23,7 @@ from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.landing import LandingConfig, LandingMpc
 from leapgap.jumping.control.late_stance import LateStance
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference

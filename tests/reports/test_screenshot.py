@@ -7,7 +7,7 @@ from PIL import Image
 
 from leapgap.errors import InputError
 from leapgap.reports.log_recording import record_jump
-from leapgap.reports.screenshot import screenshot
+from tests.reports.screenshot import screenshot
 
 VULKAN_DRIVERS = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
 can_render = any(list(folder.glob("*.json")) for folder in VULKAN_DRIVERS if folder.is_dir())

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stages.collect import landing_in_words
+from leapgap.jumping.experiments.collecting import landing_in_words
 
 
 @pytest.mark.parametrize(

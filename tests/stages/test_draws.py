@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import write_json
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import write_json
 from stages import draws
 
 HEAD = "hardware,robot,method,task,number,jump,error_cm,pitch_deg,success,disturbance\n"

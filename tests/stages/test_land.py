@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
-from leapgap.cache import ResultCache
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.bench import TrialRunner
 from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.logs import log as jump_log
 from leapgap.robot.terrain import Box
+from leapgap.runtime.atomic_io import read_json
+from leapgap.runtime.cache import ResultCache
 from stages.common import read_config
 from stages.land import experiment_of
-from stages.params import compose_params
+from stages.params import compose_conf
 from tests.stages.test_by_hand import assert_refused, stage
 
 SMALL = (
@@ -99,7 +99,7 @@ def test_unknown_hardware_and_methods_are_refused(tmp_path: Path) -> None:
     ],
 )
 def test_experiments_without_a_meaning_are_refused_before_any_run(key: str, value: object, says: str) -> None:
-    config = OmegaConf.create(compose_params())
+    config = OmegaConf.create(compose_conf())
     config.land.hardware, config.land.only = ["worn"], {}
     OmegaConf.update(config.land, key, value)
     with pytest.raises(InputError, match=f"^{says}"):
@@ -113,7 +113,7 @@ def test_robots_practise_without_a_box_whatever_the_first_task_is(
     box = replace(reference.info, terrain=(Box(0.9, 0.0, (1.2, 1.0, 0.2), 0.2),))
     jump_log.write_log(reference, tmp_path / "h00_d60.parquet")
     jump_log.write_log(replace(reference, info=box), tmp_path / "h20_d60.parquet")
-    config = OmegaConf.create(compose_params())
+    config = OmegaConf.create(compose_conf())
     config.land.references, config.land.hardware = str(tmp_path), ["worn"]
     config.land.single = names
     config.land.tasks = {name: config.land.tasks[name] for name in names}

@@ -1,12 +1,14 @@
 """The record of which code made the figures that DVC does not make."""
 
+import re
 from pathlib import Path
 
 import pytest
 import yaml
+from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import read_json
 from stages import made_with
 from tests.code import ROOT
 from tests.project import Project
@@ -16,8 +18,17 @@ OTHER = {"metrics/made_with.json", "metrics/timing/stages.json"}
 
 
 def made_by_dvc() -> set[str]:
-    lock = yaml.safe_load((ROOT / "dvc.lock").read_text(encoding="utf-8"))
-    return {out["path"] for stage in lock["stages"].values() for out in stage.get("outs", [])}
+    """Files of figures that the pipelines make."""
+    conf = OmegaConf.load(ROOT / "params.yaml")
+    texts = [(ROOT / name).read_text(encoding="utf-8") for name in ("dvc.yaml", "published/dvc.yaml")]
+    by_variant = [run.metrics for of in conf.variants.values() for run in of.values() if "metrics" in run]
+    return {*by_variant, *re.findall(r"metrics/[\w/]+\.json(?=: \{cache)", "\n".join(texts))}
+
+
+def test_frozen_stages_hold_every_file_of_figures_that_no_pipeline_makes() -> None:
+    stages = yaml.safe_load((ROOT / "figures/dvc.yaml").read_text(encoding="utf-8"))["stages"]
+    frozen = {name for stage in stages.values() for one in stage["metrics"] for name in one}
+    assert frozen == {name for name in made_with.CODE if (ROOT / name).is_file()}
 
 
 def test_every_file_of_figures_has_a_record() -> None:
@@ -61,16 +72,18 @@ def test_a_change_of_code_makes_figures_older_and_another_file_does_not(tmp_path
     )
     planner.with_name("readme.md").write_text("other")
     assert made_with.state(tmp_path, name) == "as it stands"
-    planner.write_text("{ }")
+    planner.write_text("{}  # a comment")
+    assert made_with.state(tmp_path, name) == "as it stands"
+    planner.write_text("{1: 1}")
     assert made_with.state(tmp_path, name) == "older"
     made = read_json(tmp_path / made_with.NOTED)[name]["commit"]
-    project.git("commit", "-qam", "a space more")
-    made_with.note(tmp_path, [name], unchanged="a space in a file does nothing")
+    project.git("commit", "-qam", "a set more")
+    made_with.note(tmp_path, [name], unchanged="a set that nobody reads does nothing")
     assert made_with.state(tmp_path, name) == "unchanged"
     assert read_json(tmp_path / made_with.NOTED)[name]["commit"] == made
-    assert made_with.files_by_reason(tmp_path, [name]) == {"a space in a file does nothing": [name]}
-    assert f"- `{name}` unchanged: a space in a file does nothing." in made_with.markdown(tmp_path)
-    planner.write_text("{  }")
+    assert made_with.files_by_reason(tmp_path, [name]) == {"a set that nobody reads does nothing": [name]}
+    assert f"- `{name}` unchanged: a set that nobody reads does nothing." in made_with.markdown(tmp_path)
+    planner.write_text("{2: 2}")
     assert made_with.state(tmp_path, name) == "older"
     made_with.note(tmp_path, [name])
     assert made_with.state(tmp_path, name) == "as it stands"

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.jumping.learning import windows as windows_module
-from stages.params import compose_params
+from leapgap.runtime.atomic_io import read_json, write_json
+from stages.params import compose_conf
 from stages.sweep import HELD, Table
 from tests import plain_arm
 from tests.jumping.learning.conftest import jumps, windows  # noqa: F401 - fixtures
@@ -171,7 +171,7 @@ def test_optuna_finds_the_smallest_figure(arm: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "conf/experiment").glob("*.yaml")))
 def test_every_experiment_composes_and_says_how_it_is_run(name: str) -> None:
-    assert compose_params([f"experiment={name}"])
+    assert compose_conf([f"experiment={name}"])
     text = (ROOT / "conf/experiment" / f"{name}.yaml").read_text()
     assert text.startswith("# @package _global_") and f"experiment={'<name>' if name == 'default' else name}" in text
     sections = {line.split(":")[0] for line in text.splitlines() if line and line[0].isalpha()} - {"defaults"}

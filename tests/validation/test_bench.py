@@ -12,7 +12,7 @@ from leapgap.validation.outcome import outcome, truth_in_words
 from stages import bench
 from stages.common import CONF
 from stages.diagnose_withheld import Job
-from stages.params import compose_params
+from stages.params import compose_conf
 from tests.validation.test_scoring import report, truth
 
 TIMES = {"cpu_s": 2.0, "wall_s": 3.0}
@@ -83,7 +83,7 @@ def test_no_reported_half_is_drawn() -> None:
     chosen = OmegaConf.load(CONF / "bench" / "default.yaml")
     for family, asked in chosen.draws.items():
         overrides = [one for one in (*bench.DRAWN, *bench.NOTHING, *asked) if not one.startswith("executor")]
-        section = OmegaConf.create(compose_params(overrides)).withhold
+        section = OmegaConf.create(compose_conf(overrides)).withhold
         halves = [section.halves, section.further, section.owners, *(own.halves for own in section.robots.values())]
         assert all(set(own) == {"tuning"} for own in halves), family
         assert section.published is None

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.cache import ResultCache
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
+from leapgap.runtime.cache import ResultCache
 from leapgap.validation.real_robots import (
     PublishedPush,
     RealCase,

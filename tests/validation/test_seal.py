@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import sha256, write_json
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import sha256, write_json
 from leapgap.validation.seal import SEALS, open_truth, seal
 
 

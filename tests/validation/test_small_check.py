@@ -9,7 +9,7 @@ from leapgap.robot.model import Robot
 from leapgap.validation.case import ChosenCase
 from leapgap.validation.case_draw import Half, draw_cases
 from stages.common import read_config
-from stages.params import compose_params
+from stages.params import compose_conf
 from tests.code import ROOT
 
 VERDICTS = {"named", "partly", "ambiguous", "unknown", "none"}
@@ -17,7 +17,7 @@ VERDICTS = {"named", "partly", "ambiguous", "unknown", "none"}
 
 def chosen(*overrides: str) -> list[ChosenCase]:
     """The cases of a configuration that are not drawn."""
-    section = OmegaConf.create(compose_params(list(overrides))).withhold.chosen
+    section = OmegaConf.create(compose_conf(list(overrides))).withhold.chosen
     return [read_config(ChosenCase, own, "withhold.chosen") for own in section]
 
 

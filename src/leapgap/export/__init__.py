@@ -4,9 +4,9 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from leapgap.atomic_io import write_text
 from leapgap.export.base import CorrectedRobot, Export
 from leapgap.registry import classes_by_name
+from leapgap.runtime.atomic_io import write_text
 from leapgap.simulation.corrected import README
 
 ENTRY_POINTS = "leapgap.exports"

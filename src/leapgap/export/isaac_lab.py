@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from leapgap.atomic_io import write_text
 from leapgap.export.actuators import STEPS, ActuatorSettings
 from leapgap.export.base import CorrectedRobot, Export, exactly, literal
+from leapgap.runtime.atomic_io import write_text
 
 SOURCE = '''\
 """A corrected robot for Isaac Lab 2.3 (Isaac Sim 5, where joint friction is a torque).

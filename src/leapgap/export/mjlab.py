@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from leapgap.atomic_io import write_text
 from leapgap.export.actuators import STEPS, ActuatorSettings
 from leapgap.export.base import CorrectedRobot, Export, exactly, literal
+from leapgap.runtime.atomic_io import write_text
 
 SOURCE = '''\
 """A corrected robot for mjlab 1.6: put `actuators(dt)` into `EntityArticulationInfoCfg` and `EVENTS` among the events.

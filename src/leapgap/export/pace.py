@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from leapgap.atomic_io import write_text
 from leapgap.export.actuators import ActuatorSettings
 from leapgap.export.base import CorrectedRobot, Export, exactly, literal
+from leapgap.runtime.atomic_io import write_text
 
 SOURCE = '''\
 """A corrected robot for PACE 0.2 (`pace_sim2real`, on Isaac Lab 2.3).

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from leapgap.atomic_io import write_text
 from leapgap.export.base import CorrectedRobot, Export
+from leapgap.runtime.atomic_io import write_text
 
 SOURCE = '''\
 """A corrected robot for MuJoCo Playground 0.2: `domain_randomize` is the `randomization_fn` of a training.

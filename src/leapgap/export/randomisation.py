@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from leapgap.atomic_io import whole_file, write_text
 from leapgap.export.base import DRAWN, CorrectedRobot, Export
+from leapgap.runtime.atomic_io import whole_file, write_text
 
 SAMPLES = "posterior.npz"
 HEAD = f"""\

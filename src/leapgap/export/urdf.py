@@ -7,10 +7,10 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from leapgap.atomic_io import write_text
 from leapgap.export.base import CorrectedRobot, Export, Numbers
 from leapgap.robot.model import Robot
 from leapgap.robot.urdf import is_urdf
+from leapgap.runtime.atomic_io import write_text
 
 FILE, MESHES = "robot.urdf", "meshes"
 UNKNOWN = 1e6

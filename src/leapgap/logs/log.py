@@ -17,7 +17,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
 from leapgap.logs.completeness import check_complete
@@ -29,6 +28,7 @@ from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, ch
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import continuous, pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
+from leapgap.runtime.atomic_io import whole_file
 
 FORMAT_VERSION = 2
 JUMP_VERSION = 1

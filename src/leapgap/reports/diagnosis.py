@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
-from leapgap.atomic_io import sha256, write_json, write_text
-from leapgap.blas import one_blas_thread
 from leapgap.diagnosis.departing_logs import check_motion, without_departing
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.localisation import Place
@@ -23,24 +22,21 @@ from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
 from leapgap.logs.stretches import choose_stretches
-from leapgap.output_folder import merged_folder
-from leapgap.reports.channel_names import channel_words
-from leapgap.reports.report import html
-from leapgap.reports.viewer import (
-    EMBEDDED,
-    LIGHT,
-    VIEWERS,
-    EmbeddedViewer,
-    check_viewer,
-    embedded_viewer,
-    viewer_folder,
-)
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.picture import robot_picture
-from leapgap.simulation.corrected import write_corrected
+from leapgap.runtime.atomic_io import sha256, write_json, write_text
+from leapgap.runtime.blas import one_blas_thread
+from leapgap.runtime.output_folder import merged_folder
+from leapgap.simulation.corrected import NOMINAL, write_corrected
 from leapgap.simulation.replay import Replayer
 
+if TYPE_CHECKING:  # a diagnosis is made without its page, so that a change of the page makes none anew
+    from leapgap.reports.viewer import EmbeddedViewer
+
+LIGHT, EMBEDDED = "light", "embedded"
+VIEWERS = (LIGHT, EMBEDDED)
+"""What shows the robot on the page: plots and text alone, or the Rerun viewer inside."""
 REPORT, PAGE, CORRECTED, BEST, RECORDING = "report.json", "report.html", "corrected", "best", "diagnosis.rrd"
 """What ``Report.save`` writes into a folder."""
 SAVED_BY = "leapgap diagnose"
@@ -49,12 +45,24 @@ CAUSES_PRINTED = 5
 PLACES_PRINTED = 4
 
 
+def check_viewer(name: str) -> None:
+    """Raise ``InputError`` for a viewer that is none."""
+    if name not in VIEWERS:
+        raise InputError("report.viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
+
+
 @dataclass(frozen=True)
 class PageSettings:
     """Section ``report`` of the configuration."""
 
     viewer: str = LIGHT
     """``light`` or ``embedded``, for the Rerun viewer inside the page."""
+    recordings: bool = True
+    """Whether to write ``diagnosis.rrd``."""
+    diagnosis: str = "data/diagnoses/damped"
+    """Folder of a diagnosis that was kept as data (``kept.keep``)."""
+    out: str | None = None
+    replays: str | None = None
 
     def __post_init__(self) -> None:
         if self.viewer not in VIEWERS:
@@ -157,27 +165,39 @@ class Report:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
-    @one_blas_thread()
     def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
         ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
         ``save``; ``picture`` is a PNG of the robot for the page.
         """
-        check_viewer(viewer)
-        inside = self.embedded() if viewer == EMBEDDED else None
+        self.write_data(folder)
+        self.write_page(folder, viewer, picture)
+
+    @one_blas_thread()
+    def write_data(self, folder: Path) -> None:
+        """Write all but the page."""
         write_json(folder / REPORT, self.content.to_json())
-        written = write_corrected(folder / CORRECTED, self.robot, self.correction)
+        write_corrected(folder / CORRECTED, self.robot, self.correction)
         write_exports(folder / CORRECTED, CorrectedRobot(self.posterior, self.robot, gains_of(self.logs[0])))
         best = self.content.best_simulator
         if best and not best.is_answer:
             write_corrected(folder / BEST, self.robot, self.best)
-        replays = (self.nominal, self.corrected)
-        page = html(self.content, self.logs, self.robot, *replays, inside, written.replayable, picture)
-        write_text(folder / PAGE, page)
 
-    def embedded(self) -> EmbeddedViewer:
+    @one_blas_thread()
+    def write_page(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
+        """Write the page into a folder that has the data."""
+        from leapgap.reports.report import html
+
+        check_viewer(viewer)
+        inside = self.embedded() if viewer == EMBEDDED else None
+        replays, replayable = (self.nominal, self.corrected), (folder / CORRECTED / NOMINAL).is_file()
+        write_text(folder / PAGE, html(self.content, self.logs, self.robot, *replays, inside, replayable, picture))
+
+    def embedded(self) -> "EmbeddedViewer":
         """The viewer with the recording of this report."""
+        from leapgap.reports.viewer import embedded_viewer, viewer_folder
+
         viewer_folder()  # says what is missing before anything is recorded
         if self.record is None:
             expected = "a page with the viewer inside needs Rerun, which writes its recording"
@@ -194,6 +214,8 @@ def gains_of(log: Log) -> dict[str, tuple[float, float]]:
 
 def largest_errors(where: Sequence[Place]) -> list[str]:
     """``errors lie in: elbow velocity, part_1 20 %; …``: the largest places, one line; none where there are none."""
+    from leapgap.reports.channel_names import channel_words
+
     parts = [f"{channel_words(one.channel)}, {one.phase} {100 * one.share:.0f} %" for one in where[:PLACES_PRINTED]]
     return [f"errors lie in: {'; '.join(parts)}"] if parts else []
 

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from leapgap.atomic_io import write_json
 from leapgap.logs.log import write_log
 from leapgap.reports.diagnosis import Report
 from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, record_jump
+from leapgap.runtime.atomic_io import write_json
 
 
 def record_report(report: Report, path: Path) -> None:

@@ -15,9 +15,10 @@ def main() -> None:
     print(f"report: {report}\n  open it:    xdg-open {report}")
     if report is published:
         print(f"  simulated:  {simulated}")
-    print("  recordings: rerun data/views/*.rrd")
-    if INDEX.exists():
-        print(f"  all results: {INDEX}")
+    print("  recordings: rerun data/views/*.rrd" + (" data/views_published/*.rrd" if report is published else ""))
+    for page in (INDEX, INDEX.with_name("published.html")):
+        if page.exists():
+            print(f"  all results: {page}")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from leapgap.atomic_io import whole_file
+from leapgap.runtime.atomic_io import whole_file
 
 TIMELINE = "time"
 

@@ -13,8 +13,6 @@ from pathlib import Path
 from leapgap.errors import InputError
 from leapgap.reports.page import pack
 
-LIGHT, EMBEDDED = "light", "embedded"
-VIEWERS = (LIGHT, EMBEDDED)
 SCRIPT, WASM = "widget.js", "re_viewer_bg.wasm"
 FETCH = re.compile(r"//!<INLINE-MARKER-OPEN>.*?//!<INLINE-MARKER-CLOSE>", re.DOTALL)
 """The part of the viewer's script that loads the WebAssembly."""
@@ -36,12 +34,6 @@ class EmbeddedViewer:
     wasm: str
     recording: str
     """Packed as ``wasm`` is: gzip in base64."""
-
-
-def check_viewer(name: str) -> None:
-    """Raise ``InputError`` for a viewer that is none."""
-    if name not in VIEWERS:
-        raise InputError("report.viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
 
 
 def embedded_viewer(recording: bytes) -> EmbeddedViewer:

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from leapgap.atomic_io import read_json
 from leapgap.reports.diagnosis import BEST, CORRECTED, PAGE, RECORDING, REPORT
+from leapgap.runtime.atomic_io import read_json
 from leapgap.simulation.corrected import MODEL, NOMINAL, PARAMETERS
 from leapgap.simulation.corrected_readme import placed_in_words
 

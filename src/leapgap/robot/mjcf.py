@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from leapgap.atomic_io import write_text
 from leapgap.errors import InputError
 from leapgap.robot.model_hash import asset_paths, fields
+from leapgap.runtime.atomic_io import write_text
 
 ASSETS = "assets"
 """Folder of meshes, height fields and textures beside the file."""

@@ -12,13 +12,13 @@ from typing import Any
 import mujoco
 
 from leapgap import effects
-from leapgap.atomic_io import read_json, write_json, write_text
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.mjcf import write_mjcf
 from leapgap.robot.model import Robot
 from leapgap.robot.motors import MotorConstants
 from leapgap.robot.topology import PartNames
+from leapgap.runtime.atomic_io import read_json, write_json, write_text
 from leapgap.simulation.corrected_model import corrected_spec
 from leapgap.simulation.corrected_readme import EFFECTS, MODEL, NOMINAL, PARAMETERS, README, readme
 from leapgap.simulation.corrected_values import parameters

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from leapgap import effects
-from leapgap.atomic_io import sha256
 from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.gap import headline_gap
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -20,6 +19,7 @@ from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
+from leapgap.runtime.atomic_io import sha256
 from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout

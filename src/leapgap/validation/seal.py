@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
+from leapgap.runtime.atomic_io import read_json
 
 SEALS = "seals.json"
 """File beside the logs: case → seal of its truth."""

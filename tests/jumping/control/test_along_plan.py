@@ -7,7 +7,8 @@ import pytest
 
 from leapgap.jumping.control import compiler
 from leapgap.jumping.control.condensed_qp import ForceLimits
-from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, StateWeights
+from leapgap.jumping.control.mpc import ForcePlanner
+from leapgap.jumping.control.mpc_config import MpcConfig, StateWeights
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel
 from leapgap.jumping.models.deviation_model import DeviationModel, NominalDeviation, PlannedSteps

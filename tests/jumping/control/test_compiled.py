@@ -19,10 +19,12 @@ from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequiremen
 from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase, kernel
 from leapgap.jumping.control.leg_chains import CompiledLegs
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
+from leapgap.jumping.control.mpc import ForcePlanner
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import FAILED, OUT_OF_TIME
-from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel

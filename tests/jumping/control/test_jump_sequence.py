@@ -11,7 +11,7 @@ from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequiremen
 from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.landing import LandingConfig, LandingMpc, standing_force
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import OUT_OF_TIME
 from leapgap.jumping.control.reference import Reference

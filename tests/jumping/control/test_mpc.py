@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
-from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
+from leapgap.jumping.control.mpc import ForcePlanner
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.qp import INFEASIBLE, OUT_OF_TIME, Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation

@@ -9,9 +9,10 @@ from leapgap.errors import InputError
 from leapgap.jumping.control.gains import JointGains, JointTargets, LandingPose, PhaseGains
 from leapgap.jumping.control.guarded_solve import NOT_FINITE
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import POSE_NOT_FINITE, JumpMpc
-from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 from leapgap.logs.log import Log

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.cache import ResultCache
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.trial import TrialSetup
 from leapgap.jumping.task import target_of
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from leapgap.runtime.cache import ResultCache
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.cache import ResultCache
 from leapgap.jumping.experiments import on_policy
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
@@ -16,6 +15,7 @@ from leapgap.jumping.experiments.trial_spec import TrialSpec
 from leapgap.jumping.learning.deviations import DeviatingJump
 from leapgap.jumping.models.deviation_model import NominalDeviation, PlannedSteps
 from leapgap.jumping.task import Target
+from leapgap.runtime.cache import ResultCache
 from tests.conftest import A1_BODY
 
 CONFIG = LearnedMpcConfig(practice=PracticeRounds(distances_m=(0.5,), first_jumps=2, rounds=1))

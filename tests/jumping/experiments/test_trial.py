@@ -7,7 +7,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.jumping.control import compiler
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_model import target_pose

@@ -8,9 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap import cache
-from leapgap.atomic_io import read_json
-from leapgap.cache import ResultCache
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.landing import Landing
@@ -19,6 +16,9 @@ from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.run_metrics import RunMetrics
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
+from leapgap.runtime import cache
+from leapgap.runtime.atomic_io import read_json
+from leapgap.runtime.cache import ResultCache
 
 TASK = JumpTask("jump_50", 0.5)
 CONDUCT = RunMetrics(0.4, 200.0, 0.02, 30.0, 0.1)

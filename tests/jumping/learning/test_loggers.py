@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import model_grid
 from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.windows import Windows
-from stages.params import compose_params
+from leapgap.runtime.atomic_io import read_json
+from stages.params import compose_conf
 from tests.jumping.learning.test_training import INPUTS, config
 
 PACKAGES = {"tensorboard": "tensorboard", "mlflow": "sqlalchemy", "wandb": "wandb"}
@@ -140,9 +140,10 @@ def test_an_unknown_logger_is_refused_with_those_that_are_known() -> None:
 
 @pytest.mark.parametrize("name", ["csv", *PACKAGES])
 def test_the_group_of_hydra_chooses_each(name: str) -> None:
-    assert f"  logger:\n    name: {name}\n    folder: lightning_logs\n" in compose_params([f"train/logger={name}"])
+    conf = compose_conf([f"train/logger={name}"])
+    assert conf["train"]["logger"] == {"name": name, "folder": "lightning_logs"}
 
 
 def test_defaults_of_the_group_are_those_of_the_library() -> None:
     assert replace(LoggerConfig()) == LoggerConfig("csv", "lightning_logs")
-    assert compose_params() == compose_params(["train/logger=csv"])
+    assert compose_conf() == compose_conf(["train/logger=csv"])

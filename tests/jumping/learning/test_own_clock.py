@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import clock_comparison, window_extraction, windows
 from leapgap.jumping.learning.clock_comparison import CLAIMED, EXPECTED, OWN
@@ -17,6 +16,7 @@ from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
 from leapgap.logs.row_clock import RowClock
 from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json
 from stages.chunk import chunk
 from stages.evaluate import evaluate
 from stages.train import train

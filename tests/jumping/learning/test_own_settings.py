@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import model_grid, registry
 from leapgap.jumping.learning import windows as windows_module
@@ -18,8 +17,9 @@ from leapgap.jumping.learning.models.kernel import KernelConfig
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Windows
+from leapgap.runtime.atomic_io import read_json
 from stages.common import with_leave_to_add
-from stages.params import compose_params
+from stages.params import compose_conf
 from stages.train import read_train_config
 from tests.code import ROOT
 from tests.jumping.learning.test_training import config
@@ -192,7 +192,7 @@ def test_only_overrides_inside_a_section_of_the_stage_may_add_keys(argument: str
 
 def section(**changes: object):
     """The section ``train`` of conf/ with changes."""
-    return OmegaConf.merge(OmegaConf.create(compose_params()), {"train": changes}).train
+    return OmegaConf.merge(OmegaConf.create(compose_conf()), {"train": changes}).train
 
 
 def test_a_section_replaces_mappings_and_keeps_the_other_defaults(found) -> None:

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import evaluation, model_grid
 from leapgap.jumping.learning.experiment import fit_task
@@ -17,6 +16,7 @@ from leapgap.jumping.learning.registry import find_recipe, recipes
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.reports import learning as page
+from leapgap.runtime.atomic_io import read_json
 from tests.code import closure
 from tests.jumping.learning.test_training import config
 

@@ -9,21 +9,21 @@ import pyarrow.parquet as pq
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_module
 from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL
+from leapgap.runtime.atomic_io import read_json
 from stages.chunk import chunk
 from stages.evaluate import evaluate
-from stages.params import compose_params
+from stages.params import compose_conf
 from stages.train import train
 from tests.code import ROOT
 
 
 def config(folder: Path, **changes: object) -> DictConfig:
     """The defaults of conf/, with folders below ``folder`` and models that are fitted at once."""
-    conf = OmegaConf.create(compose_params())
+    conf = OmegaConf.create(compose_conf())
     sections = {name: conf[name] for name in ("chunk", "train", "evaluate")}
     places = {
         "chunk.logs": folder / "logs",

@@ -10,7 +10,6 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning import (
     evaluation,
@@ -33,7 +32,8 @@ from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
-from stages.params import compose_params
+from leapgap.runtime.atomic_io import read_json
+from stages.params import compose_conf
 from tests.conftest import A1_BODY
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}
@@ -255,7 +255,7 @@ def test_no_windows_leave_a_note_and_no_models(windows: Windows, robot, tmp_path
 
 def test_networks_beat_their_baselines_on_real_jumps(real_windows: Windows, tmp_path):
     """With the configured inputs, on one fold and in a third of the steps."""
-    section = OmegaConf.create(compose_params()).train.networks
+    section = OmegaConf.create(compose_conf()).train.networks
     ours: NetworksConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(NetworksConfig), section))
     split = folds(real_windows.jumps, 4)[0]
     train, held_out = (real_windows.of_jumps(part) for part in (split.train, split.held_out))

@@ -14,7 +14,7 @@ from leapgap.jumping.learning.models.nominal import fit_gains
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.affine_model import FEATURES
-from stages.params import compose_params
+from stages.params import compose_conf
 from tests.conftest import A1_BODY
 
 NAMES = [name for name in FEATURES if name not in ("x_from_start", "z_from_start")]
@@ -111,7 +111,7 @@ def test_a_kernel_of_more_steps_than_it_can_have_is_fitted_to_some_of_each_jump(
 
 def test_intervals_on_real_jumps_hold_what_they_say(real_windows: Windows):
     """Deviations from training jumps only; shares within 8 points of 50, 80 and 95 % over the folds."""
-    train = OmegaConf.create(compose_params()).train
+    train = OmegaConf.create(compose_conf()).train
     config: KernelConfig = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(KernelConfig), train.kernel))
     off = []
     for split in folds(real_windows.jumps, 4):

@@ -10,7 +10,8 @@ from leapgap.jumping.control.compiler import require_compiler
 from leapgap.jumping.control.condensed_qp import PreparedQp
 from leapgap.jumping.control.dual_qp import FAILED, INACCURATE, NOT_FINITE, SOLVED, dual_tables, solve_update
 from leapgap.jumping.control.guarded_solve import NOT_FINITE as REASON_NOT_FINITE
-from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, Solved, microseconds
+from leapgap.jumping.control.mpc import ForcePlanner, Solved, microseconds
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.qp import FAILED as REASON_FAILED
 from leapgap.jumping.control.qp import OUT_OF_TIME
 from leapgap.jumping.control.reference import Reference

@@ -6,9 +6,10 @@ import numpy as np
 
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import DEVIATIONS
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.tracking import JointPd
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.jumping.control.reference import StartFrame
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.logs.pair_force import FORCES, per_axis
 from leapgap.simulation.controller import Command, StateEstimate

@@ -1,20 +1,17 @@
 """The MPC's problem at each update: in states as measured (paper), or in deviations from the plan."""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from leapgap.jumping.control.condensed_qp import PreparedQp, prepare_qp
 from leapgap.jumping.control.first_step_model import FirstStep, Uncompiled, first_step
 from leapgap.jumping.control.horizon import ROUNDING_S, Horizon, horizon
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.deviation_model import CURVATURE, DeviationModel, PlannedSteps
 from leapgap.logs.pair_force import FORCES
-
-if TYPE_CHECKING:
-    from leapgap.jumping.control.mpc import MpcConfig
 
 
 class Formulation(ABC):

@@ -13,9 +13,9 @@ from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequiremen
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.late_stance import LateStance, StanceMeter, Transition
 from leapgap.jumping.control.qp import Qp, QpConfig, solver
-from leapgap.jumping.control.reference import StartFrame
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.sudden_change import ChangeWatch
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.rigid_body import Z

@@ -13,7 +13,7 @@ from leapgap.jumping.control.gains import JointGains
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.landing import LandingConfig, LandingMpc, limited, stand, standing_force
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.reference import StartFrame
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.robot.model import Robot

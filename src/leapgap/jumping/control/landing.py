@@ -13,9 +13,9 @@ from leapgap.jumping.control.gains import JointGains
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S, Horizon
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc import StateWeights
+from leapgap.jumping.control.mpc_config import StateWeights
 from leapgap.jumping.control.qp import Qp, QpConfig, solver
-from leapgap.jumping.control.reference import StartFrame
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.models.affine_model import AffineModel, Situation
 from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, RigidBody, X, Z
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel

@@ -8,7 +8,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.compiler import compiled
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.reference import StartFrame
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS

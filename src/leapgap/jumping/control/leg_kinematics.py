@@ -1,16 +1,12 @@
 """Positions of the feet, and joint torques for ground forces, for one pose at a time."""
 
-from typing import TYPE_CHECKING
-
 import mujoco
 import numpy as np
 
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 from leapgap.simulation.controller import StateEstimate
-
-if TYPE_CHECKING:
-    from leapgap.jumping.control.reference import StartFrame
 
 
 class LegKinematics:

@@ -9,8 +9,10 @@ import numpy as np
 
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner, MpcConfig
-from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner
+from leapgap.jumping.control.mpc_config import MpcConfig
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.deviation_model import DeviationModel

@@ -9,7 +9,8 @@ import numpy as np
 from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.gains import JointTargets, PhaseGains
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.models.rigid_body import Z
 from leapgap.logs.pair_force import FORCES
 from leapgap.robot.model import Robot

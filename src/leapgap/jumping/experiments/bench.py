@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import read_json, write_json
-from leapgap.cache import ResultCache, result_key
 from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -21,6 +19,8 @@ from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.cache import ResultCache, result_key
 
 Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
 """Applies a function to items, possibly in parallel; results come in the order of the items."""

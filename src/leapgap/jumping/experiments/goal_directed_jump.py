@@ -11,8 +11,9 @@ from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.landing import stand
 from leapgap.jumping.control.late_stance import ground_pitch
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shifted_plan import GOAL_AXES
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.landing_model import target_pose
 from leapgap.jumping.models.planar import PlanarRobot

@@ -14,7 +14,7 @@ import numpy as np
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.gains import JointGains, PhaseGains
-from leapgap.jumping.control.mpc import MpcConfig, StateWeights
+from leapgap.jumping.control.mpc_config import MpcConfig, StateWeights
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.bench import Bench

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS
 from leapgap.jumping.experiments.method import Method, References, crouch
@@ -53,6 +53,8 @@ class LandSettings:
     seed: int
     out: str | None
     metrics: str | None
+    pages: bool
+    """Whether the page is written at once; stage ``land_page`` writes it of what is there."""
     single: list[str]
     tasks: dict[str, Any]
     practised: str | None

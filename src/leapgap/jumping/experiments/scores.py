@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import whole_file
 from leapgap.jumping.experiments.trial_spec import TrialResult
+from leapgap.runtime.atomic_io import whole_file
 
 BOOTSTRAP_DRAWS = 1000
 

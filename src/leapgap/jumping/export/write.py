@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import write_json, write_text
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.export.tables import MEANING, ControllerTables, tables_of
 from leapgap.jumping.learning import landing_graph
 from leapgap.jumping.learning.windows import write_npz
-from leapgap.output_folder import package_version
+from leapgap.runtime.atomic_io import write_json, write_text
+from leapgap.runtime.output_folder import package_version
 
 FORMAT_VERSION = 3
 C_FILES = ("jump_controller.h", "jump_controller.c", "jump_program.h", "jump_program.c", "main.c")

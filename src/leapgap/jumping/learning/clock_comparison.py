@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.jumping.learning.evaluation import HeldOutPredictions, coverage, round_figure, standard_error
 from leapgap.jumping.learning.model import Model, squared_errors
 from leapgap.jumping.learning.transitions import extract_transitions, steps_of
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.rigid_body import POSITION, STATE, VELOCITY
+from leapgap.runtime.atomic_io import whole_file
 
 CLAIMED, OWN = "claimed", "own"
 """Trained and run by the claimed clock, and by the logs' own one."""

@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from leapgap.atomic_io import read_json, whole_file
 from leapgap.errors import InputError
 from leapgap.jumping.learning import uncertainty
 from leapgap.jumping.learning.model import Model, squared_errors
@@ -19,6 +18,7 @@ from leapgap.jumping.learning.store import load
 from leapgap.jumping.learning.uncertainty import LEVELS, PredictionUncertainty
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import STATE
+from leapgap.runtime.atomic_io import read_json, whole_file
 
 MEASURED = "measured"
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.atomic_io import whole_file, write_json
 from leapgap.jumping.learning.model import ResidualModel
 from leapgap.jumping.learning.npz_files import write_npz
 from leapgap.jumping.learning.store import StoredModel
 from leapgap.jumping.models.affine_model import KNOWN
+from leapgap.runtime.atomic_io import whole_file, write_json
 
 FORMAT_VERSION = 2
 

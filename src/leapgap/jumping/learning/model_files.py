@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning.npz_files import check_finite, read_npz
+from leapgap.runtime.atomic_io import read_json
 
 Content = TypeVar("Content")
 

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import read_json, whole_file, write_json
-from leapgap.cache import ResultCache, result_key
 from leapgap.errors import InputError
 from leapgap.jumping.learning import export, loggers
 from leapgap.jumping.learning.experiment import TrainConfig, fit_task, fit_uncertainty
@@ -23,7 +21,9 @@ from leapgap.jumping.learning.registry import find_recipe, recipes
 from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
 from leapgap.jumping.learning.store import StoredModel, load, save
 from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows
-from leapgap.processes import starting_workers
+from leapgap.runtime.atomic_io import read_json, whole_file, write_json
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.processes import starting_workers
 
 EXPORTED = "exported"
 """Folder of the models fitted on all jumps as others read them: ``jumping.control.inference``, ONNX."""

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import whole_file, write_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.model_files import is_finite, read_model
 from leapgap.jumping.learning.npz_files import check_finite, write_npz
 from leapgap.jumping.learning.registry import model_class
 from leapgap.jumping.learning.windows import Purpose, RolloutInputs, TimeGrid
+from leapgap.runtime.atomic_io import whole_file, write_json
 
 FORMAT_VERSION = 1
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.jumping.learning.models.kernel import (
     PHASES,
@@ -26,6 +25,7 @@ from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
 from leapgap.jumping.learning.splits import hold_out
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import Situation, columns
+from leapgap.runtime.atomic_io import whole_file
 
 LEVELS = (0.5, 0.8, 0.95)
 """Of the intervals whose width is fitted and whose coverage is checked."""

@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from leapgap.atomic_io import read_json, write_json
 from leapgap.errors import InputError
 from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
 from leapgap.jumping.task import ContactSchedule
+from leapgap.runtime.atomic_io import read_json, write_json
 
 FORMAT_VERSION = 1
 MOST_STEPS = 10_000

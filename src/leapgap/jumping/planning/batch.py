@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import write_json
 from leapgap.errors import InputError
 from leapgap.jumping.planning.reference import Gains, name_of, to_jump
 from leapgap.jumping.planning.solve import Solution
 from leapgap.jumping.task import Target
 from leapgap.logs.log import write_log
+from leapgap.runtime.atomic_io import write_json
 
 INDEX = "references.json"
 

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
+from pyarrow import csv
 
-from leapgap.atomic_io import read_json
+from leapgap.jumping.experiments.landing_experiment import FIGURES, RUNS, TABLE
 from leapgap.jumping.task import begin_of
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.state import commanded_torque
 from leapgap.reports.page import render_page
 from leapgap.robot.topology import PAIRS
+from leapgap.runtime.atomic_io import read_json
 
 METHODS = {
     "learned_goal_mpc": ("learned goal-shift MPC", "#0e8f9e"),
@@ -116,6 +118,12 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
         reasons=reasons(runs),
         jumps=len(rows),
     )
+
+
+def html_of(folder: Path, single: Sequence[str]) -> str:
+    """The page of the results that stage ``land`` left in a folder."""
+    rows = csv.read_csv(folder / TABLE).to_pylist()
+    return html(read_json(folder / FIGURES), rows, single, folder / RUNS)
 
 
 def label(method: str) -> str:

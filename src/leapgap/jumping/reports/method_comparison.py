@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import rerun.blueprint as rrb
 
-from leapgap.atomic_io import read_json
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
 from leapgap.jumping.reports.mpc_horizon import MpcHorizons, in_words, mpc_horizons, planned_for
 from leapgap.jumping.task import begin_of
@@ -19,6 +18,7 @@ from leapgap.reports.log_recording import Further, record_jump
 from leapgap.reports.recorder import Recorder
 from leapgap.reports.shown_robot import ShownRobot
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json
 
 PREDICTING = "nominal_variable"
 """Method whose predictions are shown."""

@@ -11,8 +11,10 @@ import numpy as np
 import rerun as rr
 
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner, MpcConfig
-from leapgap.jumping.control.reference import Reference, StartFrame
+from leapgap.jumping.control.mpc import ForcePlan, ForcePlanner
+from leapgap.jumping.control.mpc_config import MpcConfig
+from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.models.affine_model import PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import advance
 from leapgap.jumping.planning.reference import name_of

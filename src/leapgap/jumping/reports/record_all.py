@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from leapgap.atomic_io import read_json, write_text
 from leapgap.errors import InputError
 from leapgap.jumping.reports import references
 from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
@@ -13,16 +12,17 @@ from leapgap.jumping.reports.prediction import record_prediction
 from leapgap.logs.log import Log, read_log
 from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, record_jump
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import read_json, write_text
 
 
 @dataclass(frozen=True)
 class View:
-    """Section ``view`` of the configuration; folders that are missing or empty are skipped."""
+    """Section ``view`` of the configuration; folders that are missing or empty are skipped, and those that are None."""
 
-    references: str
-    simulated: str
-    damped: str
-    published: str
+    references: str | None
+    simulated: str | None
+    damped: str | None
+    published: str | None
     replays_damped: str
     replays_published: str
     predictions_simulated: str
@@ -35,7 +35,7 @@ class View:
     """Largest number of tasks whose landings are recorded."""
     models: list[str]
     """Models whose predictions are shown; empty: all."""
-    landings: str
+    landings: str | None
     """Folder of the runs of one robot, as stage ``land`` keeps them."""
     landing_methods: list[str]
     """Methods shown in one scene, the first solid, the others as ghosts."""
@@ -49,16 +49,19 @@ class View:
 
 def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
     """Write every recording into ``out``; yields one line for each kind: what was written or skipped."""
-    index = Path(view.references) / "references.json"
-    if index.is_file():
-        write_text(out / "references.html", references.html(index.parent, robot))
-    yield describe_recordings("references.html", view.references, int(index.is_file()), 1)
+    if view.references is not None:
+        index = Path(view.references) / "references.json"
+        if index.is_file():
+            write_text(out / "references.html", references.html(index.parent, robot))
+        yield describe_recordings("references.html", view.references, int(index.is_file()), 1)
     for kind, label, folder, replays in (
         ("reference", "reference", view.references, None),
         ("simulated", "simulated", view.simulated, None),
         ("damped", "simulated", view.damped, view.replays_damped),
         ("published", "measured", view.published, view.replays_published),
     ):
+        if folder is None:
+            continue
         logs = logs_in(Path(folder))
         for path in islice(logs, view.most):
             jump = as_judged(path, replays)
@@ -75,6 +78,8 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         ("damped", view.replays_damped, view.damped),
         ("published", view.replays_published, view.published),
     ):
+        if logs_folder is None:
+            continue
         path = Path(folder) / DIAGNOSED
         if path.exists():
             shown = read_json(path)
@@ -92,6 +97,8 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
         ("simulated", view.predictions_simulated, view.simulated),
         ("published", view.predictions_published, view.published),
     ):
+        if of_jumps is None:
+            continue
         tables = logs_in(Path(folder))
         for path in islice(tables, view.most_predictions):
             jump = predicted_jump(path, Path(of_jumps))
@@ -104,6 +111,8 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 shown=view.models or None,
             )
         yield describe_recordings(f"prediction_{kind}", folder, len(tables), view.most_predictions)
+    if view.landings is None or view.references is None:
+        return
     found = comparison_logs(Path(view.landings), view.landing_methods)
     for task, logs in islice(found.items(), view.most_landings):
         record_comparison(out / f"landing_{task}.rrd", task, logs, robot, Path(view.references))

@@ -9,9 +9,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import read_json
 from leapgap.errors import InputError
 from leapgap.reports.page import render_page
+from leapgap.runtime.atomic_io import read_json
 
 Metrics = Mapping[str, Any]
 BAR_PX, ROW_PX, LABEL_PX, VALUE_PX = 320, 22, 260, 70
@@ -47,6 +47,11 @@ class Source:
     """Files below ``data`` by what they are; those that do not exist are left out."""
     report: str | None = None
     """Folder of a diagnosis below ``data``, whose sentence is shown."""
+
+    @property
+    def published(self) -> bool:
+        """Whether it is of published jumps, which have a pipeline of their own."""
+        return self.metrics[0].startswith("published/")
 
 
 @dataclass(frozen=True)
@@ -201,7 +206,7 @@ SOURCES = (
         "Learned models, published jumps",
         "The same on the sixteen published jumps of the A1.",
         ("published/learning.json",),
-        "dvc repro evaluate@published",
+        "dvc repro published/dvc.yaml:evaluate",
         of_learning,
         bars=best_learning,
         unit="mean squared error",
@@ -215,7 +220,7 @@ SOURCES = (
         of_landing,
         bars=best_landing,
         unit="cm",
-        pages={"page": "landings/report.html"},
+        pages={"page": "pages/landings/report.html"},
     ),
     Source(
         "Landings of all methods on all robots",
@@ -235,13 +240,13 @@ SOURCES = (
         of_landing,
         bars=best_landing,
         unit="cm",
-        pages={"page": "landings_corrected/report.html"},
+        pages={"page": "pages/landings_corrected/report.html"},
     ),
     Source(
         "Diagnosis of the published jumps",
         "What the A1's simulation lacks, by the jumps alone.",
         ("published/diagnosis.json",),
-        "dvc repro diagnose@published",
+        "dvc repro published/dvc.yaml:report",
         of_diagnosis,
         pages={"report": "reports/published/report.html"},
         report="reports/published",
@@ -250,7 +255,7 @@ SOURCES = (
         "Diagnosis of damped joints",
         "Simulated jumps with one hidden effect.",
         ("damped/diagnosis.json",),
-        "dvc repro diagnose@damped",
+        "dvc repro report@damped",
         of_diagnosis,
         pages={"report": "reports/damped/report.html"},
         report="reports/damped",
@@ -290,9 +295,9 @@ SOURCES = (
 """Parts of the index in the order in which things flow."""
 
 
-def sections(root: Path, sources: Sequence[Source] = SOURCES) -> list[Section]:
-    """All parts of the index of the project in ``root``."""
-    return [section(source, root) for source in sources]
+def sections(root: Path, published: bool | None = None) -> list[Section]:
+    """Parts of the index of the project in ``root``: of published jumps, of all else, or, where it is None, of both."""
+    return [section(source, root) for source in SOURCES if published in (None, source.published)]
 
 
 def section(source: Source, root: Path) -> Section:

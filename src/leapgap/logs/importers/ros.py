@@ -23,9 +23,9 @@ from leapgap.logs.importers.tables import Arrays, Wanted, check_size
 from leapgap.logs.log import Log
 from leapgap.logs.resampling import HELD
 from leapgap.logs.unpacking import MOST_UNPACKED, Bounded, Unpacker, unpack
-from leapgap.plain_yaml import MOST_BYTES, from_yaml
-from leapgap.plain_yaml import check_size as check_values
 from leapgap.robot.model import Robot
+from leapgap.runtime.plain_yaml import MOST_BYTES, from_yaml
+from leapgap.runtime.plain_yaml import check_size as check_values
 
 RECEIVED, STAMPED = "received", "stamped"
 TIME = "time"

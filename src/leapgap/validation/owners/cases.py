@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from leapgap.atomic_io import sha256, write_text
 from leapgap.logs.log import Log, LogInfo, write_log
+from leapgap.runtime.atomic_io import sha256, write_text
 from leapgap.validation.outcome import DETECTABLE_FLOORS
 from leapgap.validation.owners.errors import OF_ROBOT, Error, Situation
 from leapgap.validation.owners.plant import Drive, Plant, Run, build

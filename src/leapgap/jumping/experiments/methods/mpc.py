@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from leapgap.jumping.control.inference import load
-from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController

@@ -14,11 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import sha256, write_json
-from leapgap.content_hash import digest, modules_within
-from leapgap.former_results import former_files, former_places
-from leapgap.import_closure import PACKAGE, code_hash, distributions, library
-from leapgap.output_folder import Marker
+from leapgap.runtime.atomic_io import sha256, write_json
+from leapgap.runtime.content_hash import digest, modules_within
+from leapgap.runtime.import_closure import PACKAGE, code_hash, distributions, library
+from leapgap.runtime.output_folder import Marker
 
 RECORD = ".key"
 MARKER = "leapgap_result"
@@ -94,9 +93,7 @@ class ResultCache:
         if wrong:
             raise ValueError(f"{target}: {', '.join(wrong)} in its result; names begin with {target.name}")
         before = read_record(self._record(place))
-        old = (
-            set(before["files"]) if before else {p.relative_to(target.parent).as_posix() for p in former_files(target)}
-        )
+        old = set(before["files"]) if before else set()
         self._write_record(place, None, sorted(old | set(files)))
         remove_files([target.parent / name for name in sorted(old - set(files))], target.parent)
         for name in files:
@@ -121,13 +118,6 @@ class ResultCache:
                     remove_empty(path.parent.parent, self.folder)
             elif self._place(path) not in self.used_keys:
                 remove_files([path.parent / name for name in record["files"]] + [path], self.folder)
-        former = [
-            path
-            for place in sorted(former_places(self.folder) - set(self.used_keys))
-            if not (self.folder / f"{place}{RECORD}").is_file()
-            for path in former_files(self.folder / place)
-        ]
-        remove_files(former, self.folder)
 
     def _is_of_another_output(self, path: Path) -> bool:
         """Whether a file lies in a further output folder below this one, which is not to be swept."""

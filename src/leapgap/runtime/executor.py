@@ -17,7 +17,7 @@ from types import FunctionType
 from typing import Any, TypeVar
 
 from leapgap.errors import InputError, needs
-from leapgap.processes import starting_workers
+from leapgap.runtime.processes import starting_workers
 
 UNUSED = r"\d+ tasks (have been|which were)"
 """What joblib warns of where an error ends the work; the error itself is the message."""

@@ -1,4 +1,4 @@
-"""A picture of a recording without a screen: ``python -m leapgap.reports.screenshot a.rrd a.png --at 0.95``."""
+"""A picture of a recording without a screen: ``python -m tests.reports.screenshot a.rrd a.png --at 0.95``."""
 
 import argparse
 import contextlib
@@ -15,9 +15,9 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from leapgap.atomic_io import whole_file
 from leapgap.errors import InputError
 from leapgap.reports.recorder import TIMELINE
+from leapgap.runtime.atomic_io import whole_file
 
 TOP_BAR_PX = 36
 """Height of the viewer's menu bar, which is cut off the picture."""

@@ -1,16 +1,19 @@
-"""Import closures: the files that a module depends on, read from import statements without running them."""
+"""Import closures: the files that a module depends on, read from import statements without running them.
+
+Code counts by its meaning: comments, docstrings, blank lines and layout change no hash.
+"""
 
 import ast
 import hashlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parent.parent
 """Folder of the installed library."""
 DATA = (".xml", ".html")
 """Endings of the files beside modules that modules read."""
@@ -27,6 +30,8 @@ class ModuleReading:
     """Modules of the tree, and outermost packages of others, that it imports (``SourceTree.imports``)."""
     data_names: frozenset[str]
     """String literals that end like a data file."""
+    meaning: str
+    """SHA-256 of what the code says (``meaning``)."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ class SourceTree:
     def _read(self, module: str) -> ModuleReading:
         """The reading of a module, whose file is parsed once."""
         if module not in self._readings:
-            tree = ast.parse(self.modules[module].read_text(encoding="utf-8"))
+            tree = ast.parse(self.modules[module].read_bytes())
             names = list(self._names(module, tree))
             found: set[str] = set()
             for name in names:
@@ -71,8 +76,14 @@ class SourceTree:
                 elif name in self.modules:
                     found |= {name, *inner_packages(name)} & set(self.modules)
             imports = frozenset(found | self._loaded_by_name(module, tree, names))
-            self._readings[module] = ModuleReading(imports, data_names(tree))
+            spoken = (ast.get_docstring(tree) or "").split("\n")[0] if self._reads_docstrings(module) else ""
+            self._readings[module] = ModuleReading(imports, data_names(tree), digest_of(tree, spoken))
         return self._readings[module]
+
+    def _reads_docstrings(self, module: str) -> bool:
+        """Whether the package of a module reads the docstrings of its modules, whose first lines then are results."""
+        init = self.modules[module].parent / "__init__.py"
+        return init.is_file() and b".__doc__" in init.read_bytes()
 
     def _names(self, module: str, tree: ast.Module) -> Iterator[str]:
         """Dotted names in the import statements of a module."""
@@ -119,14 +130,17 @@ class SourceTree:
             return None
         return next((n for n in names if n.rpartition(".")[2] == argument.id and n in self.modules), None)
 
-    def closure(self, *roots: str) -> set[str]:
-        """All modules of this tree that the root modules import, directly or indirectly, and the roots."""
+    def closure(self, *roots: str, without: Collection[str] = ()) -> set[str]:
+        """All modules of this tree that the root modules import, directly or indirectly, and the roots.
+
+        ``without``: modules that are not followed, since nothing of them is used.
+        """
         seen: set[str] = set()
         queue = set(roots)
         while queue:
             module = queue.pop()
             seen.add(module)
-            queue |= {name for name in self.imports(module) if name in self.modules} - seen
+            queue |= {name for name in self.imports(module) if name in self.modules} - seen - set(without)
         return seen
 
     def data_files(self, module: str) -> list[Path]:
@@ -141,6 +155,16 @@ class SourceTree:
         closure = self.closure(*roots)
         return sorted({path for name in closure for path in (self.modules[name], *self.data_files(name))})
 
+    def hashes(self, *roots: str, without: Collection[str] = ()) -> dict[str, str]:
+        """SHA-256 of the meaning of every module of a closure, by its dotted name, and of the data files, by path."""
+        found = {}
+        for module in sorted(self.closure(*roots, without=without)):
+            found[module] = self._read(module).meaning
+            for path in self.data_files(module):
+                (package,) = (package for package in self.packages if path.is_relative_to(package))
+                found[path.relative_to(package.parent).as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return dict(sorted(found.items()))
+
     def libraries(self, *roots: str) -> dict[str, str]:
         """Versions of the installed distributions that a closure imports, by name."""
         imported = {name for module in self.closure(*roots) for name in self.imports(module)}
@@ -149,13 +173,8 @@ class SourceTree:
         return dict(sorted((found | {other: "absent" for other in others if other not in distributions()}).items()))
 
     def code_hash(self, *roots: str) -> str:
-        """SHA-256 of the bytes of all files of a closure, and of the versions of the libraries it imports."""
-        hashed = hashlib.sha256(json.dumps(self.libraries(*roots)).encode())
-        for path in self.files(*roots):
-            (package,) = (package for package in self.packages if path.is_relative_to(package))
-            content = path.read_bytes()
-            hashed.update(f"{path.relative_to(package.parent).as_posix()} {len(content)};".encode() + content)
-        return hashed.hexdigest()
+        """SHA-256 of the meaning of all code of a closure, and of the versions of the libraries it imports."""
+        return hashlib.sha256(json.dumps([self.libraries(*roots), self.hashes(*roots)]).encode()).hexdigest()
 
 
 def data_names(tree: ast.Module) -> frozenset[str]:
@@ -213,3 +232,35 @@ def executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             children = list(node.orelse)
         queue += children
+
+
+def meaning(value: object) -> str:
+    """A text that is the same for two syntax trees whenever they do the same: without comments and docstrings.
+
+    Neither are imports for type checkers in it, nor empty fields, which differ between versions of Python.
+    """
+    if isinstance(value, ast.JoinedStr):  # Python 3.12 puts empty texts into some
+        return f"JoinedStr({','.join(one for one in map(meaning, value.values) if one != EMPTY_TEXT)})"
+    if isinstance(value, ast.AST):
+        fields = ((name, one) for name, one in ast.iter_fields(value) if name not in LAYOUT and one not in (None, []))
+        return f"{type(value).__name__}({','.join(f'{name}={meaning(one)}' for name, one in fields)})"
+    if isinstance(value, list):
+        return f"[{','.join(meaning(one) for one in value if not is_silent(one))}]"
+    return repr(value)
+
+
+def digest_of(tree: ast.Module, spoken: str = "") -> str:
+    """SHA-256 of what a module does, and of a text of it that others print."""
+    return hashlib.sha256(f"{meaning(tree)}{spoken}".encode()).hexdigest()
+
+
+EMPTY_TEXT = "Constant(value='')"
+LAYOUT = ("kind", "type_comment", "ctx")
+"""Fields of a syntax tree that say how something is written, or repeat where it stands."""
+
+
+def is_silent(node: object) -> bool:
+    """Whether a statement does nothing: a docstring, also one below an attribute, or an import for type checkers."""
+    if isinstance(node, ast.Expr):
+        return isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and not node.orelse

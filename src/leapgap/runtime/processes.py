@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from leapgap.atomic_io import TEMPORARY
-from leapgap.interrupt import STOPPED, end_at_once
+from leapgap.runtime.atomic_io import TEMPORARY
+from leapgap.runtime.interrupt import STOPPED, end_at_once
 
 POLL_S = 1.0
 """Time between two looks of a worker at its parent."""

@@ -1,6 +1,6 @@
 """Signatures of effects: the trace of each effect by phase and channel in replays of short pieces.
 
-``python -m leapgap.diagnosis.signature data/references/own/h00_d50.parquet docs/effects.md`` renews the tables in
+``python -m docs.effect_signatures data/references/own/h00_d50.parquet docs/effects.md`` renews the tables in
 the page.
 """
 
@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from leapgap import effects
-from leapgap.atomic_io import write_text
 from leapgap.diagnosis.localisation import phase_names, phase_of_rows
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
@@ -22,6 +21,7 @@ from leapgap.robot.kinematics import momenta
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotations import pitch_of
+from leapgap.runtime.atomic_io import write_text
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
@@ -174,7 +174,7 @@ def distance(one: Trace, other: Trace) -> np.ndarray:
     )
 
 
-MARK = "<!-- The rest is written by leapgap.diagnosis.signature. -->"
+MARK = "<!-- The rest is written by docs.effect_signatures. -->"
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -17,8 +17,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from leapgap.atomic_io import TEMPORARY, is_partial, partial, write_json
 from leapgap.errors import InputError, check_utf8
+from leapgap.runtime.atomic_io import TEMPORARY, is_partial, partial, write_json
 
 try:
     import fcntl

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.atomic_io import sha256
+from leapgap.runtime.atomic_io import sha256
 
 
 def file_digests(folder: Path, pattern: str = "*.parquet") -> dict[str, str]:

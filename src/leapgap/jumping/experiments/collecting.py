@@ -1,0 +1,96 @@
+"""What stage collect simulates: hardware, targets and controller of each jump."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.jumping.control.excitation import Excitation
+from leapgap.jumping.control.gains import PhaseGains
+from leapgap.jumping.control.mpc_config import MpcConfig
+from leapgap.jumping.experiments.collection import CollectionResult
+from leapgap.jumping.experiments.method import Method, References
+from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
+from leapgap.jumping.experiments.methods.mpc import MpcMethod
+from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.planning.batch import read_targets
+from leapgap.jumping.task import Target, target_of
+from leapgap.robot.model import Robot
+from leapgap.simulation.closed_loop import Sensing
+from leapgap.simulation.open_loop import Course
+from leapgap.simulation.presets import Variant
+
+
+@dataclass(frozen=True)
+class CollectSettings:
+    """Section ``collect`` of the configuration."""
+
+    references: str
+    robot: str | None
+    hardware: str
+    hardware_seed: int
+    controller: str
+    jumps: int
+    target: Any
+    targets: Any
+    distance_m: tuple[float, float]
+    block_height_m: tuple[float, float]
+    seed: int
+    out: str | None
+    variants: dict[str, Any]
+    gains: PhaseGains = field(default_factory=PhaseGains)
+    mpc: MpcConfig = field(default_factory=MpcConfig)
+    body: Any = None
+    excitation: Excitation = field(default_factory=Excitation)
+    sensing: Sensing = field(default_factory=Sensing)
+    course: Course = field(default_factory=Course)
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing."""
+        if self.jumps < 1:
+            raise ValueError(f"jumps {self.jumps}: 1 or more")
+
+
+def hidden_effects(variants: dict[str, Any], hardware: str, seed: int) -> tuple[Effect, ...]:
+    """Effects of the named hardware, which its controller does not know."""
+    if hardware not in variants:
+        raise InputError("collect.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
+    return Variant(**variants[hardware]).draw(seed)
+
+
+def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Target]:
+    """The target of each jump: the one configured, those listed in turn, or random flat ones, rounded to 1 mm."""
+    listed = settings.targets if settings.target is None else [settings.target]
+    if listed is None:
+        return [Target(round(float(rng.uniform(*settings.distance_m)), 3), 0.0) for _ in range(settings.jumps)]
+    targets = read_targets(listed, "collect.targets")
+    return [targets[i % len(targets)] for i in range(settings.jumps)]
+
+
+def method_of(settings: CollectSettings, robot: Robot, references: References, body: RigidBody) -> Method:
+    """The landing method that ``collect.controller`` names."""
+    if settings.controller == "joint_pd":
+        return JointPdMethod(robot, references, settings.gains)
+    if settings.controller == "nominal_mpc":
+        return MpcMethod(robot, references, settings.gains, RigidBodyModel(body), settings.mpc)
+    raise InputError("collect.controller", settings.controller, "joint_pd or nominal_mpc", "choose one")
+
+
+def describe_result(result: CollectionResult) -> str:
+    """One printed line: target, block, landing and fallbacks of a jump."""
+    fallbacks = f", {sum(result.fallbacks.values())} fallbacks" if result.fallbacks else ""
+    return (
+        f"{result.log.name}: {target_of(result.log).x_m:.2f} m from a {100 * result.block_m:.1f} cm block, lands "
+        f"{landing_in_words(result.landing.error_cm)}, pitched {result.landing.pitch_deg:+.0f} degrees{fallbacks}"
+    )
+
+
+def landing_in_words(error_cm: float) -> str:
+    """How far from its target a jump lands, cm; a positive error is short of it (``Landing``)."""
+    size = f"{abs(error_cm):.1f}"
+    if size == "0.0":
+        return "on target"
+    return f"{size} cm {'short' if error_cm > 0 else 'too far'}"

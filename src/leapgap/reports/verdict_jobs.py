@@ -1,0 +1,96 @@
+"""Diagnoses of withheld cases, each in a folder that holds only copies of its logs and of the robot."""
+
+import shutil
+import tempfile
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from leapgap.diagnosis.settings import Settings as Diagnosing
+from leapgap.errors import InputError
+from leapgap.reports.diagnosis import diagnose_folder
+from leapgap.reports.kept import keep
+from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import sha256
+from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.content_hash import file_digests
+from leapgap.runtime.executor import Executor
+
+
+@dataclass(frozen=True)
+class Job:
+    """One diagnosis: a folder of logs, the robot and the settings."""
+
+    place: str
+    """Place of the verdict in the cache; its last part is the name of the case."""
+    logs: Path
+    robot: Path
+    settings: Diagnosing
+    threads: int | None = None
+    """Threads of one diagnosis; None: one per core. They change no result, hence are no part of the key."""
+    pages: bool = True
+    """Whether the page is written too, or data to make it from."""
+
+    @property
+    def name(self) -> str:
+        """Name of the case, the last part of the place of its verdict."""
+        return Path(self.place).name
+
+    @property
+    def key(self) -> str:
+        """Hash of all inputs and of the code, but for recordings, of which a verdict has none."""
+        return result_key(diagnose_folder, [file_digests(self.logs), sha256(self.robot), self.settings, self.pages])
+
+
+def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
+    """Run the jobs without a finished verdict and print the progress."""
+    for folder in sorted({(cache.folder / job.place).parent for job in jobs if job.pages}):
+        from leapgap.reports.pages import write_script
+
+        write_script(folder)
+    todo = [job for job in jobs if cache.get(job.place, job.key) is None]
+    if executor.workers > 1 and len(todo) > 1:
+        todo = [replace(job, threads=1) for job in todo]  # side by side; a single one uses every core itself
+    print(f"{len(jobs)} cases, {len(jobs) - len(todo)} of them diagnosed already", flush=True)
+    failed = {}
+    for number, (name, sentence, error) in enumerate(executor.map(partial(judge, cache), todo), start=1):
+        print(f"{number}/{len(todo)} {name}: {error or sentence}", flush=True)
+        if error:
+            failed[name] = error
+    if failed:
+        raise InputError(
+            ", ".join(failed),
+            "; ".join(sorted(set(failed.values()))),
+            "a verdict for every case",
+            "mend the diagnosis and run again: the other cases are kept",
+        )
+
+
+def judge(cache: ResultCache, job: Job) -> tuple[str, str, str]:
+    """Name, conclusion and error of one case; an error leaves no verdict and stops no other case."""
+    try:
+        return job.name, verdict_of(cache, job), ""
+    except Exception as error:
+        return job.name, "", f"{type(error).__name__}: {error}"
+
+
+def verdict_of(cache: ResultCache, job: Job) -> str:
+    """Diagnose one case by the very function that stage ``diagnose`` calls; its conclusion.
+
+    The function gets copies in a folder of their own, so that no path it knows leads to anything else.
+    """
+    with tempfile.TemporaryDirectory() as name, cache.store(job.place, job.key) as out:
+        logs, robot = Path(name) / "logs", Path(name) / "robot.xml"
+        shutil.copytree(job.logs, logs)
+        shutil.copyfile(job.robot, robot)
+        found = diagnose_folder(logs, Robot.load(robot), job.settings, threads=job.threads)
+        if found is None:
+            raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases anew")
+        if job.pages:
+            from leapgap.reports.pages import write_with_shared_script
+
+            found.write_data(out / job.name)
+            write_with_shared_script(found, out / job.name)
+        else:
+            keep(replace(found, robot=Robot.load(job.robot)), out / job.name)  # its copy is about to go
+    return found.sentence

@@ -1,0 +1,1 @@
+"""How the library runs: processes and workers, outputs written whole, the cache of results, what code depends on."""
