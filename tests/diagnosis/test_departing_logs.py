@@ -137,6 +137,15 @@ def test_a_copy_with_a_little_noise_is_a_copy(noise: float) -> None:
     assert ("but for less than 5 % of its noise" in found["log_3"]) == (noise > 0)
 
 
+@pytest.mark.parametrize("rows", [slice(0, 900), slice(700, 2000), slice(1, 2000)])
+def test_a_piece_of_another_log_is_left_out(rows: slice) -> None:
+    """The longer one stays, whichever comes first."""
+    logs = swings()
+    logs[0] = {name: values[rows].copy() for name, values in logs[3].items()}
+    logs[0]["time"] -= logs[0]["time"][0]
+    assert left_out(logs) == {"log_0": "its rows are rows of log_3: a piece says nothing more"}
+
+
 def test_a_second_run_of_the_same_commands_is_no_copy() -> None:
     """Two runs differ by the noise of their sensors, however well the robot repeats itself."""
     logs, rng = swings(3), np.random.default_rng(3)

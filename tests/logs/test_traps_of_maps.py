@@ -1,5 +1,6 @@
 """Traps that owners' logs set a proposed map: each is told in the right words, asked about, or read rightly."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import yaml
 from leapgap.cli import main
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
-from leapgap.logs.log import read_logs
+from leapgap.logs.log import Log, LogInfo, read_logs, write_log
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
@@ -93,8 +94,23 @@ def test_a_counter_of_ticks_is_asked_about_unless_velocities_tell(arm: Robot, tm
         write_table(tmp_path / "b.csv", {k: v for k, v in with_rates.items() if not k.startswith("dq")}), arm
     )
     assert "the time: tick counts up by 1, ms or rows" in found.proposal.notes_of(MISSING)[0]
-    with pytest.raises(InputError, match="questions that the logs do not answer"):
+    with pytest.raises(InputError, match=r"questions that the logs do not answer:\n  the time: tick counts up by 1"):
         found.answered(tmp_path, arm.path)
+
+
+def test_a_packed_text_is_proposed_as_the_text_is(arm: Robot, tmp_path: Path) -> None:
+    plain = write_table(tmp_path / "a.csv", moved())
+    (tmp_path / "b.csv.gz").write_bytes(gzip.compress(plain.read_bytes()))
+    assert propose_map(tmp_path / "b.csv.gz", arm).options == propose_map(plain, arm).options
+
+
+def test_a_log_of_ours_is_not_imported_again(arm: Robot, tmp_path: Path) -> None:
+    time = moved()["t"]
+    of_joints = ("joint_pos", "cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+    columns = {"time": time} | {f"{of}/{joint}": 0 * time for of in of_joints for joint in arm.joints}
+    write_log(Log("a", columns, LogInfo(arm.name, 0.01, "a test")), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="a log of leapgap already; expected logs of another format"):
+        propose_map(tmp_path, arm)
 
 
 def test_a_log_of_two_thousand_seconds_is_refused(arm: Robot, tmp_path: Path) -> None:

@@ -41,6 +41,8 @@ SHARE_OF_SPREAD = 1.0
 COPY_OF_NOISE, COPY_OF_SPREAD = 0.05, 1e-6
 """Columns of one run differ by less than these shares of their noise or of their spread (commands: of their size, or of
 1); those of two runs by √2 of their noise."""
+SAME_ROWS, FEWEST_ROWS = 0.9, 10
+"""Share of the distinct rows of a log that are rows of another, from which on it is a piece of that one."""
 FOLLOWS = 0.8
 """Correlation of positions and set points, at the lag that suits them best, from which on a robot follows its commands
 closely enough to tell that lag."""
@@ -94,24 +96,43 @@ def check_motion(logs: Sequence[Log]) -> None:
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
-    """The logs without those that are equal to an earlier one, or nearly so.
+    """The logs without those that are equal to another, or nearly so, or a piece of it, of which the longest stays.
 
     A cause is judged on logs that it was not fitted on. A copy would be judged by itself.
     """
+    rows = {log.name: row_codes(log) for log in logs}
     kept: list[Log] = []
-    copies = []
-    for log in logs:
-        found = next(((of, how) for of in kept if (how := alike(log, of)) is not None), None)
-        if found is None:
-            kept.append(log)
+    copies = {}
+    for log in sorted(logs, key=len, reverse=True):
+        for of in kept:
+            how = alike(log, of)
+            if how is None and is_piece(rows[log.name], rows[of.name]):
+                how = f"its rows are rows of {of.name}: a piece"
+            if how is not None:
+                copies[log.name] = SetAside(log.name, f"{how} says nothing more")
+                break
         else:
-            of, how = found
-            copies.append(SetAside(log.name, f"equal to {of.name} in every column{how}: a copy says nothing more"))
-    return kept, copies
+            kept.append(log)
+    return [log for log in logs if log.name not in copies], [copies[log.name] for log in logs if log.name in copies]
+
+
+def row_codes(log: Log) -> np.ndarray:
+    """A number for each distinct row of all columns but the time, sorted; rows of equal bits have equal numbers."""
+    names = sorted(name for name in log.columns if name != "time")
+    odd = 2 * np.random.default_rng(0).integers(2**62, size=len(names), dtype=np.uint64) + 1
+    codes = np.zeros(len(log), dtype=np.uint64)
+    for name, factor in zip(names, odd, strict=True):
+        codes += (np.ascontiguousarray(log[name]).view(np.uint64) ^ (codes >> np.uint64(29))) * factor
+    return np.unique(codes)
+
+
+def is_piece(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether nearly all rows of one log are rows of another, by their codes."""
+    return len(one) >= FEWEST_ROWS and float(np.isin(one, other, assume_unique=True).mean()) > SAME_ROWS
 
 
 def alike(one: Log, other: Log) -> str | None:
-    """How nearly two logs are one, in words that may be blank; None where they are two.
+    """How nearly two logs are one, in words; None where they are two.
 
     Two runs differ by the noise of the sensors. What differs by far less in every measured column is one run.
     """
@@ -129,7 +150,8 @@ def alike(one: Log, other: Log) -> str | None:
         spread = float(np.ptp(a)) if name in measured else max(1.0, float(np.abs(a).max()))
         if rms(a - b) > max(COPY_OF_NOISE * noise, COPY_OF_SPREAD * spread):
             return None
-    return "" if equal else f" but for less than {100 * COPY_OF_NOISE:.0f} % of its noise"
+    but = "" if equal else f" but for less than {100 * COPY_OF_NOISE:.0f} % of its noise"
+    return f"equal to {other.name} in every column{but}: a copy"
 
 
 def reasons(logs: Sequence[Log]) -> dict[str, str]:
