@@ -79,7 +79,8 @@ def test_a_robot_that_is_held_and_steps_departs_from_nothing() -> None:
 
 
 def test_a_sensor_that_stands_while_its_joint_is_asked_to_step_departs() -> None:
-    stands = {"joint_pos/hip": np.full(160, 0.1), "joint_vel/hip": np.zeros(160)}
+    held = np.full(160, 0.1)
+    stands = {"joint_pos/hip": held, "joint_vel/hip": 0 * held, "tau/hip": KP * (steps()["cmd_pos/hip"] - held)}
     _, aside = without_departing(arms(**steps() | stands))
     assert [one.name for one in aside] == ["log_1"] and "hip stands still while it is asked to" in aside[0].reason
 
