@@ -12,7 +12,7 @@ from leapgap.cli import main
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log, LogInfo, read_logs, write_log
-from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE
+from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, MISSING, SURE
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
 from tests.logs import foreign_logs
@@ -96,6 +96,25 @@ def test_a_counter_of_ticks_is_asked_about_unless_velocities_tell(arm: Robot, tm
     assert "the time: tick counts up by 1, ms or rows" in found.proposal.notes_of(MISSING)[0]
     with pytest.raises(InputError, match=r"questions that the logs do not answer:\n  the time: tick counts up by 1"):
         found.answered(tmp_path, arm.path)
+
+
+def test_torques_that_nobody_measured_are_left_out(arm: Robot, tmp_path: Path) -> None:
+    columns = moved() | {f"tau_{joint}": np.zeros(len(moved()["t"])) for joint in ARM}
+    found = propose_map(write_table(tmp_path / "a.csv", columns), arm)
+    assert "tau/*" not in found.options["columns"]
+    assert "measured torques: left out, they are 0 in all rows" in found.proposal.notes_of(ABSENT)
+
+
+def test_positions_counted_from_a_pose_are_asked_about(tmp_path: Path) -> None:
+    """A calf never is at zero; and as shares of a hundred no joint would move by more than two of them."""
+    (tmp_path / "quadruped.xml").write_text(foreign_logs.quadruped_xml())
+    time, wanted, position, velocity = motion(np.random.default_rng(1), foreign_logs.QUADRUPED_LIMITS, 50.0, 0.5)
+    columns = {"t": time}
+    for i, joint in enumerate(foreign_logs.QUADRUPED):
+        columns |= {f"q_{joint}": position[:, i] - position[0, i], f"dq_{joint}": velocity[:, i]}
+        columns[f"q_des_{joint}"] = wanted[:, i] - position[0, i]
+    found = propose_map(write_table(tmp_path / "a.csv", columns), Robot.load(tmp_path / "quadruped.xml"))
+    assert any("check the order of joints, units and offsets" in one for one in found.proposal.notes_of(MISSING))
 
 
 def test_a_packed_text_is_proposed_as_the_text_is(arm: Robot, tmp_path: Path) -> None:
