@@ -76,6 +76,16 @@ def test_a_mirror_image_is_told_from_a_late_robot(arm: Robot, tmp_path: Path, la
     assert found.options.get("factors", {}).get("cmd_pos/*", 1.0) == sign
 
 
+def test_a_joint_that_tells_no_sign_is_turned_with_the_others(arm: Robot, tmp_path: Path) -> None:
+    columns = moved()
+    for joint in ARM:
+        columns[f"q_des_{joint}"] = -columns[f"q_des_{joint}"]
+    columns[f"q_des_{ARM[2]}"] = 0.3 + 0 * columns["t"]
+    found = propose_map(write_table(tmp_path / "a.csv", columns), arm)
+    assert found.options["factors"]["cmd_pos/*"] == -1.0
+    assert any(f"and with them {ARM[2]}, which tell no sign" in one for one in found.proposal.notes_of(GUESSED))
+
+
 def test_joints_that_move_alike_keep_their_columns(arm: Robot, tmp_path: Path) -> None:
     columns = moved()
     for kind in ("q", "dq", "q_des"):
