@@ -18,7 +18,7 @@ from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from tests import plain_arm
 from tests.conftest import standing
-from tests.hostile.base_logs import Columns, arm_log
+from tests.hostile.base_logs import JOINTS, KD, KP, Columns, arm_log
 
 INFO = LogInfo("arm", 0.01, "a test")
 
@@ -56,6 +56,33 @@ def test_a_log_that_departs_is_left_out_and_named(harmed: dict, says: str) -> No
     kept, aside = without_departing(arms(**harmed))
     assert [log.name for log in kept] == ["log_0", "log_2", "log_3"]
     assert [one.name for one in aside] == ["log_1"] and says in aside[0].reason
+
+
+def steps() -> dict[str, np.ndarray]:
+    """The arm held still but for two steps of its set points: it gets there in two rows, in which its PD pulls."""
+    found, row = {}, np.arange(160)
+    for joint in JOINTS:
+        wanted = np.where((row > 60) & (row < 120), 0.4, 0.0)
+        position = wanted.copy()
+        for begin, change in ((61, 0.4), (120, -0.4)):
+            position[begin : begin + 3] -= change * np.array([1.0, 0.3, 0.05])
+        velocity = np.gradient(position, 0.01)
+        found |= {f"cmd_pos/{joint}": wanted, f"joint_pos/{joint}": position, f"joint_vel/{joint}": velocity}
+        found |= {f"cmd_vel/{joint}": 0 * wanted, f"cmd_tau/{joint}": 0 * wanted}
+        found[f"tau/{joint}"] = KP * (wanted - position) - KD * velocity
+    return found
+
+
+def test_a_robot_that_is_held_and_steps_departs_from_nothing() -> None:
+    kept, aside = without_departing(arms(**steps()))
+    assert len(kept) == 4 and not aside, [one.reason for one in aside]
+
+
+def test_a_sensor_that_stands_while_its_joint_is_asked_to_step_departs() -> None:
+    held = np.full(160, 0.1)
+    stands = {"joint_pos/hip": held, "joint_vel/hip": 0 * held, "tau/hip": KP * (steps()["cmd_pos/hip"] - held)}
+    _, aside = without_departing(arms(**steps() | stands))
+    assert [one.name for one in aside] == ["log_1"] and "hip stands still while it is asked to" in aside[0].reason
 
 
 def test_two_logs_are_never_left_with_one(robot: Robot) -> None:
@@ -135,6 +162,15 @@ def test_a_copy_with_a_little_noise_is_a_copy(noise: float) -> None:
     found = left_out(logs)
     assert set(found) == {"log_3"} and "equal to log_0 in every column" in found["log_3"]
     assert ("but for less than 5 % of its noise" in found["log_3"]) == (noise > 0)
+
+
+@pytest.mark.parametrize("rows", [slice(0, 900), slice(700, 2000), slice(1, 2000)])
+def test_a_piece_of_another_log_is_left_out(rows: slice) -> None:
+    """The longer one stays, whichever comes first."""
+    logs = swings()
+    logs[0] = {name: values[rows].copy() for name, values in logs[3].items()}
+    logs[0]["time"] -= logs[0]["time"][0]
+    assert left_out(logs) == {"log_0": "its rows are rows of log_3: a piece says nothing more"}
 
 
 def test_a_second_run_of_the_same_commands_is_no_copy() -> None:

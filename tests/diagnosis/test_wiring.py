@@ -41,6 +41,7 @@ EVERY = (*MEASURED, *POINTS, *GAINS)
 WRONG = {
     "shoulder and elbow exchanged": (moved(SWAP, EVERY), 10),
     "commands of shoulder and elbow exchanged": (moved(SWAP, (*POINTS, *GAINS)), 10),
+    "measurements of shoulder and elbow exchanged": (moved(SWAP, MEASURED), 10),
     "base, shoulder, elbow being elbow, base, shoulder": (moved(TURN, EVERY), 10),
     "set points of shoulder with the other sign": (times(-1, POINTS, "shoulder"), 10),
     "measurements of elbow with the other sign": (times(-1, MEASURED, "elbow"), 10),

@@ -100,7 +100,8 @@ def code_hash() -> str:
 
 def logs(chosen: argparse.Namespace, progress: "Progress") -> Mapping[str, int]:
     """Corrupted logs for every reader, each classified."""
-    return progress.total("logs", 1, lambda _: hostile_logs.all_cases(SEED))
+    pieces = -(-len(hostile_logs.cases()) // hostile_logs.CASES_AT_ONCE)
+    return progress.total("logs", pieces, lambda number: hostile_logs.cases_number(number, SEED))
 
 
 Part = Callable[[argparse.Namespace, Progress], Mapping[str, int]]

@@ -207,6 +207,19 @@ REFUSED: dict[str, tuple[str, str]] = {
         '<robot name="r"><link name="a"><inertial><mass value="heavy"/></inertial></link></robot>',
         "no valid MuJoCo model",
     ),
+    "URDF: template of xacro": (
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="a"/><link name="b"/></robot>',
+        "a template with xacro:arg",
+    ),
+    "git-LFS keeps the model": ("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "git lfs pull"),
+    "range that is no number": (
+        mjcf(body(joint='name="j" range="nan 1" limited="true"')),
+        "jnt_range with values that are not finite",
+    ),
+    "sensor that is cut off nowhere": (
+        mjcf(rest=MOTORS + '<sensor><jointpos joint="j" cutoff="inf"/></sensor>'),
+        "sensor_cutoff with values that are not finite",
+    ),
     "URDF: joint of no kind": (
         '<robot name="r"><link name="a"/><link name="b"/>'
         '<joint name="j" type="magic"><parent link="a"/><child link="b"/></joint></robot>',

@@ -34,6 +34,7 @@ def test_a_packed_text_is_read_and_one_without_end_is_not(tmp_path: Path) -> Non
     small, bomb = tmp_path / "small.csv.gz", tmp_path / "bomb.csv.gz"
     small.write_bytes(gzip.compress(b"time,a\n0,1\n0.1,2\n"))
     assert Csv().read_table(small, CsvOptions(), lambda _: True)["a"].tolist() == [1, 2]
+    assert list(Csv().find(tmp_path)) == ["small"]
     csv_gz(bomb)
     with pytest.raises(InputError, match="more than 1000000000 bytes when unpacked"):
         Csv().read_table(bomb, CsvOptions(), lambda _: True)

@@ -1,5 +1,6 @@
 """Traps that owners' logs set a proposed map: each is told in the right words, asked about, or read rightly."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -10,8 +11,8 @@ import yaml
 from leapgap.cli import main
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
-from leapgap.logs.log import read_logs
-from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE
+from leapgap.logs.log import Log, LogInfo, read_logs, write_log
+from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, MISSING, SURE
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
 from tests.logs import foreign_logs
@@ -75,6 +76,16 @@ def test_a_mirror_image_is_told_from_a_late_robot(arm: Robot, tmp_path: Path, la
     assert found.options.get("factors", {}).get("cmd_pos/*", 1.0) == sign
 
 
+def test_a_joint_that_tells_no_sign_is_turned_with_the_others(arm: Robot, tmp_path: Path) -> None:
+    columns = moved()
+    for joint in ARM:
+        columns[f"q_des_{joint}"] = -columns[f"q_des_{joint}"]
+    columns[f"q_des_{ARM[2]}"] = 0.3 + 0 * columns["t"]
+    found = propose_map(write_table(tmp_path / "a.csv", columns), arm)
+    assert found.options["factors"]["cmd_pos/*"] == -1.0
+    assert any(f"and with them {ARM[2]}, which tell no sign" in one for one in found.proposal.notes_of(GUESSED))
+
+
 def test_joints_that_move_alike_keep_their_columns(arm: Robot, tmp_path: Path) -> None:
     columns = moved()
     for kind in ("q", "dq", "q_des"):
@@ -93,8 +104,42 @@ def test_a_counter_of_ticks_is_asked_about_unless_velocities_tell(arm: Robot, tm
         write_table(tmp_path / "b.csv", {k: v for k, v in with_rates.items() if not k.startswith("dq")}), arm
     )
     assert "the time: tick counts up by 1, ms or rows" in found.proposal.notes_of(MISSING)[0]
-    with pytest.raises(InputError, match="questions that the logs do not answer"):
+    with pytest.raises(InputError, match=r"questions that the logs do not answer:\n  the time: tick counts up by 1"):
         found.answered(tmp_path, arm.path)
+
+
+def test_torques_that_nobody_measured_are_left_out(arm: Robot, tmp_path: Path) -> None:
+    columns = moved() | {f"tau_{joint}": np.zeros(len(moved()["t"])) for joint in ARM}
+    found = propose_map(write_table(tmp_path / "a.csv", columns), arm)
+    assert "tau/*" not in found.options["columns"]
+    assert "measured torques: left out, they are 0 in all rows" in found.proposal.notes_of(ABSENT)
+
+
+def test_positions_counted_from_a_pose_are_asked_about(tmp_path: Path) -> None:
+    """A calf never is at zero; and as shares of a hundred no joint would move by more than two of them."""
+    (tmp_path / "quadruped.xml").write_text(foreign_logs.quadruped_xml())
+    time, wanted, position, velocity = motion(np.random.default_rng(1), foreign_logs.QUADRUPED_LIMITS, 50.0, 0.5)
+    columns = {"t": time}
+    for i, joint in enumerate(foreign_logs.QUADRUPED):
+        columns |= {f"q_{joint}": position[:, i] - position[0, i], f"dq_{joint}": velocity[:, i]}
+        columns[f"q_des_{joint}"] = wanted[:, i] - position[0, i]
+    found = propose_map(write_table(tmp_path / "a.csv", columns), Robot.load(tmp_path / "quadruped.xml"))
+    assert any("check the order of joints, units and offsets" in one for one in found.proposal.notes_of(MISSING))
+
+
+def test_a_packed_text_is_proposed_as_the_text_is(arm: Robot, tmp_path: Path) -> None:
+    plain = write_table(tmp_path / "a.csv", moved())
+    (tmp_path / "b.csv.gz").write_bytes(gzip.compress(plain.read_bytes()))
+    assert propose_map(tmp_path / "b.csv.gz", arm).options == propose_map(plain, arm).options
+
+
+def test_a_log_of_ours_is_not_imported_again(arm: Robot, tmp_path: Path) -> None:
+    time = moved()["t"]
+    of_joints = ("joint_pos", "cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+    columns = {"time": time} | {f"{of}/{joint}": 0 * time for of in of_joints for joint in arm.joints}
+    write_log(Log("a", columns, LogInfo(arm.name, 0.01, "a test")), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="a log of leapgap already; expected logs of another format"):
+        propose_map(tmp_path, arm)
 
 
 def test_a_log_of_two_thousand_seconds_is_refused(arm: Robot, tmp_path: Path) -> None:

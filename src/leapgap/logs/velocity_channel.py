@@ -166,7 +166,9 @@ def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float)
         best, left, left_at_zero = best_lag(own.sum(axis=2), size.sum())
         parts = [best_lag(own.sum(axis=2) - own[:, :, one], size.sum() - size[one])[0] for one in range(PARTS)]
         error = float(np.std(parts)) * np.sqrt(PARTS - 1) * period_s
-        none = Lag(0.0, error, LATE, float(own[reach, 0].sum() / own[reach, 1].sum()), left < 1 - FITS)
+        products, squares = own[reach].sum(axis=1)
+        scale = float(products / max(squares, np.finfo(float).tiny))  # 0 for a velocity that stands
+        none = Lag(0.0, error, LATE, scale, left < 1 - FITS)
         sure = left_at_zero > EXPLAINS * left and best >= LEAST_ROWS and best * period_s > SURE * error
         if not none.fits or not sure:
             found.append(none)

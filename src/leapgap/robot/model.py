@@ -96,6 +96,7 @@ class Robot:
                 "an actuator at every joint that is commanded",
                 "add the actuators",
             )
+        _ = self.topology  # names that this robot has not are told now, whoever needs its limbs and feet
         check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)
 
     def check_gravity(self) -> None:

@@ -373,7 +373,9 @@ def read_xml(path: Path, where: object, found: Count) -> bytes:
     if plain_size(path, where, LARGEST_XML_BYTES) == 0:
         raise RefusedError(where, "an empty file", A_MODEL, "name the robot's model file")
     found.tried[str(path.resolve())] = signature_of(path)
-    return path.read_bytes()
+    data = path.read_bytes()
+    check_no_pointer(data, path, "model", where)
+    return data
 
 
 def plain_size(path: Path, where: object, largest: int) -> int:
@@ -387,13 +389,18 @@ def plain_size(path: Path, where: object, largest: int) -> int:
     return status.st_size
 
 
+def check_no_pointer(head: bytes, path: Path, kind: str, where: object) -> None:
+    """``RefusedError`` where the first bytes of a file are those of a pointer of git-LFS."""
+    if head.startswith(LFS):
+        says = f"{path.name}, which is no {kind} but the pointer to one that git-LFS keeps"
+        raise RefusedError(where, says, "the file itself", "fetch it: git lfs pull")
+
+
 def check_head(path: Path, one: Named, size: int, found: Count) -> None:
     """``RefusedError`` for a file that stands for another, or whose first bytes claim more than a picture has."""
     with path.open("rb") as file:
         head = file.read(len(LFS) + 1)
-    if head.startswith(LFS):
-        says = f"{path.name}, which is no {one.tag} but the pointer to one that git-LFS keeps"
-        raise RefusedError(one.path, says, "the file itself", "fetch it: git lfs pull")
+    check_no_pointer(head, path, one.tag, one.path)
     if head.startswith(PNG) and len(head) == 24:
         width, height = struct.unpack(">II", head[16:24])
         if width * height > MOST_PIXELS:

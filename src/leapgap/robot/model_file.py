@@ -1,6 +1,6 @@
 """Reading a robot's model file, MJCF or URDF, into MuJoCo's specification, which is then edited and compiled."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import mujoco
@@ -12,12 +12,12 @@ from leapgap.robot.model_guard import check_model_file, check_text
 from leapgap.robot.urdf import is_urdf, readable_urdf
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-FINITE = (
+BOUNDED = (
     *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "qpos0", "jnt_axis", "jnt_pos"),
     *("geom_size", "geom_pos", "geom_friction", "dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"),
     *("actuator_gear", "actuator_forcerange", "actuator_gainprm", "actuator_biasprm"),
 )
-FINITE_OPTIONS = ("gravity", "wind", "density", "viscosity", "timestep")
+BOUNDED_OPTIONS = ("gravity", "wind", "density", "viscosity", "timestep")
 LARGEST, SHORTEST_STEP_S, LONGEST_STEP_S = 1e9, 2e-5, 0.1
 """Largest absolute value of a number of a model, SI units, and bounds of the time step of the simulation."""
 ITERATIONS = ("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations", "sdf_iterations")
@@ -84,15 +84,26 @@ def discard_visual(spec: mujoco.MjSpec, where: object) -> None:
 
 def check_physics(model: mujoco.MjModel, where: object) -> None:
     """Raise ``InputError`` for a compiled model with numbers that no robot can have; MuJoCo lets NaN pass."""
-    arrays = {name: np.asarray(getattr(model, name)) for name in FINITE}
-    arrays |= {f"option {name}": np.asarray(getattr(model.opt, name)) for name in FINITE_OPTIONS}
+    arrays = {name: np.asarray(getattr(model, name)) for name in BOUNDED}
+    arrays |= {f"option {name}": np.asarray(getattr(model.opt, name)) for name in BOUNDED_OPTIONS}
     for name, values in arrays.items():
         if not (np.abs(values) <= LARGEST).all():  # false for NaN, too
             found = f"{name} with values that are not finite or above {LARGEST:g}"
             raise InputError(where, found, "numbers of a robot, in SI units", "correct them")
+    for name, values in float_arrays(model):
+        if not np.isfinite(values).all():
+            raise InputError(where, f"{name} with values that are not finite", "numbers of a robot", "correct them")
     if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
         found = f"a time step of {model.opt.timestep:g} s"
         raise InputError(where, found, f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s", "correct option timestep")
+
+
+def float_arrays(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
+    """Every array of floating-point numbers of a compiled model, with its name."""
+    for name in dir(model):
+        values = None if name.startswith("_") else getattr(model, name)
+        if isinstance(values, np.ndarray) and values.dtype.kind == "f":
+            yield name, values
 
 
 def check_cost(model: mujoco.MjModel, where: object) -> None:

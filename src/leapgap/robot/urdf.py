@@ -3,9 +3,12 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
+from leapgap.errors import InputError
+
 MESHES = (".stl", ".obj", ".msh")
 """Mesh files that MuJoCo reads."""
 PACKAGE, WORLD = "package://", "world"
+XACRO = "xacro"
 
 
 def is_urdf(text: str) -> bool:
@@ -20,11 +23,14 @@ def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
     """The text of a URDF that MuJoCo reads as its makers meant it, and notes on what is left out.
 
     ``package://`` and relative paths of meshes become absolute ones. Shapes whose mesh is missing or of another format
-    are left out. A parent link ``world`` that is not declared is added.
+    are left out. A parent link ``world`` that is not declared is added. ``InputError`` for a template of xacro.
     """
     root = ElementTree.fromstring(text)
     for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]
+        namespace, _, element.tag = element.tag.rpartition("}")
+        if XACRO in namespace:
+            do = "write it out: xacro robot.urdf.xacro > robot.urdf"
+            raise InputError(path, f"a template with xacro:{element.tag}", "a URDF", do)
     links = {link.get("name") for link in root.iter("link")}
     if WORLD not in links and any(parent.get("link") == WORLD for parent in root.iterfind("joint/parent")):
         root.insert(0, ElementTree.Element("link", {"name": WORLD}))

@@ -97,6 +97,8 @@ def read_json(path: Path | str) -> Mapping:
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(path, "no such file", "a JSON file", "run the stage that writes it") from None
+    except OSError as error:  # links in a circle, no permission
+        raise InputError(path, f"a file that cannot be read ({error.strerror})", "a JSON file", "name a file") from None
     except (ValueError, RecursionError) as error:
         raise InputError(path, f"no valid JSON ({error})", "a JSON file", "write it again") from None
     if not isinstance(value, Mapping):

@@ -108,8 +108,8 @@ def check_output(folder: Path, by: str, inputs: Iterable[Path | str | None] = ()
     for one in inputs:
         if one is not None:
             check_apart(path, Path(one))
+    check_parents(path, folder)
     if not os.path.lexists(path):
-        check_parents(path)
         return path
     if not path.is_dir():
         raise refusal(path, "something that is no folder", "choose another output folder")
@@ -125,11 +125,14 @@ def real_path(folder: Path) -> Path:
     return folder.resolve()
 
 
-def check_parents(path: Path) -> None:
-    """Refuse a folder that would lie in a file."""
+def check_parents(path: Path, named: Path) -> None:
+    """Refuse a folder that would lie in a file, or where nothing can be written, before any work is done for it."""
     parent = next(one for one in path.parents if os.path.lexists(one))
     if not parent.is_dir():
-        raise refusal(path, f"{parent}, which is no folder, above it", "choose another output folder")
+        raise refusal(named, f"{parent}, which is no folder, above it", "choose another output folder")
+    for folder in (parent, path):
+        if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
+            raise refusal(named, f"a place where nothing can be written ({folder})", "choose another output folder")
 
 
 def check_apart(output: Path, source: Path) -> None:
@@ -259,7 +262,7 @@ def merged_folder(folder: Path, by: str, replaced: Iterable[str] = ()) -> Iterat
     removed.
     """
     path = real_path(folder)
-    check_parents(path)
+    check_parents(path, folder)
     STATES.setdefault(path, AS_IT_WAS)
     with folder_lock(path), staging_folder(path, by) as beside:
         yield beside

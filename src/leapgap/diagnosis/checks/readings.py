@@ -44,11 +44,13 @@ def readings(robot: Robot, logs: Sequence[Log], doubtful: Sequence[str]) -> Iter
             swapped = {one: other, other: one}
             yield Reading(f"{one} and {other} exchanged", (one, other), exchange(swapped, (*MEASURED, *COMMANDS)))
             yield Reading(f"commands of {one} and {other} exchanged", (one, other), exchange(swapped, COMMANDS))
+            yield Reading(f"measurements of {one} and {other} exchanged", (one, other), exchange(swapped, MEASURED))
     for says, order in orders(robot, joints):
         moved = {joint: of for joint, of in zip(joints, order, strict=True) if joint != of}
         if len(moved) > 2:
             yield Reading(says, tuple(moved), exchange(moved, (*MEASURED, *COMMANDS)))
             yield Reading(f"{says}, in the commands alone", tuple(moved), exchange(moved, COMMANDS))
+            yield Reading(f"{says}, in the measurements alone", tuple(moved), exchange(moved, MEASURED))
 
 
 def of_group(joints: tuple[str, ...], logs: Sequence[Log], robot: Robot) -> Iterator[Reading]:

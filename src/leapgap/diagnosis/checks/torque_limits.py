@@ -24,6 +24,8 @@ TOLD = 3
 """So many joints are told, those with the most such rows."""
 NOISE = 3.0
 """More is asked than the limit where it is more by so many standard deviations of what measurements make of it."""
+LIKE_ASKED = 2.0
+"""A measured torque that is so many times as large as what was asked, or as small, is of another unit or sign."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class TorqueLimits(Check):
             return CheckResult(self.name, True, 0.0, threshold, says, per_log)
         given, error, by = told
         delivered = given > threshold and given > SURE * error
-        withheld = given < threshold and 1 - given > SURE * error
+        withheld = -SURE * error < given < threshold and 1 - given > SURE * error  # less than none: something else acts
         says += (
             f"; by {by} the robot delivered it ({100 * given:.0f} ± {100 * error:.0f} %): the model's limit is too low"
             if delivered
@@ -108,15 +110,22 @@ def measured_share(
     beyond: Sequence[np.ndarray],
     limits: np.ndarray,
 ) -> tuple[float, float, str] | None:
-    """Share of the torque beyond the limits that the measured torque shows, its standard error, and by what."""
+    """Share of the torque beyond the limits that the measured torque shows, its standard error, and by what.
+
+    None without a measured torque, or with one that is not what was asked within the limits either.
+    """
     if any(f"tau/{joint}" not in log for log in logs for joint in joints):
         return None
-    more, excess = [], []
+    more, excess, product, square = [], [], 0.0, 0.0
     for log, of_log, rows in zip(logs, asked, beyond, strict=True):
         measured = log.per_joint("tau", tuple(joints))
         sign = np.sign(of_log)
         more.append((measured * sign - limits)[rows])
         excess.append((np.abs(of_log) - limits)[rows])
+        product += float((measured * of_log)[~rows].sum())
+        square += float((of_log**2)[~rows].sum())
+    if not 1 / LIKE_ASKED < product / max(square, np.finfo(float).tiny) < LIKE_ASKED:
+        return None
     y, x = np.concatenate(more), np.concatenate(excess)
     share = float(y @ x / (x @ x))
     return share, float(np.sqrt(np.mean((y - share * x) ** 2) / (x @ x))), "the measured torque"

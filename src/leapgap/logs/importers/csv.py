@@ -15,6 +15,8 @@ from leapgap.logs.importers.tables import Arrays, Wanted, check_size
 from leapgap.logs.unpacking import Bounded
 
 CHUNK_BYTES = 1 << 20
+PACKED = ("gz", "bz2", "zst", "lz4")
+"""Endings of packed files, which pyarrow unpacks."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Csv(TableFormat):
     """Tables of text with one row a control tick."""
 
     name = "csv"
-    suffixes = (".csv",)
+    suffixes = (".csv", *(f".csv.{end}" for end in PACKED))
     Options = CsvOptions
 
     def read_table(self, path: Path, options: CsvOptions, wanted: Wanted) -> Arrays:

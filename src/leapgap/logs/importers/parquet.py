@@ -1,5 +1,6 @@
 """Importer of Parquet files of any origin; lists of fixed length are arrays, structures are joined by dots."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pyarrow.parquet as pq
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.log import METADATA_KEY
 from leapgap.logs.parquet_pages import check_pages
 
 
@@ -23,6 +25,13 @@ class Parquet(TableFormat):
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """The wanted columns of a Parquet file."""
         return parquet_arrays(path, wanted, options.most_rows)
+
+    def stated(self, path: Path, options: Any) -> Mapping[str, Any]:
+        """Nothing; ``InputError`` for a log of ours, whose terrain and segments a map would not bring along."""
+        if METADATA_KEY in (pq.read_schema(path).metadata or {}):
+            do = "name it to leapgap check or diagnose as it is; to change columns, import with --options"
+            raise InputError(path, "a log of leapgap already", "logs of another format", do)
+        return {}
 
 
 def parquet_arrays(path: Path, wanted: Wanted, most_rows: int | None = None) -> dict[str, np.ndarray]:

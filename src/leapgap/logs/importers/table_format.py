@@ -16,6 +16,7 @@ from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log, LogInfo
+from leapgap.logs.metadata import LONGEST_PERIOD_S
 from leapgap.logs.missing_velocities import add_velocities
 from leapgap.logs.resampling import on_even_clock
 from leapgap.logs.segments import PHASE_LENGTHS, Segment
@@ -26,8 +27,6 @@ REFUSE, DROP = "refuse", "drop"
 LEAVE_OUT, FIT = "leave_out", "fit"
 LOGGED, UNKNOWN = "logged", "unknown"
 GAINS = ("cmd_kp", "cmd_kd")
-SLOWEST_S = 0.5
-"""Steps of a log that are longer on average, s, are no loop of a robot: the unit of the time is another."""
 LONGEST_NAME = 100
 """Bytes of the name of a piece, which becomes part of the name of a file."""
 
@@ -92,8 +91,9 @@ class TableFormat(LogFormat):
         paths = [source] if source.is_file() else [one for end in self.suffixes for one in source.glob(f"*{end}")]
         found: dict[str, Path] = {}
         for path in sorted(paths):
-            if found.setdefault(path.stem, path) != path:
-                raise InputError(path, f"{found[path.stem].name} beside it", "one file of a name", "rename one")
+            name = path.name.removesuffix(max(filter(path.name.endswith, self.suffixes), default=path.suffix))
+            if found.setdefault(name, path) != path:
+                raise InputError(path, f"{found[name].name} beside it", "one file of a name", "rename one")
         return found
 
     def read(self, path: Path, name: str, robot: Robot, options: Any) -> Log:
@@ -315,12 +315,12 @@ def finished_log(
         tuple(options.segments),
         of_jump(options, f"import_logs.{kind}"),
     )
-    if info.sample_period_s > SLOWEST_S:
+    if info.sample_period_s > LONGEST_PERIOD_S:
         found = (
             f"{len(columns['time'])} rows of {1e3 * info.sample_period_s:.4g} ms, {columns['time'][-1]:.4g} s in all"
         )
         do = f"state the unit of the time: import_logs.{kind}.units.time (ms, us, ns), or period_s of the rows"
-        raise InputError(f"{path}, {name}", found, f"rows of a loop, {1e3 * SLOWEST_S:g} ms at most", do)
+        raise InputError(f"{path}, {name}", found, f"rows of a loop, {1e3 * LONGEST_PERIOD_S:g} ms at most", do)
     log = Log(name, columns, info)
     if options.period_s is not None:
         check_period(f"{path}, {name}", log.time, options.period_s)

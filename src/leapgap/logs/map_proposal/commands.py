@@ -44,8 +44,16 @@ def judge_torques(evidence: Evidence, proposal: Proposal) -> None:
 
 
 def judge_size(quantity: str, evidence: Evidence, proposal: Proposal) -> None:
-    """Whether motors of the model can give such torques; else measured ones are left out, sent ones asked about."""
+    """Whether motors of the model can give such torques; else measured ones are left out, sent ones asked about.
+
+    So are measured ones that nobody measured: a message has a place for them, and drivers leave it 0.
+    """
     if quantity not in evidence.values:
+        return
+    if quantity == "tau" and not np.nan_to_num(evidence.values["tau"]).any():
+        proposal.drop("tau")
+        proposal.say(ABSENT, "measured torques: left out, they are 0 in all rows")
+        del evidence.values["tau"]
         return
     limit, usual = evidence.robot.torque_limits, np.nanmedian(np.abs(evidence.values[quantity]), axis=0)
     times = float(np.max(np.where(np.isfinite(limit) & (limit > 0), usual / np.maximum(limit, 1e-9), 0.0)))

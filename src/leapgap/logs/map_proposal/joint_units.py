@@ -314,15 +314,20 @@ def reorder(quantity: str, of: np.ndarray, evidence: Evidence, proposal: Proposa
 
 
 def mirror(quantity: str, found: Match, evidence: Evidence, proposal: Proposal, whom: str) -> None:
-    """Turn mirror images round: columns that count against those that they go with."""
+    """Turn mirror images round: columns that count against those that they go with.
+
+    Where all that tell a sign do, the others are turned with them: one program wrote all of them.
+    """
     turned = found.clear & (found.sign < 0)
     if not turned.any():
         return
-    turn(quantity, np.where(turned, -1.0, 1.0), evidence, proposal)
+    every = turned.sum() > 1 and bool((turned == found.clear).all())
+    turn(quantity, np.where(turned | every, -1.0, 1.0), evidence, proposal)
     what = {"joint_vel": "velocities", "cmd_pos": "set points", "cmd_vel": "set points of velocities"}[quantity]
-    which = names_of(turned, evidence)
+    which, others = names_of(turned, evidence), names_of(~turned, evidence)
+    too = f", and with them {others}, which tell no sign" if every and others else ""
     proposal.say(
-        GUESSED, f"{what} of {which} are mirror images of {whom}; they are turned round, if not {whom} are to be"
+        GUESSED, f"{what} of {which} are mirror images of {whom}; they are turned round{too}, if not {whom} are to be"
     )
 
 

@@ -9,6 +9,7 @@ import yaml
 from leapgap.errors import CONTROL, InputError, printable
 from leapgap.logs.files import check_file, check_folder, check_tree, decoding
 from leapgap.logs.importers import formats, log_format
+from leapgap.logs.importers.csv import opened
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, MISSING, SURE, UNUSED, Proposal
 from leapgap.logs.map_proposal.table_map import propose
@@ -73,11 +74,10 @@ class ProposedMap:
         """The options, where nothing is missing; ``InputError`` names the questions and the command that asks them."""
         missing = self.proposal.notes_of(MISSING)
         if missing:
-            questions = "".join(f"\n  {sentence}" for sentence in missing)
             do = (
                 f"leapgap import --guess {source} {robot} > map.yaml; answer there, then import with --options map.yaml"
             )
-            raise InputError(self.path, f"questions that the logs do not answer:{questions}\n ", "a whole map", do)
+            raise InputError(self.path, "questions that the logs do not answer", "a whole map", do, missing)
         return self.options
 
 
@@ -119,8 +119,8 @@ def as_written(layout: TableFormat, path: Path) -> dict[str, Any]:
 def first_line(path: Path) -> str:
     """The first line of a text."""
     check_file(path, "a text table", "copy the file itself")
-    with path.open("rb") as file:
-        return file.readline(LONGEST_LINE).decode("utf-8", errors="replace").strip()
+    with opened(path) as file:
+        return file.read(LONGEST_LINE).partition(b"\n")[0].decode("utf-8", errors="replace").strip()
 
 
 def is_number(text: str) -> bool:
@@ -147,13 +147,13 @@ def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
         if not isinstance(layout, TableFormat):
             continue
         paths = list(layout.find(source).values())
-        if paths and (format or source.is_dir() or source.suffix in layout.suffixes):
+        if paths and (format or source.is_dir() or source.name.endswith(layout.suffixes)):
             found.append((paths[0].is_file(), name == "json", layout, paths[0]))
     if found:
         _, _, layout, path = min(found, key=lambda one: one[:2])
         return layout, path
     endings = {end for kind in formats().values() if issubclass(kind, TableFormat) for end in kind.suffixes}
-    below = next((one for one in sorted(source.glob("*/*")) if one.suffix in endings), None)
+    below = next((one for one in sorted(source.glob("*/*")) if one.name.endswith(tuple(endings))), None)
     if below is not None:
         do = f"name {below.parent}; where a run is several files, join them into one on one clock, or use SAGE's layout"
         raise InputError(source, f"files in folders, such as {below.name}", "logs beside each other", do)

@@ -39,6 +39,8 @@ LIKELY = {"rad": 0.0, "deg": 0.3, TICKS: 0.6, NORMALISED: 0.7, PERCENT: 0.8, "re
 }
 """What a reading of positions costs where nothing but habit speaks for another."""
 OUTSIDE_COST, UNNAMED_COST, STILL_COST, NO_RATE_COST, TURNED_COST, LATER_COST = 3.0, 2.0, 1.0, 0.5, 0.5, 0.2
+STILL_SHARE_COST = 2.5
+"""Of positions that would be shares of the joints' ranges, none of which moves by more than a few of a hundred."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ def judged(
     if not shares and not has_room(low, high, limits, real, any_order):
         return None
     cost, velocity, error = LIKELY[scale.name] + LATER_COST * rank, None, math.inf
-    cost += STILL_COST if np.ptp([low, high], axis=0).max() < LEAST_RAD else 0.0
+    still = STILL_SHARE_COST if shares else STILL_COST
+    cost += still if np.ptp([low, high], axis=0).max() < LEAST_RAD else 0.0
     if numbers.speed is not None and time:
         speed = float((numbers.speed * scale.factor).max()) / UNITS["s"][time]
         if speed > FASTEST:
